@@ -126,7 +126,7 @@ class SharedImages:
             if not poll.poll(1e3 * PATIENCE_S):
                 raise DeviceFault(f"camera {camera}", f"no frame came for {PATIENCE_S:g} s")
             os.read(self.handles[1], 4096)
-        image = self._images[camera][place].copy()
+        image: Image = self._images[camera][place].copy()
         image.setflags(write=False)
         return image
 
@@ -171,7 +171,8 @@ def _detecting(detect: Callable[[], Detectors], images: SharedImages) -> Callabl
         return seen(detectors[job.camera](frame))
 
     def prepare(job: Prepare) -> Done:
-        if isinstance(detector := detectors[job.camera], Preparing):
+        detector: object = detectors[job.camera]
+        if isinstance(detector, Preparing):
             prepared.pop((job.camera, job.sequence - PLACES), None)  # nobody asked
             image = prepared[job.camera, job.sequence] = images.copy(job.camera, job.sequence)
             detector.prepare(image)

@@ -80,8 +80,7 @@ class Worker(Generic[Job, Answer]):
         cv2.setNumThreads(1)  # the other cores have work, and a copy would wait for OpenCV's threads, which it has not
         self.child = Child(name, partial(_work_off, make, jobs | Ping), handles, copied)
         self._channel: Channel[Any] = Channel(self.child.socket, answers | Failure | Ready)
-        self._begun: Pending[Any] = Pending()
-        self._pending = deque([self._begun])
+        self._pending: deque[Pending[Any]] = deque([Pending()])  # first that it has begun
         self._sending, self._turn, self._reads = threading.Lock(), threading.Condition(), False
         self._fault: CellError | None = None
         self._heard_s = time.monotonic()
@@ -135,9 +134,11 @@ class Worker(Generic[Job, Answer]):
 
     @property
     def ready(self) -> bool:
-        """Whether it has begun."""
+        """Whether it has begun, and has done what it was given; never waits."""
+        while self._pending and self._fault is None and self._read(0.0):
+            pass
         self.check()
-        return self.arrived(self._begun)
+        return not self._pending
 
     def glance(self, limit_s: float) -> None:
         """Take what has come, and see that it is there; never waits.
@@ -146,11 +147,8 @@ class Worker(Generic[Job, Answer]):
             NotAnswering: nothing came for so long, though something was due.
             CellError: it has failed.
         """
-        while self._pending and self._fault is None and self._read(0.0):
-            pass
-        self.check()
         now_s = time.monotonic()
-        if self._pending:
+        if not self.ready:
             silent_s = now_s - max(self._heard_s, self._pending[0].sent_s)
             if silent_s > limit_s:
                 raise NotAnswering(str(self), f"does not answer for {silent_s:.1f} s")
@@ -210,7 +208,7 @@ class Worker(Generic[Job, Answer]):
 
 
 def await_ready(*workers: Worker[Any, Any], glance: Callable[[], object] = lambda: None) -> None:
-    """Until all have begun.
+    """Until all have begun, and have done what they were given.
 
     Args:
         glance: called twice a second; may raise what makes it useless to wait.

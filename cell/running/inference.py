@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.perception import Frame
@@ -117,8 +117,8 @@ class DetectorExecutor(Generic[Answer_co]):
 
     def poll(self) -> Answer_co | None:
         if self._waiting and self.process.arrived(self._waiting[0]):
-            answer: Answer_co = self._waiting.popleft().answer.view
-            return answer
+            answer: Any = self._waiting.popleft().answer
+            return cast("Answer_co", answer.view)
         self.process.glance(self._silent_s)
         return None
 

@@ -96,7 +96,7 @@ class RenderProcess:
         return self._detecting is not None
 
     def await_ready(self) -> None:
-        """Until it can draw; raises DeviceFault."""
+        """Until it has drawn what it was given; raises DeviceFault."""
         await_ready(self._drawing)
 
     def take(self, exposure: Exposure) -> PendingFrame | None:

@@ -13,7 +13,7 @@ from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
-from cell.remote.detecting import Detectors
+from cell.remote.detecting import DetectByCamera
 from sim.devices.arm import SimArm
 from sim.devices.clock import Actor, Observer, SimClock
 from sim.devices.sensed_arm import SensedArm
@@ -109,7 +109,7 @@ class SimCell:
         overlap: bool = False,
         rendered: bool = True,
         robot: RobotModel | None = None,
-        detect: Callable[[], Detectors] | None = None,
+        detect: Callable[[], DetectByCamera] | None = None,
     ) -> None:
         chance = _Chance.of(seed)
         self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)

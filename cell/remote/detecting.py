@@ -25,7 +25,7 @@ from cell.remote.worker import PATIENCE_S, Pending, Worker
 
 Image = NDArray[np.uint8]
 Detect = Callable[[Frame], BenchView | PartsView]
-Detectors = Mapping[str, Detect]  # by the camera whose frames they answer
+DetectByCamera = Mapping[str, Detect]  # by the camera whose frames they answer
 
 PLACES = 8  # images of a camera that may wait
 
@@ -150,7 +150,9 @@ class DetectorProcess(Worker[Look | Prepare, Seen | Done]):
         detect: makes the detectors there.
     """
 
-    def __init__(self, name: str, detect: Callable[[], Detectors], images: SharedImages, copied: bool = False) -> None:
+    def __init__(
+        self, name: str, detect: Callable[[], DetectByCamera], images: SharedImages, copied: bool = False
+    ) -> None:
         work = partial(_detecting, detect, images)
         super().__init__(name, work, Look | Prepare, Seen | Done, images.handles, copied)
 
@@ -160,7 +162,7 @@ class DetectorProcess(Worker[Look | Prepare, Seen | Done]):
         return self.send(Look(*told, frame.image) if lies is None else Look(*told, lies=lies), limit_s)
 
 
-def _detecting(detect: Callable[[], Detectors], images: SharedImages) -> Callable[[Look | Prepare], Seen | Done]:
+def _detecting(detect: Callable[[], DetectByCamera], images: SharedImages) -> Callable[[Look | Prepare], Seen | Done]:
     """The work of the process."""
     detectors, prepared = detect(), dict[tuple[str, int], Image]()
 

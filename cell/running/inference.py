@@ -8,7 +8,7 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.perception import Frame
-from cell.remote.detecting import PLACES, DetectorProcess, Detectors, SharedImages
+from cell.remote.detecting import PLACES, DetectByCamera, DetectorProcess, SharedImages
 from cell.remote.worker import Pending
 
 Job = TypeVar("Job")
@@ -97,7 +97,7 @@ class DetectorExecutor(Generic[Answer_co]):
     """
 
     def __init__(
-        self, name: str, camera: str, shape: tuple[int, int], detect: Callable[[], Detectors], silent_s: float
+        self, name: str, camera: str, shape: tuple[int, int], detect: Callable[[], DetectByCamera], silent_s: float
     ) -> None:
         self._camera, self._silent_s = camera, silent_s
         self._images = SharedImages({camera: shape})

@@ -26,7 +26,7 @@ from cell.interfaces.perception import (
     PartsView,
 )
 from cell.interfaces.product import Product
-from cell.remote.detecting import Detectors as DetectorsByCamera
+from cell.remote.detecting import Detect, DetectByCamera
 from cell.remote.worker import await_ready
 from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
 from cell.settings import LEARNED_KINDS, Perception
@@ -87,9 +87,9 @@ SILENT_S = {"overhead": 0.5, "wrist": 1.0}  # so long a detector may take at rea
 
 def detectors_of(
     bench: Bench, product: Product, perception: Perception, cameras: Sequence[str] = ("overhead", "wrist")
-) -> DetectorsByCamera:
+) -> DetectByCamera:
     """What answers the frames of these cameras; made in the process in which it works."""
-    makers = {"overhead": bench_watcher, "wrist": part_finder}
+    makers: dict[str, Callable[..., Detect]] = {"overhead": bench_watcher, "wrist": part_finder}
     return {camera: makers[camera](bench, product, perception) for camera in cameras}
 
 

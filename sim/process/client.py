@@ -20,6 +20,7 @@ from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.remote.channel import Channel, Failure
+from cell.remote.detecting import Bench, Tray
 from sim.process import messages as said
 from sim.process.buses import CarriedBuses
 
@@ -353,8 +354,10 @@ class _Host:
         """See `DetectorHost`."""
         camera: said.Camera = "overhead" if frame.camera == "overhead" else "wrist"
         self._cell.order(said.Detect(camera, frame.sequence, frame.robot_m))
-        kind = said.Bench if camera == "overhead" else said.Tray
-        return lambda: self._cell.call(said.Answer(camera), kind).view
+        question = said.Answer(camera)
+        if camera == "overhead":
+            return lambda: self._cell.call(question, Bench).view
+        return lambda: self._cell.call(question, Tray).view
 
 
 def _emptied(kept: list[Value]) -> list[Value]:

@@ -16,7 +16,7 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
 from cell.remote.channel import Channel, Failure
 from cell.remote.child import Child
-from cell.remote.detecting import Detectors
+from cell.remote.detecting import DetectByCamera
 from sim.process import pacing as real_time
 from sim.process.buses import CarriedBuses
 from sim.process.client import RemoteCell, connected
@@ -36,7 +36,7 @@ def open_simulation(
     seed: int,
     goal: str = "random",
     rendered: bool = True,
-    detect: Callable[[], Detectors] | None = None,
+    detect: Callable[[], DetectByCamera] | None = None,
 ) -> SimCell:
     """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
 
@@ -71,7 +71,7 @@ def open_world(
     seed: int,
     goal: str,
     door: Path | socket.socket,
-    detect: Callable[[], Detectors] | None = None,
+    detect: Callable[[], DetectByCamera] | None = None,
     watch: Callable[[float], None] = lambda _: None,
 ) -> tuple[WorldServer, Devices]:
     """A simulated cell, and what serves it at an address or to one controller; who calls closes its devices.

@@ -19,8 +19,8 @@ from cell.remote.child import may_copy
 from cell.remote.detecting import (
     PLACES,
     Bench,
+    DetectByCamera,
     DetectorProcess,
-    Detectors,
     Done,
     Image,
     Prepare,
@@ -70,7 +70,7 @@ class RenderProcess:
         self,
         model: mujoco.MjModel,
         sensors: Mapping[str, SensorSetup],
-        detect: Callable[[], Detectors] | None = None,
+        detect: Callable[[], DetectByCamera] | None = None,
     ) -> None:
         copied = may_copy()
         shapes = {camera: (sensor.setup.height_px, sensor.setup.width_px) for camera, sensor in sensors.items()}

@@ -21,11 +21,11 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.remote.detecting import Detectors
+from cell.remote.detecting import PLACES, DetectByCamera
 from sim.rendering import render_process
 from sim.rendering.camera import SimCamera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.render_process import HURRIED, PLACES, RenderProcess
+from sim.rendering.render_process import HURRIED, RenderProcess
 from sim.rendering.studio import visible_poses
 from sim.scene.look import Camera
 from sim.scene.world import World, build_world
@@ -41,11 +41,11 @@ def brightness(frame: Frame) -> BenchView:
     return BenchView(frame.sequence, float(frame.image.sum()), None, {}, Action("idle", 1.0))
 
 
-def build_brightness() -> Detectors:
+def build_brightness() -> DetectByCamera:
     return {"overhead": brightness, "wrist": brightness}
 
 
-def build_refusing() -> Detectors:
+def build_refusing() -> DetectByCamera:
     raise InputError("no such product")
 
 
@@ -53,7 +53,7 @@ def failing(frame: Frame) -> BenchView:
     return BenchView(frame.sequence // 0, 0.0, None, {}, Action("idle", 1.0))
 
 
-def build_failing() -> Detectors:
+def build_failing() -> DetectByCamera:
     return {"overhead": failing, "wrist": failing}
 
 
@@ -140,7 +140,7 @@ class Prepared:
         return replace(brightness(frame), health="prepared" if known else "new")
 
 
-def build_prepared() -> Detectors:
+def build_prepared() -> DetectByCamera:
     return {"overhead": Prepared(), "wrist": Prepared()}
 
 

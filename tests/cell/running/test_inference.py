@@ -14,7 +14,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.perception import Action, BenchView, Frame
 from cell.interfaces.pose import Pose
-from cell.remote.detecting import Detectors
+from cell.remote.detecting import DetectByCamera
 from cell.remote.worker import NotAnswering, await_ready
 from cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
 
@@ -32,28 +32,28 @@ def look(seen: Frame) -> BenchView:
     return BenchView(seen.sequence, float(seen.image[0, 0, 0]), None, {}, Action("idle", 1.0))
 
 
-def build_looking() -> Detectors:
+def build_looking() -> DetectByCamera:
     return {"overhead": look}
 
 
-def build_dying() -> Detectors:
+def build_dying() -> DetectByCamera:
     return {"overhead": lambda seen: os._exit(seen.sequence)}
 
 
-def build_failing() -> Detectors:
+def build_failing() -> DetectByCamera:
     return {"overhead": lambda seen: look(frame(seen.sequence // 0))}
 
 
-def build_refusing() -> Detectors:
+def build_refusing() -> DetectByCamera:
     raise ZeroDivisionError("as it began")
 
 
-def build_sleeping_maker() -> Detectors:
+def build_sleeping_maker() -> DetectByCamera:
     time.sleep(PATIENCE_S)
     return build_looking()
 
 
-def build_sleepy() -> Detectors:
+def build_sleepy() -> DetectByCamera:
     def answer(seen: Frame) -> BenchView:
         time.sleep(PATIENCE_S)
         return look(seen)
@@ -61,7 +61,7 @@ def build_sleepy() -> Detectors:
     return {"overhead": answer}
 
 
-def process(build: Callable[[], Detectors], silent_s: float = PATIENCE_S) -> DetectorExecutor[BenchView]:
+def process(build: Callable[[], DetectByCamera], silent_s: float = PATIENCE_S) -> DetectorExecutor[BenchView]:
     return DetectorExecutor("detector", "overhead", SHAPE, build, silent_s)
 
 
@@ -148,7 +148,7 @@ def test_a_process_outlives_signals_that_are_meant_for_the_controller() -> None:
     ("build", "words"),
     [(build_dying, "exit code 7"), (build_failing, "ZeroDivisionError"), (build_refusing, "ZeroDivisionError")],
 )
-def test_a_process_that_dies_or_fails_is_a_fault(build: Callable[[], Detectors], words: str) -> None:
+def test_a_process_that_dies_or_fails_is_a_fault(build: Callable[[], DetectByCamera], words: str) -> None:
     executor = process(build)
     executor.submit(frame(7))
     with pytest.raises(DeviceFault, match=rf"detector \(pid {pid(executor)}\): .*{words}"):

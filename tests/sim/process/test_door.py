@@ -18,10 +18,10 @@ from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState
-from sim.process import client, server
+from sim.process import server
 from sim.process.buses import CarriedBuses
 from sim.process.client import RemoteCell, connected
-from sim.process.messages import Drawn, Pace
+from sim.process.messages import Advance, Drawn, Pace
 from sim.process.opening import drawn_from
 from sim.process.server import NEWCOMERS, WorldServer
 from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel
@@ -161,7 +161,7 @@ def test_a_controller_that_does_not_read_its_answers_is_let_go(world: World, mon
     cell = world.controller()
     for _ in range(20_000):
         try:
-            cell._channel.send(client.said.Advance(0.1), 0.0)
+            cell._channel.send(Advance(0.1), 0.0)
         except (TimeoutError, EOFError):
             break
     other = None

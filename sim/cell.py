@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
+from cell.remote.detecting import DetectByCamera
 from sim.devices.arm import SimArm
 from sim.devices.clock import Actor, Observer, SimClock
 from sim.devices.sensed_arm import SensedArm
@@ -84,6 +85,7 @@ class SimCell:
         worker: with the person and their parts in the bins, or the robot alone.
         clutter: parts in the tray; by default one product's set, cluttered at random.
         overlap: frames in a process of their own, detectors in another, beside the physics; what comes out is the same.
+        detect: makes the detectors that run there; none by default.
         rendered: with images; without, `sight` tells what the cameras would have seen.
         robot: the arm; by default the UR10.
 
@@ -107,6 +109,7 @@ class SimCell:
         overlap: bool = False,
         rendered: bool = True,
         robot: RobotModel | None = None,
+        detect: Callable[[], DetectByCamera] | None = None,
     ) -> None:
         chance = _Chance.of(seed)
         self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
@@ -135,7 +138,7 @@ class SimCell:
             "overhead": SensorSetup(bench.overhead, self.look.camera, chance.overhead),
             "wrist": SensorSetup(bench.wrist, self.look.camera, chance.wrist),
         }
-        beside = RenderProcess(self.world.model, sensors) if overlap and rendered else None
+        beside = RenderProcess(self.world.model, sensors, detect) if overlap and rendered else None
         self.sight = None if rendered else ground_truth_perception(self.world, sensors, hand=worker)
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         latency_s = settings.hardware.camera_latency_s
@@ -154,7 +157,7 @@ class SimCell:
             report=self.report,
             close=self.close,
             truth=self.truth,
-            host=beside,
+            host=beside if beside is not None and beside.detects else None,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
             free_running=self._run_freely,
@@ -168,6 +171,11 @@ class SimCell:
         """Keys of `cell run --json` that only the truth can give."""
         told = self.score.report() | (self.contacts.report() if self.contacts is not None else {})
         return told | ({"correct": None, "wrong_placements": None} if self._nobody else {})
+
+    def await_ready(self) -> None:
+        """Until frames can be made; raises DeviceFault."""
+        if isinstance(self._photographer, RenderProcess):
+            self._photographer.await_ready()
 
     def _run_freely(self, free: bool) -> None:
         if isinstance(self._photographer, RenderProcess):

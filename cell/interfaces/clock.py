@@ -41,18 +41,19 @@ class PacedClock:
     """The wall's time, with a simulated world that keeps up with it as well as it can (`--real-time`).
 
     A world that is slower than the wall falls behind: then what it tells is old, and ticks begin late, as they would on
-    a real cell whose computer is too slow.
+    a real cell whose computer is too slow. It begins with the first sleep: nothing goes stale while detectors load.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._wall = WallClock()
+        self._wall: WallClock | None = None
         self._offset_s = clock.now_s()
 
     def now_s(self) -> float:
-        return self._wall.now_s() + self._offset_s
+        return self._offset_s if self._wall is None else self._wall.now_s() + self._offset_s
 
     def sleep_until(self, time_s: float) -> None:
+        self._wall = self._wall or WallClock()
         self._clock.sleep_until(time_s)
         self._wall.sleep_until(time_s - self._offset_s)
         for _ in range(CATCH_UP_TRIES):

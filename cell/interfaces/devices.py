@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import BenchView, Frame, PartsView
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ class Signals(Protocol):
         """Let go of the bus."""
         ...
 
-
-Answer = TypeVar("Answer")
 
 ROLES = ("arm", "gripper", "overhead", "wrist", "panel", "signals")  # of the devices of a cell
 KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
@@ -130,23 +128,16 @@ class Panel(Protocol):
 
 
 class DetectorHost(Protocol):
-    """The process that makes a simulated cell's frames; detectors can run in it, beside the controller."""
+    """Detectors next to what makes a simulated cell's frames, beside the controller."""
 
-    def host(
-        self, build: Callable[..., Callable[[Frame], Answer]], *arguments: object
-    ) -> Callable[[Frame], Callable[[], Answer]]:
-        """Build a detector there.
-
-        Args:
-            build: makes the detector inside the process; a module's function, as it is sent there by name.
-            arguments: for `build`; must be picklable.
+    def begin(self, frame: Frame, /) -> Callable[[], BenchView | PartsView]:
+        """Send a frame of this cell to the detector of its camera.
 
         Returns:
-            what sends a frame of this cell to the detector; calling what that returns waits for the answer. Both raise
-            DeviceFault once the process has failed.
+            what waits for the answer.
 
         Raises:
-            CellError: as `build` raised it.
+            CellError: a detector could not be made, or its process has failed; what is returned raises it, too.
         """
         ...
 
@@ -158,6 +149,7 @@ class Devices:
     Attributes:
         signals: None where the cell has none.
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
+        gone: whether a simulation is gone for good: nobody need wait for its arm.
         lost_s: how far a simulation that goes with the wall's time fell behind it for good.
         free_running: told whether time is the wall's: then a simulation leaves out what is not done in time.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty if it cannot be judged.
@@ -182,3 +174,4 @@ class Devices:
     host: DetectorHost | None = None
     free_running: Callable[[bool], None] = lambda _: None
     lost_s: Callable[[], float] = lambda: 0.0
+    gone: Callable[[], bool] = lambda: False

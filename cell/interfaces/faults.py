@@ -107,7 +107,7 @@ SIGNALS: dict[Signal, Sign] = {
         "error frames, more frames than can be read, or heartbeats that contradict one another", "frames without errors"
     ),
     "detector_lost": Sign("the process of a detector died", "it answers"),
-    "camera_lost": Sign("a camera raises an error", FRAMES),
+    "camera_lost": Sign("a camera raises an error, or what detects in its images does not answer", FRAMES),
     "bench_stale": Sign("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
     "bench_in_the_future": Sign("the view of the bench has a time stamp that is still to come", "stamps up to now"),
     "camera_unhealthy": Sign(

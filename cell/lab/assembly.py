@@ -139,7 +139,9 @@ def assembly(
     )
 
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
-        with attached(configuration, product, cell.devices if rendered else without_pixels(cell)) as devices:
+        with attached(
+            configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
+        ) as devices:
             return drive(files, attended(devices), motion, observers, injection=injected)
 
     try:

@@ -35,7 +35,7 @@ def record_beside_robot(configuration: Configuration, product: Product, seed: in
         assert isinstance(camera, SimCamera)
         assert worker is not None
         camera.watch = film.keep
-        with attached(configuration, product, without_pixels(cell)) as devices:
+        with attached(configuration, product, without_pixels(cell, configuration, product)) as devices:
             outcome = drive(files, devices, motion)
         if outcome.end == "interrupted":  # the controller heard the signal, and ended the run safely
             raise KeyboardInterrupt(outcome.reason)

@@ -200,7 +200,9 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
     )
     watch = StoppingDistance(injection, motion)
     try:
-        with attached(configuration, product, cell.devices if rendered else without_pixels(cell)) as opened:
+        with attached(
+            configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
+        ) as opened:
             outcome = drive(files, opened, motion, [watch], injection=injection)
         return _row(cell, injection, watch, outcome, seed)
     finally:

@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from py_trees.common import Status
@@ -23,8 +24,9 @@ from cell.running.device_writer import DeviceActor
 from cell.running.inference import Executor
 from cell.running.observers import Announcer, Observers
 from cell.running.operator import OperatorChannel
-from cell.running.safe_stop import Interrupted, StopSignals, await_rest, condition, failure, stop_orders
+from cell.running.safe_stop import Interrupted, await_rest, condition, failure, stop_orders
 from cell.running.supervisor import Supervisor
+from cell.running.watchdog import Watchdog
 from cell.settings import ControllerSettings
 from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
@@ -84,6 +86,7 @@ class Controller:
         observers: Sequence[Observer] = (),
         operator: OperatorChannel | None = None,
         own_body: RobotPoseHistory | None = None,
+        watchdog: Watchdog | None = None,
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
@@ -101,7 +104,8 @@ class Controller:
             lambda text: self._observers.say("warning", text),
             own_body,
         )
-        self._signals = StopSignals()
+        self._watchdog = watchdog or Watchdog()
+        self._signals = self._watchdog.signals
         self._judgement = Judgement()
         self._announcer = Announcer()
         self._operator = operator or OperatorChannel()
@@ -131,9 +135,12 @@ class Controller:
         """Run to the end and stop safely; raises nothing that a device, a node or an observer may raise."""
         began_s, wall_began_s = self._clock.now_s(), time.monotonic()
         self._scheduled_s = self._deadline_s = began_s
-        with self._signals.heard():  # no signal raises in here, but in a tick of the tree
-            ending = self._until_end(tree, services)
-            condition, problems = self._stop(tree, services)
+        with self._watchdog.watching(), self._signals.heard():  # no signal raises in here, but in a step of a tick
+            with self._watchdog.ticks(self._devices.arm.stop):
+                ending = self._until_end(tree, services)
+                condition, problems = self._stop(tree, services)
+            self._watchdog.left = condition
+            self._watchdog.step("closing the log")
             end, reason = ending.end, ending.reason
             if problems:
                 end, reason = "fault", "; ".join([reason, *problems])
@@ -177,8 +184,9 @@ class Controller:
 
     def _tick(self, tree: TickedTree, services: TickServices) -> Status | None:
         """One tick; None where the supervisor stops the run before the tree is asked."""
-        began_s = time.perf_counter()
-        seen, joints = self._look()
+        began_s, doing = time.perf_counter(), self._watchdog.step
+        doing("reading the devices")
+        seen, joints = self._signals.interruptible(self._look)
         services.now.observation, services.now.command = seen, Command()
         asked, status, sent = Command(), None, SentCommand()
         changes: Sequence[StatusChange] = ()
@@ -187,19 +195,23 @@ class Controller:
             if self._judgement.action is Action.STOP:
                 name = STOPPED
                 return None
+            doing("the tick of the tree")
             status = self._signals.interruptible(tree.tick)
             name, asked = status.name, replace(services.now.command)
             self._judgement = self._supervisor.judge_command(seen, services.now.command)
-            sent = self._actor.act(services.now.command, seen, self._judgement)
+            doing("writing to the devices")
+            sent = self._signals.interruptible(partial(self._actor.act, services.now.command, seen, self._judgement))
         finally:  # a tick that failed is recorded too: it is the one that will be looked at
             if name != STOPPED:
                 changes = tree.status_changes
             asked = services.now.command if name == "ERROR" else asked
+            doing("recording")
             self._record(seen, name, changes, asked, sent, joints, began_s)
         return status
 
     def _look(self) -> tuple[Observation, JointSamples | None]:
         """Observe, and let the supervisor judge; the observation says what it allows."""
+        self._watchdog.tick()
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
         judgement = self._judgement
@@ -214,6 +226,8 @@ class Controller:
 
     def _announce(self) -> None:
         """Tell people what the supervisor does, and what waits for them, when that changes."""
+        while self._watchdog.news:
+            self._observers.say("error", self._watchdog.news.pop(0))
         unacknowledged = self._supervisor.unacknowledged
         if (news := self._announcer.news(self._judgement, unacknowledged)) is not None:
             self._observers.say(*news)
@@ -256,6 +270,7 @@ class Controller:
         self._scheduled_s = self._deadline_s + self._period_s
         missed = max(0, math.floor((self._clock.now_s() - self._scheduled_s) / self._period_s))
         self._deadline_s = self._scheduled_s + missed * self._period_s
+        self._watchdog.step("the wait for the next tick")
         self._clock.sleep_until(self._deadline_s)
 
     def _stop(self, tree: TickedTree, services: TickServices) -> tuple[str, list[str]]:
@@ -275,14 +290,17 @@ class Controller:
             self._sleep()
             return self._stopping_tick(services, changes.pop() if changes else ())
 
-        seen = await_rest(orders, problems, tick, self._clock.now_s, self._settings.stop_timeout_s)
+        self._watchdog.step("the safe stop")
+        timeout_s, gone = self._settings.stop_timeout_s, self._devices.gone
+        seen = await_rest(orders, problems, tick, self._clock.now_s, timeout_s, gone)
         return condition(seen, services.memory.held_part), [f"{what}: {text}" for what, text in problems.items()]
 
     def _stopping_tick(self, services: TickServices, changes: Sequence[StatusChange]) -> Observation | None:
         """One tick without the tree: see, keep the devices alive, record."""
         began_s = time.perf_counter()
         try:
-            seen, joints = self._look()
+            self._watchdog.step("reading the devices")
+            seen, joints = self._signals.interruptible(self._look)
             words = self._judgement.reasons
             self._judgement = Judgement(Action.STOP, 0.0, words)
             services.now.observation = seen

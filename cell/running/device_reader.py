@@ -20,6 +20,7 @@ from cell.interfaces.observation import (
 )
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.pose import Array
+from cell.remote.worker import NotAnswering
 from cell.running.inference import Executor
 from skills.motion.arm_outline import ArmOutline
 from skills.motion.collision import HELD
@@ -62,10 +63,14 @@ Value = TypeVar("Value")
 
 
 class CameraReader:
-    """A camera and the detector that reads its frames; keeps the newest frame's number."""
+    """A camera and the detector that reads its frames; keeps the newest frame's number.
+
+    Attributes:
+        in_time: its detector took the last frame.
+    """
 
     def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+        self.camera, self.in_time = camera, True
         self._sequence = -1
         self._time_s = float("-inf")
 
@@ -131,7 +136,9 @@ class DeviceReader:
         signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
-            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device reported nothing")
+            raise DeviceFault(
+                "devices", "; ".join(trouble.reason for trouble in troubles) or "a device reported nothing"
+            )
         return Observation(
             tick=tick,
             time_s=self._devices.clock.now_s(),
@@ -154,12 +161,17 @@ class DeviceReader:
         self._framed(frame)
         if self._own_body is not None and reader is self._overhead:
             frame = frame.beside(self._own_body.at(frame.time_s))
-        if self._read(f"detector {name}", lambda: executor.submit(frame)) is False:
-            self._say(f"the detector of camera {name} is late: frame dropped")
+        taken = self._read(f"detector {name}", lambda: executor.submit(frame))
+        if taken is False and reader.in_time:
+            self._say(f"the detector of camera {name} is late: frames are dropped")
+        reader.in_time = taken is not False
 
     def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
         try:
             return read()
+        except NotAnswering as error:  # a detector that may go on: nothing is seen by its camera meanwhile
+            self._troubles.append(Trouble(device.replace("detector", "camera"), describe(error)))
+            return None
         except Exception as error:  # whatever a driver raises: the supervisor decides what it means
             self._troubles.append(Trouble(device, describe(error)))
             return None

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import queue
-import signal
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from multiprocessing.queues import Queue
-from multiprocessing.synchronize import Event
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, TypeVar, cast
 
-from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
+from cell.interfaces.perception import Frame
+from cell.remote.detecting import PLACES, DetectByCamera, DetectorProcess, SharedImages
+from cell.remote.worker import Pending
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 Job_contra = TypeVar("Job_contra", contravariant=True)
 Answer_co = TypeVar("Answer_co", covariant=True)
 
-BACKLOG = 8  # jobs that may wait for an answer; at 15 FPS half a second, later answers are of no use
-JOIN_S = 2.0
-PARENT_CHECK_S = 1.0
+BACKLOG = PLACES  # jobs that may wait for an answer; at 15 FPS half a second, later answers are of no use
+SEND_S = 0.2  # in which a frame must be taken
 
 
 class Executor(Protocol[Job_contra, Answer_co]):
@@ -88,90 +83,45 @@ class LockStep(DelayedExecutor[Job, Answer]):
         super().__init__(begin, clock, latency_s)
 
 
-class WorkerProcess(Generic[Job, Answer]):
-    """Runs the detector in a process of its own (`--real-time`), so that it cannot hold up a tick."""
+class DetectorExecutor(Generic[Answer_co]):
+    """Runs a camera's detector in a process of its own (`--real-time`), so that it cannot hold up a tick.
 
-    def __init__(self, name: str, build: Callable[..., Callable[[Job], Answer]], *arguments: object) -> None:
-        """Start the process.
+    Attributes:
+        process: in which it runs.
 
-        Args:
-            name: for faults.
-            build: makes the detector inside the process; a module's function, as it is sent there by name.
-            arguments: for `build`; must be picklable.
-        """
-        self._name = name
-        context = multiprocessing.get_context("spawn")
-        self._jobs: Queue[Job] = context.Queue()
-        self._answers: Queue[tuple[Answer | None, str]] = context.Queue()
-        self._waiting = 0
-        self._ready = context.Event()
-        self._process = context.Process(
-            target=_work, args=(build, arguments, self._jobs, self._answers, self._ready), name=name, daemon=True
-        )
-        self._process.start()
+    Args:
+        name: for faults.
+        shape: (height, width) of the camera's images; others are sent as they are, which takes longer.
+        detect: makes the detector there.
+        silent_s: so long it may take over what it does.
+    """
 
-    def await_ready(self) -> None:
-        """Wait until the detector is there; `poll` reports one that fails."""
-        while self._process.is_alive() and not self._ready.wait(PARENT_CHECK_S):
-            pass
+    def __init__(
+        self, name: str, camera: str, shape: tuple[int, int], detect: Callable[[], DetectByCamera], silent_s: float
+    ) -> None:
+        self._camera, self._silent_s = camera, silent_s
+        self._images = SharedImages({camera: shape})
+        self.process = DetectorProcess(name, detect, self._images)
+        self._waiting: deque[Pending[Any]] = deque()
+        self._number = 0
 
-    @property
-    def process_id(self) -> int:
-        """Of the running process."""
-        assert self._process.pid is not None
-        return self._process.pid
-
-    def submit(self, job: Job) -> bool:
-        if self._waiting >= BACKLOG:
+    def submit(self, job: Frame) -> bool:
+        if len(self._waiting) >= BACKLOG:
             return False
-        self._waiting += 1
-        self._jobs.put(job)
+        lies = None
+        if self._images.fits(self._camera, job.image):
+            lies = self._number = self._number + 1
+            self._images.put(self._camera, lies, job.image)
+        self._waiting.append(self.process.begin(job, lies, SEND_S))
         return True
 
-    def poll(self) -> Answer | None:
-        alive = self._process.is_alive()  # read before the queue: what a worker left behind still counts
-        try:
-            answer, failure = self._answers.get_nowait()
-        except queue.Empty:
-            if not alive:
-                raise DeviceFault(self._name, f"its process died (exit code {self._process.exitcode})") from None
-            return None
-        if failure:
-            raise DeviceFault(self._name, failure)
-        self._waiting -= 1
-        return answer
+    def poll(self) -> Answer_co | None:
+        if self._waiting and self.process.arrived(self._waiting[0]):
+            answer: Any = self._waiting.popleft().answer
+            return cast("Answer_co", answer.view)
+        self.process.glance(self._silent_s)
+        return None
 
     def close(self) -> None:
-        self._jobs.cancel_join_thread()
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(JOIN_S)
-        self._jobs.close()
-        self._answers.close()
-
-
-def _work(
-    build: Callable[..., Callable[[Job], Answer]],
-    arguments: tuple[object, ...],
-    jobs: Queue[Job],
-    answers: Queue[tuple[Answer | None, str]],
-    ready: Event,
-) -> None:
-    # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    try:
-        detector = build(*arguments)
-        ready.set()
-        for job in _jobs(jobs):
-            answers.put((detector(job), ""))
-    except Exception as error:  # outermost loop of the process: the controller turns it into a fault
-        answers.put((None, f"{type(error).__name__}: {error}"))
-
-
-def _jobs(jobs: Queue[Job]) -> Iterator[Job]:
-    """Jobs as long as the controller lives, even if it was killed."""
-    parent = multiprocessing.parent_process()
-    while parent is None or parent.is_alive():
-        with suppress(queue.Empty):
-            yield jobs.get(timeout=PARENT_CHECK_S)
+        self.process.close()
+        self._images.close()

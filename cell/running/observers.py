@@ -18,7 +18,7 @@ class Announcer:
     """Remembers what was said."""
 
     def __init__(self) -> None:
-        self._said: tuple[str, ...] = ()
+        self._said: tuple[tuple[str, ...], ...] = ()
         self._asked = False
         self._once: set[str] = set()
         self._alarm = ""
@@ -37,17 +37,25 @@ class Announcer:
         Args:
             unacknowledged: the cell waits until a person acknowledges it.
         """
-        signals = [signal for signal, _ in judgement.reasons if signal not in USUAL]
-        reasons = tuple(signal for signal in signals if signal not in self._once)
+        reasons = tuple(
+            (signal, *_devices(words))
+            for signal, words in judgement.reasons
+            if signal not in USUAL and signal not in self._once
+        )
         asks, self._asked = unacknowledged and not self._asked, unacknowledged
         if reasons == self._said and not asks:
             return None
-        self._said = tuple(signal for signal in reasons if signal not in ONCE)
-        self._once |= set(reasons) & set(ONCE)
+        self._said = tuple(reason for reason in reasons if reason[0] not in ONCE)
+        self._once |= {signal for signal, *_ in reasons} & set(ONCE)
         if not reasons:
             return "info", "all clear"
         ending = f"; {ACKNOWLEDGE}" if unacknowledged else ""
         return "warning", f"{judgement.action.name.lower()}: {judgement.words}{ending}"
+
+
+def _devices(words: str) -> list[str]:
+    """Who is named in a reason: another one is news, another number is not."""
+    return [part.partition(": ")[0] for part in words.split("; ") if ": " in part]
 
 
 class Observers:

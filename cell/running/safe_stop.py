@@ -22,25 +22,38 @@ class Interrupted(Exception):
 
 
 class StopSignals:
-    """Remembers that SIGINT, SIGTERM or SIGHUP came.
+    """Knows whether SIGINT, SIGTERM or SIGHUP came.
 
     Attributes:
-        name: of the last signal; empty before the first.
+        name: of the first signal; empty before it.
+        taken: they come here.
     """
 
     def __init__(self) -> None:
         self.name = ""
-        self._interruptible = False
+        self.taken = False
+        self._noted = self._interruptible = False
 
     @contextmanager
-    def heard(self) -> Iterator[None]:
-        """From here to the end of the block no signal raises, but within `interruptible`."""
+    def handled(self) -> Iterator[None]:
+        """From here to the end of the block they come here, and raise KeyboardInterrupt."""
         before = {number: signal.signal(number, self._note) for number in STOPPING}
+        self.taken = True
         try:
             yield
         finally:
+            self.taken = False
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+    @contextmanager
+    def heard(self) -> Iterator[None]:
+        """In this block none raises, but within `interruptible`."""
+        self._noted = True
+        try:
+            yield
+        finally:
+            self._noted = False
 
     def interruptible(self, work: Callable[[], Answer]) -> Answer:
         """Do work that a second signal may break off.
@@ -58,7 +71,9 @@ class StopSignals:
             raise Interrupted("interrupted in mid-tick") from None
 
     def _note(self, number: int, _: FrameType | None) -> None:
-        again, self.name = bool(self.name), signal.Signals(number).name
+        again, self.name = bool(self.name), self.name or signal.Signals(number).name
+        if not self._noted:
+            raise KeyboardInterrupt
         if again and self._interruptible:
             self._interruptible = False
             raise KeyboardInterrupt
@@ -90,10 +105,12 @@ def await_rest(
     tick: Callable[[], Observation | None],
     now_s: Callable[[], float],
     timeout_s: float,
+    gone: Callable[[], bool] = lambda: False,
 ) -> Observation | None:
     """Tick until the arm stands or the time is over; orders that were refused are given again.
 
     Args:
+        gone: whether nobody need wait, as the arm is gone for good.
         problems: what went wrong so far, by what is wrong; kept up to date.
         tick: sleeps to the next tick and observes; None where nothing could be observed.
 
@@ -105,10 +122,10 @@ def await_rest(
         seen = tick()
         if seen is not None and at_rest(seen):
             return seen
-        if now_s() >= until_s:
+        if gone() or now_s() >= until_s:
             unknown = seen is None or any(trouble.device == "arm" for trouble in seen.troubles)
             what = "not known to stand" if unknown else "still moving"
-            problems["the arm did not come to rest"] = f"{what} {timeout_s:g} s after the stop"
+            problems["the arm did not come to rest"] = what if gone() else f"{what} {timeout_s:g} s after the stop"
             return seen
         for what, order in orders.items():
             if what in problems and not failure(order):

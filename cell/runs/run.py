@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import make_supervisor
+from cell.running.watchdog import TICK_S, Watchdog
 from cell.runs.heading import Counts, heading, log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
 from cell.runs.viewers import open_viewers
@@ -45,7 +47,7 @@ from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
-from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.reload import WatchedTree
@@ -86,7 +88,13 @@ def run(options: RunOptions, console: Console) -> RunResult:
     Raises:
         InputError: nothing has moved, and no file was touched.
         DeviceFault: a device could not be opened.
+        KeyboardInterrupt: a signal ended it before its first tick or after its last one.
     """
+    with Watchdog().watching() as watchdog:
+        return _read_and_run(options, console, watchdog)
+
+
+def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
     configuration = simulated(load_configuration(options.configuration), options.look, options.person)
     if options.brackets is not None:
         configuration = for_shift(configuration, options.brackets)
@@ -120,11 +128,17 @@ def run(options: RunOptions, console: Console) -> RunResult:
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
         files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
-        return _run(options, files, drivers, tally, log, console)
+        return _run(options, files, drivers, tally, log, console, watchdog)
 
 
 def _run(
-    options: RunOptions, files: Files, drivers: Drivers, tally: BracketTally, log: Path, console: Console
+    options: RunOptions,
+    files: Files,
+    drivers: Drivers,
+    tally: BracketTally,
+    log: Path,
+    console: Console,
+    watchdog: Watchdog,
 ) -> RunResult:
     configuration, product = files.configuration, files.product
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -173,7 +187,7 @@ def _run(
             observer.message(devices.clock.now_s(), "error", f"UNSAFE: {'; '.join(files.unsafe)}")
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
-            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
+            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator, watchdog
         )
         sheet, outcome = _sheet(options, log, recorder, moments, outcome)
         summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
@@ -190,6 +204,7 @@ def drive(
     tree: Tree | WatchedTree | None = None,
     injection: Injection | Injections | None = None,
     operator: OperatorChannel | None = None,
+    watchdog: Watchdog | None = None,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
@@ -200,13 +215,16 @@ def drive(
         if can_tap is not None and isinstance(devices.gripper, CanGripper):
             devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
-        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
-        for executor in executors:
-            stack.callback(executor.close)
+        if pace == "real":
+            arm, gone = devices.arm, devices.gone
+            executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state()))
+        else:
+            executors = lock_step(*detectors, devices)
         supervisor = make_supervisor(files.faults, motion)
-        own_body = RobotPoseHistory(motion.separation.outline)
+        own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
+        watchdog.limit_s = TICK_S if pace == "real" else None
         controller = Controller(
-            devices, *executors, configuration.controller, supervisor, observers, operator, own_body
+            devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog
         )
         journal, seen = controller.journal, controller.observe()
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
@@ -284,6 +302,7 @@ def _simulated(options: RunOptions, configuration: Configuration, product: Produ
         return connect(configuration, product, options.world, options.pace).devices
     if options.pace == "real" and options.pixels:
         return own_world(configuration, product, options.seed, options.goal).devices
-    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels)
-    devices = cell.devices if options.pixels else without_pixels(cell)
+    detect = partial(detectors_of, configuration.bench, product, configuration.perception)
+    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels, detect)
+    devices = cell.devices if options.pixels else without_pixels(cell, configuration, product)
     return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices

@@ -6,14 +6,15 @@ bench, product and the file of weights; a new kind is one more line in TRAINED.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cell.configuration import Configuration
 from cell.errors import ModelError, SettingError
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.devices import Devices
 from cell.interfaces.perception import (
     ActionDetector,
@@ -25,7 +26,9 @@ from cell.interfaces.perception import (
     PartsView,
 )
 from cell.interfaces.product import Product
-from cell.running.inference import DelayedExecutor, Executor, LockStep, WorkerProcess
+from cell.remote.detecting import Detect, DetectByCamera
+from cell.remote.worker import await_ready
+from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
@@ -81,6 +84,17 @@ TRAINED: Mapping[str, Mapping[str, Maker]] = {
     "holes": {"plate": _plate},
     "parts": {"centre": _centre, "rcnn": _rcnn},
 }
+
+
+SILENT_S = {"overhead": 0.5, "wrist": 1.0}  # so long a detector may take at real pace; then the cell holds
+
+
+def detectors_of(
+    bench: Bench, product: Product, perception: Perception, cameras: Sequence[str] = ("overhead", "wrist")
+) -> DetectByCamera:
+    """What answers the frames of these cameras; made in the process in which it works."""
+    makers: dict[str, Callable[..., Detect]] = {"overhead": bench_watcher, "wrist": part_finder}
+    return {camera: makers[camera](bench, product, perception) for camera in cameras}
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
@@ -200,17 +214,15 @@ def lock_step(
 ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
     """Executors for simulation: answers come as much later in clock time as the detectors take.
 
-    The detectors run beside the physics where the devices offer a place for it; the answers are the same.
+    The detectors run beside the physics where the devices have them there; the answers are the same.
     """
     clock, arguments = devices.clock, (bench, product, perception)
     watched_s, found_s = latency_s(perception, "hands", "holes", "actions"), latency_s(perception, "parts")
     if devices.host is None:
         watch, find = bench_watcher(*arguments), part_finder(*arguments)
         return LockStep(watch, clock, watched_s), LockStep(find, clock, found_s)
-    return (
-        DelayedExecutor(devices.host.host(bench_watcher, *arguments), clock, watched_s),
-        DelayedExecutor(devices.host.host(part_finder, *arguments), clock, found_s),
-    )
+    begin: Any = devices.host.begin  # the answer is that of the camera
+    return DelayedExecutor(begin, clock, watched_s), DelayedExecutor(begin, clock, found_s)
 
 
 def latency_s(perception: Perception, *tasks: str) -> float:
@@ -233,12 +245,27 @@ def _noted_ms(perception: Perception, task: str) -> float | None:
     return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(LATENCY_SCORE)
 
 
+@contextmanager
 def worker_processes(
-    bench: Bench, product: Product, perception: Perception
-) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
-    """Executors for real time: each detector in a process of its own, ready to answer."""
-    watcher = WorkerProcess("bench watcher", bench_watcher, bench, product, perception)
-    finder = WorkerProcess("part detector", part_finder, bench, product, perception)
-    watcher.await_ready()
-    finder.await_ready()
-    return watcher, finder
+    bench: Bench, product: Product, perception: Perception, glance: Callable[[], object] = lambda: None
+) -> Iterator[tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]]:
+    """Executors for real time: each detector in a process of its own, ready to answer.
+
+    Args:
+        glance: see `await_ready`.
+
+    Raises:
+        CellError: a detector cannot be made, or does not get ready.
+    """
+
+    def executor(name: str, camera: str, setup: CameraSetup) -> DetectorExecutor[Any]:
+        detect = partial(detectors_of, bench, product, perception, (camera,))
+        shape = setup.height_px, setup.width_px
+        return DetectorExecutor(name, camera, shape, detect, SILENT_S[camera])
+
+    with (
+        closing(executor("bench watcher", "overhead", bench.overhead)) as watcher,
+        closing(executor("part detector", "wrist", bench.wrist)) as finder,
+    ):
+        await_ready(watcher.process, finder.process, glance=glance)
+        yield watcher, finder

@@ -4,47 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING
 
+from cell.configuration import Configuration
+from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
-from cell.interfaces.perception import Frame, PartsView
-from cell.wiring.detectors import bench_watcher
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.product import Product
+from cell.settings import Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 
 if TYPE_CHECKING:
     from sim.cell import SimCell
     from sim.truth.ground_truth_perception import GroundTruthPerception
 
-Answer = TypeVar("Answer")
-
 
 class NoRenderHost:
     """Implements `DetectorHost`: hands, holes and parts come from the truth; actions are detected from these."""
 
-    def __init__(self, sight: GroundTruthPerception) -> None:
-        self._sight = sight
-
-    def host(
-        self, build: Callable[..., Callable[[Frame], Answer]], *arguments: object
-    ) -> Callable[[Frame], Callable[[], Answer]]:
-        """What answers frames in place of what `build` would make."""
-        detect = cast("Callable[[Frame], Answer]", self._watch(*arguments) if build is bench_watcher else self._find)
-
-        def submit(frame: Frame) -> Callable[[], Answer]:
-            answer = detect(frame)
-            return lambda: answer
-
-        return submit
-
-    def _watch(self, bench: Any, product: Any, perception: Any) -> Callable[[Frame], object]:
+    def __init__(self, sight: GroundTruthPerception, bench: Bench, product: Product, perception: Perception) -> None:
         actions = ClassicalDetectors(bench, product, perception.classical).actions()  # others look at images
-        return DetectorChain(bench, product, self._sight, self._sight, actions).watch
+        self._sight, self._watch = sight, DetectorChain(bench, product, sight, sight, actions).watch
+
+    def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
+        """The answer is there at once."""
+        answer = self._watch(frame) if frame.camera == "overhead" else self._find(frame)
+        return lambda: answer
 
     def _find(self, frame: Frame) -> PartsView:
         return PartsView(frame.sequence, frame.time_s, self._sight.detect(frame))
 
 
-def without_pixels(cell: SimCell) -> Devices:
-    """The devices of a cell that was opened with `rendered=False`."""
+def without_pixels(cell: SimCell, configuration: Configuration, product: Product) -> Devices:
+    """The devices of a cell that was opened with `rendered=False`, for a controller with this configuration."""
     assert cell.sight is not None
-    return replace(cell.devices, host=NoRenderHost(cell.sight))
+    host = NoRenderHost(cell.sight, configuration.bench, product, configuration.perception)
+    return replace(cell.devices, host=host)

@@ -104,5 +104,6 @@ def _apart(boxes: Boxes, scores: NDArray[np.float32], most: float) -> NDArray[np
     """Rows of boxes that are large enough and of which none overlaps a surer one by more, the surest first."""
     sizes = boxes[:, 2:] - boxes[:, :2]
     large = np.flatnonzero((sizes >= LEAST_SIDE_PX).all(axis=1))
-    kept = cv2.dnn.NMSBoxes(np.hstack([boxes[:, :2], sizes])[large], scores[large], 0.0, most)
+    spots = np.hstack([boxes[:, :2], sizes])[large].tolist()
+    kept = cv2.dnn.NMSBoxes(spots, scores[large].tolist(), 0.0, most)
     return large[np.array(kept, np.int64).reshape(-1)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -52,7 +53,7 @@ def rcnn(backbone: str, types: int, share: float = 1.0) -> FasterRCNN:
     """
     width, height = INPUT_PX
     if backbone == NARROW:
-        body: nn.Module = _narrow_resnet18(share)
+        body: Any = _narrow_resnet18(share)
     else:
         body = resnet_fpn_backbone(backbone_name=backbone, weights=None, norm_layer=nn.BatchNorm2d, trainable_layers=5)
     hidden = _part(HIDDEN, share)
@@ -149,6 +150,10 @@ def targets(scene: Scene, types: tuple[str, ...]) -> dict[str, Tensor]:
 
 class Regions(nn.Module):
     """The first stage, for export: image (1, 3, 240, 320) to scores (n,), boxes (n, 4) and the finest features."""
+
+    mean: Tensor
+    deviation: Tensor
+    anchors: Tensor
 
     def __init__(self, network: FasterRCNN) -> None:
         super().__init__()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
 
 import can
@@ -31,10 +31,10 @@ class CarriedBuses:
         """What came since the last call, in order."""
         return {channel: frames for channel, bus in self._buses.items() if (frames := _waiting(bus))}
 
-    def put(self, carried: Mapping[str, tuple[can.Message, ...]]) -> None:
-        """Send what was taken at the other end."""
-        for channel, frames in carried.items():
-            for frame in frames:
+    def put(self, carried: CanFrames) -> None:
+        """Send what was taken at the other end; what no bus of this end is for is left out."""
+        for channel in carried.keys() & self._buses.keys():
+            for frame in carried[channel]:
                 self._buses[channel].send(frame)
 
     def close(self) -> None:

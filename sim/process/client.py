@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -20,13 +18,16 @@ from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.remote.channel import Channel, Failure
+from cell.remote.detecting import Bench, Tray
+from sim.process import messages as said
 from sim.process.buses import CarriedBuses
-from sim.process.messages import Advance, Answer, Call, Hello, Order, Pace, Refused, Snapshot, Welcome
 
 Value = TypeVar("Value")
-NAME = "world"
-RETRY_S = 0.05
+Reply = TypeVar("Reply")
+LIMIT_S: Mapping[said.Pace, float] = {"real": 0.2, "fast": 60.0}  # in which a world must answer
+WELCOME_S = 60.0
 
 
 class RemoteCell:
@@ -36,37 +37,34 @@ class RemoteCell:
         devices: as in the world's own process.
 
     Args:
+        connection: to the world.
+        name: of the world's process, for faults.
         buses: this process's ends of the virtual CAN buses.
-        patience_s: how long to wait for a world that is not there yet.
-        alive: whether it is worth waiting.
+        glance: called while the world is waited for; raises DeviceFault where it cannot answer.
+        closed: called once it was left.
 
     Raises:
-        InputError: no world is there, or it does not accept such a controller.
+        InputError: the world does not accept such a controller.
+        CellError: as `glance` raised it.
     """
 
     def __init__(
         self,
-        address: Path,
-        pace: Pace,
+        connection: socket.socket,
+        name: str,
+        pace: said.Pace,
         cell: Mapping[str, str],
         buses: CarriedBuses,
-        patience_s: float = 0.0,
-        alive: Callable[[], bool] = lambda: True,
+        glance: Callable[[], None] = lambda: None,
         closed: Callable[[], None] = lambda: None,
     ) -> None:
-        self._buses, self._closed = buses, closed
+        self._name, self._buses, self._closed, self._limit_s = name, buses, closed, LIMIT_S[pace]
+        self._glance = glance
         self._lock = threading.RLock()
         self._fault: DeviceFault | None = None
-        self._numbers = itertools.count()
-        self._connection = connected(address, patience_s, alive)
-        self._connection.send(Hello(pace, dict(cell)))
-        try:
-            welcome = self._connection.recv()
-        except (EOFError, OSError):
-            welcome = Refused("it hung up")
-        if not isinstance(welcome, Welcome):
-            self._connection.close()
-            raise InputError(f"{address}: the world takes no controller: {welcome.reason}")
+        newcomer: Channel[Any] = Channel(connection, said.ToNewcomer)
+        welcome = self._welcomed(newcomer, said.Hello(pace, dict(cell)))
+        self._channel: Channel[Any] = newcomer.hearing(said.ToController)
         self._frames: dict[str, Frame] = {}
         self._pressed: list[OperatorOrder] = []
         self._truth: list[TruthEvent] = []
@@ -80,13 +78,14 @@ class RemoteCell:
             overhead=_Camera(self, "overhead"),
             wrist=_Camera(self, "wrist"),
             panel=_Panel(self),
-            report=lambda: self._told("report", {}),
+            report=lambda: next(iter(self._judged(said.Report())), {}),
             close=self.close,
             truth=lambda: _emptied(self._truth),
             pressed=lambda: _emptied(self._pressed),
-            finished=lambda: self._told("finished", []),
-            host=_Host(self) if welcome.hosts and pace == "fast" else None,
+            finished=lambda: self._judged(said.Finished()),
+            host=_Host(self) if welcome.detects and pace == "fast" else None,
             lost_s=lambda: self.snapshot.lost_s,
+            gone=self._is_gone,
         )
 
     @property
@@ -94,58 +93,52 @@ class RemoteCell:
         """Why the world is gone; None as long as it is there."""
         return self._fault
 
-    def order(self, what: str, *arguments: Any) -> None:
+    def order(self, order: said.Order) -> None:
         """Let something be done, in the order of the calls."""
         with self._lock:
-            self._send(Order(what, arguments))
+            self._send(order)
 
-    def call(self, what: str, *arguments: Any) -> Any:
+    def call(self, call: said.Call, reply: type[Reply]) -> Reply:
         """Let something be done, and wait for what it returns; raises what it raised."""
         with self._lock:
             self.flush()
-            self._send(Call(what, arguments))
+            self._send(call)
             answer = self._receive()
-        assert isinstance(answer, Answer)
-        if answer.error is not None:
-            raise answer.error
-        return answer.value
+        if isinstance(answer, Failure):
+            raise answer.error(self._name)
+        assert isinstance(answer, reply)
+        return answer
 
     def flush(self) -> None:
         """What was sent on the CAN buses goes to the world; nothing happens where that is gone."""
         with suppress(DeviceFault):
             if frames := self._buses.take():
-                self.order("can", frames)
+                self.order(said.Can(frames))
 
     def renew(self, until_s: float | None = None) -> None:
         """Ask how things are; in lock-step after the world has advanced.
 
         Where the world is gone, its devices say so.
         """
-        self.flush()
-        with self._lock, suppress(DeviceFault):
-            self._send(Advance(until_s))
-            self._take(self._receive())
+        with suppress(DeviceFault):
+            self._take(self.call(said.Advance(until_s), said.Snapshot))
 
     def frame(self, camera: str) -> Frame | None:
         """Newest frame of a camera; raises what the camera raises."""
-        self._refuse()
-        if (error := self.snapshot.faults.get(camera)) is not None:
-            raise error
+        self._refuse(camera)
         return self._frames.get(camera)
 
     def arm_state(self) -> ArmState:
         """As the world told last; raises what the arm raised."""
-        self._refuse()
-        if isinstance(self.snapshot.arm, ArmState):
-            return self.snapshot.arm
-        raise self.snapshot.arm
+        self._refuse("arm")
+        assert self.snapshot.arm is not None
+        return self.snapshot.arm
 
     def gripper_state(self) -> GripperState:
         """As the world told last; raises what the gripper raised."""
-        self._refuse()
-        if isinstance(self.snapshot.gripper, GripperState):
-            return self.snapshot.gripper
-        raise self.snapshot.gripper
+        self._refuse("gripper")
+        assert self.snapshot.gripper is not None
+        return self.snapshot.gripper
 
     def samples(self) -> JointSamples | None:
         """What the arm measured since the last call."""
@@ -156,19 +149,43 @@ class RemoteCell:
         columns = ("times_s", "positions_rad", "velocities_rad_s", "efforts_nm")
         return JointSamples(*(np.concatenate([getattr(one, name) for one in taken]) for name in columns))
 
-    def next_number(self) -> int:
-        """Tells the jobs of hosted detectors apart."""
-        return next(self._numbers)
-
     def close(self) -> None:
-        """Leave the world."""
+        """Leave the world; harmless when repeated."""
         with self._lock:
-            self._connection.close()
+            self._channel.close()
             self._buses.close()
-            self._fault = self._fault or DeviceFault(NAME, "it was left")
+            self._fault = self._fault or DeviceFault(self._name, "it was left")
         self._closed()
 
-    def _take(self, snapshot: Snapshot) -> None:
+    def _welcomed(self, newcomer: Channel[Any], hello: said.Hello) -> said.Welcome:
+        until_s, answer = time.monotonic() + WELCOME_S, None
+        try:
+            newcomer.send(hello, 1.0)
+            while answer is None and time.monotonic() < until_s:
+                with suppress(TimeoutError):
+                    answer = newcomer.receive(0.5)
+                    break
+                self._glance()
+        except (EOFError, TimeoutError) as error:
+            self._glance()
+            answer = said.Refused(str(error) or "it does not listen")
+        if isinstance(answer, said.Welcome):
+            return answer
+        newcomer.close()
+        if isinstance(answer, Failure):
+            raise answer.error(self._name)
+        reason = answer.reason if isinstance(answer, said.Refused) else f"it is not ready after {WELCOME_S:g} s"
+        raise InputError(f"{self._name}: the world takes no controller: {reason}")
+
+    def _is_gone(self) -> bool:
+        if self._fault is None:
+            try:
+                self._glance()
+            except DeviceFault as fault:
+                self._fault = fault
+        return self._fault is not None
+
+    def _take(self, snapshot: said.Snapshot) -> None:
         self.snapshot = snapshot
         self._frames.update({frame.camera: frame for frame in snapshot.frames})
         self._pressed += snapshot.pressed
@@ -177,33 +194,38 @@ class RemoteCell:
             self._samples.append(snapshot.samples)
         self._buses.put(snapshot.can)
 
-    def _told(self, what: str, otherwise: Value) -> Value:
-        """What the world says, or something else where it is gone."""
+    def _judged(self, question: said.Report | said.Finished) -> list[dict[str, object]]:
+        """What the world says; nothing where it is gone."""
         try:
-            value: Value = self.call(f"{what}")
+            return list(self.call(question, said.Judged).rows)
         except DeviceFault:
-            return otherwise
-        return value
+            return []
 
-    def _refuse(self) -> None:
+    def _refuse(self, device: str = "") -> None:
         if self._fault is not None:
             raise self._fault
+        if (failure := self.snapshot.faults.get(device)) is not None:
+            raise failure.error(device)
 
-    def _send(self, message: object) -> None:
+    def _send(self, message: said.FromController) -> None:
         self._refuse()
         try:
-            self._connection.send(message)
-        except OSError:
-            self._gone()
+            self._channel.send(message, self._limit_s)
+        except (TimeoutError, EOFError) as error:
+            self._gone(error)
 
-    def _receive(self) -> Any:
+    def _receive(self) -> said.ToController:
         try:
-            return self._connection.recv()
-        except (EOFError, OSError):
-            self._gone()
+            answer: said.ToController = self._channel.receive(self._limit_s)
+        except (TimeoutError, EOFError) as error:
+            self._gone(error)
+        return answer
 
-    def _gone(self) -> None:
-        self._fault = DeviceFault(NAME, "its process is gone")
+    def _gone(self, error: Exception) -> NoReturn:
+        """There is no way back: an answer that came late would be taken for that to another question."""
+        silent = isinstance(error, TimeoutError)
+        what = f"does not answer for {self._limit_s:g} s" if silent else "its process is gone"
+        self._fault = DeviceFault(self._name, what)
         raise self._fault
 
 
@@ -251,17 +273,17 @@ class _Wall:
     def _begun(self) -> float:
         """The epoch of a world that begins now; time goes on without one, too."""
         try:
-            return float(self._cell.call("begin"))
+            return self._cell.call(said.Begin(), said.Begun).epoch_s
         except DeviceFault:
             return time.monotonic() - self._cell.snapshot.time_s
 
 
 class _Camera:
-    def __init__(self, cell: RemoteCell, name: str) -> None:
+    def __init__(self, cell: RemoteCell, name: said.Camera) -> None:
         self._cell, self._name = cell, name
 
     def trigger(self) -> None:
-        self._cell.order(f"{self._name}.trigger")
+        self._cell.order(said.Trigger(self._name))
 
     def latest(self) -> Frame | None:
         return self._cell.frame(self._name)
@@ -275,17 +297,16 @@ class _Arm:
         return self._cell.arm_state()
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
-        sent: JointTrajectory | None = self._cell.call("arm.follow", trajectory)
-        return trajectory if sent is None else sent
+        return self._cell.call(said.Follow(trajectory), said.Sent).trajectory or trajectory
 
     def stop(self) -> None:
-        self._cell.order("arm.stop")
+        self._cell.order(said.Stop())
 
     def pace(self, share: float) -> None:
-        self._cell.order("arm.pace", share)
+        self._cell.order(said.Share(share))
 
     def acknowledge(self) -> None:
-        self._cell.order("arm.acknowledge")
+        self._cell.order(said.Acknowledge())
 
     def samples(self) -> JointSamples | None:
         return self._cell.samples()
@@ -299,14 +320,13 @@ class _Gripper:
         return self._cell.gripper_state()
 
     def activate(self) -> None:
-        self._cell.order("gripper.activate")
+        self._cell.order(said.Activate())
 
     def command(self, command: GripperCommand) -> GripperCommand:
-        sent: GripperCommand | None = self._cell.call("gripper.command", command)
-        return command if sent is None else sent
+        return self._cell.call(said.Grip(command), said.Sent).command or command
 
     def hold(self) -> None:
-        self._cell.order("gripper.hold")
+        self._cell.order(said.Hold())
 
     def close(self) -> None:
         """It is the world's."""
@@ -317,11 +337,11 @@ class _Panel:
         self._cell = cell
 
     def show(self, display: Display) -> None:
-        self._cell.order("panel.show", display)
+        self._cell.order(said.Show(display))
 
     def alarm(self, text: str) -> None:
         if self._cell.fault is None:
-            self._cell.order("panel.alarm", text)
+            self._cell.order(said.Alarm(text))
 
 
 class _Host:
@@ -330,18 +350,14 @@ class _Host:
     def __init__(self, cell: RemoteCell) -> None:
         self._cell = cell
 
-    def host(
-        self, build: Callable[..., Callable[[Frame], Value]], *arguments: object
-    ) -> Callable[[Frame], Callable[[], Value]]:
+    def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
         """See `DetectorHost`."""
-        detector = self._cell.call("host.build", build, *arguments)
-
-        def begin(frame: Frame) -> Callable[[], Value]:
-            number = self._cell.next_number()
-            self._cell.order("host.begin", number, detector, frame.camera, frame.sequence, frame.robot_m)
-            return lambda: self._cell.call("host.answer", number)
-
-        return begin
+        camera: said.Camera = "overhead" if frame.camera == "overhead" else "wrist"
+        self._cell.order(said.Detect(camera, frame.sequence, frame.robot_m))
+        question = said.Answer(camera)
+        if camera == "overhead":
+            return lambda: self._cell.call(question, Bench).view
+        return lambda: self._cell.call(question, Tray).view
 
 
 def _emptied(kept: list[Value]) -> list[Value]:
@@ -350,20 +366,17 @@ def _emptied(kept: list[Value]) -> list[Value]:
     return taken
 
 
-def connected(address: Path, patience_s: float = 0.0, alive: Callable[[], bool] = lambda: True) -> Connection:
+def connected(address: Path) -> socket.socket:
     """A connection to the world at an address.
 
     Raises:
         InputError: no world is there.
     """
-    until_s = time.monotonic() + patience_s
-    while True:
-        trial = socket.socket(socket.AF_UNIX)
-        try:
-            trial.connect(str(address))
-            return Connection(trial.detach())
-        except OSError as error:
-            trial.close()
-            if time.monotonic() >= until_s or not alive():
-                raise InputError(f"{address}: no world is there: {error.strerror or error}") from None
-        time.sleep(RETRY_S)
+    trial = socket.socket(socket.AF_UNIX)
+    try:
+        trial.settimeout(1.0)  # where nobody takes those that wait
+        trial.connect(str(address))
+    except OSError as error:
+        trial.close()
+        raise InputError(f"{address}: no world is there: {error.strerror or error}") from None
+    return trial

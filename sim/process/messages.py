@@ -1,25 +1,27 @@
-"""What controller and world say to each other; pickled, over a socket that only this user can open."""
+"""What controller and world say to each other: one type for each thing that is asked, and for each answer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import can
 
-from cell.errors import CellError
+from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import TruthEvent
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array
+from cell.remote.channel import Failure, Message
+from cell.remote.detecting import Bench, Tray
 
 Pace = Literal["fast", "real"]
-CanFrames = Mapping[str, tuple[can.Message, ...]]  # by channel
+Camera = Literal["overhead", "wrist"]
+CanFrames = Mapping[str, Sequence[can.Message]]  # by channel
 
 
-@dataclass(frozen=True)
-class Hello:
+class Hello(Message, frozen=True):
     """A controller wants to work here.
 
     Attributes:
@@ -31,96 +33,172 @@ class Hello:
     cell: Mapping[str, str]
 
 
-@dataclass(frozen=True)
-class Ask:
+class Ask(Message, frozen=True):
     """Somebody wants to know which world this is, and goes again."""
 
 
-@dataclass(frozen=True)
-class Drawn:
+class Drawn(Message, frozen=True):
     """What the world was drawn from."""
 
     seed: int
     goal: str
 
 
-@dataclass(frozen=True)
-class Refused:
+class Refused(Message, frozen=True):
     """No controller is let in, and why."""
 
     reason: str
 
 
-@dataclass(frozen=True)
-class Order:
-    """Something to be done; nobody waits for an answer.
+class Follow(Message, frozen=True):
+    """The arm is to follow a trajectory; answered by Sent."""
 
-    Attributes:
-        what: device and method, as in "arm.pace".
-    """
-
-    what: str
-    arguments: tuple[Any, ...] = ()
+    trajectory: JointTrajectory
 
 
-@dataclass(frozen=True)
-class Call:
-    """Something to be done whose answer is waited for."""
+class Grip(Message, frozen=True):
+    """The gripper has a new goal; answered by Sent."""
 
-    what: str
-    arguments: tuple[Any, ...] = ()
+    command: GripperCommand
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What a call came to: a value, None where it is what was given, or the error that it raised."""
+class Sent(Message, frozen=True):
+    """What was really sent to a device."""
 
-    value: Any = None
-    error: CellError | None = None
+    trajectory: JointTrajectory | None = None
+    command: GripperCommand | None = None
 
 
-@dataclass(frozen=True)
-class Advance:
-    """Tell how things are; in lock-step after the world has advanced to `until_s`."""
+class Stop(Message, frozen=True):
+    """The arm is to stop; this and the following orders have no answer."""
+
+
+class Share(Message, frozen=True):
+    """The arm goes on at this share of its speed."""
+
+    share: float
+
+
+class Acknowledge(Message, frozen=True):
+    """The arm is to be unlocked."""
+
+
+class Activate(Message, frozen=True):
+    """The gripper is to be activated."""
+
+
+class Hold(Message, frozen=True):
+    """The gripper is to hold what it has."""
+
+
+class Trigger(Message, frozen=True):
+    """A camera is to take a frame."""
+
+    camera: Camera
+
+
+class Show(Message, frozen=True):
+    """The panel shows this."""
+
+    display: Display
+
+
+class Alarm(Message, frozen=True):
+    """The panel shows a trouble."""
+
+    text: str
+
+
+class Can(Message, frozen=True):
+    """What was sent on the CAN buses."""
+
+    frames: CanFrames
+
+
+class Detect(Message, frozen=True):
+    """A frame is to be answered next to what made it; its answer is asked for by Answer."""
+
+    camera: Camera
+    sequence: int
+    robot_m: Array | None = None
+
+
+class Answer(Message, frozen=True):
+    """The answer to a camera's oldest frame that was to be answered: Bench or Tray."""
+
+    camera: Camera
+
+
+class Begin(Message, frozen=True):
+    """A world that stands goes with the wall's time from now on; answered by Begun."""
+
+
+class Begun(Message, frozen=True):
+    """What the machine's monotonic clock showed when the wall's time of this world was 0."""
+
+    epoch_s: float
+
+
+class Report(Message, frozen=True):
+    """How is the assembly judged? Answered by Judged."""
+
+
+class Finished(Message, frozen=True):
+    """How were the brackets judged that were taken away? Answered by Judged."""
+
+
+class Judged(Message, frozen=True):
+    """Rows of a summary."""
+
+    rows: Sequence[dict[str, object]]
+
+
+class Advance(Message, frozen=True):
+    """Tell how things are; in lock-step after the world has advanced to `until_s`. Answered by a Snapshot."""
 
     until_s: float | None = None
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(Message, frozen=True):
     """How things are.
 
     Attributes:
         time_s: of the world, on the controller's clock.
-        arm, gripper: their state, or why there is none.
+        arm, gripper: their state; None where there is none.
+        faults: of arm, gripper and cameras, why there is nothing.
         samples: what the arm measured since the last snapshot.
         frames: newest of each camera, where it is new.
-        faults: of cameras that make no more frames.
         lost_s: how far the world fell behind the wall for good, so far.
     """
 
     time_s: float
-    arm: ArmState | CellError
-    gripper: GripperState | CellError
+    arm: ArmState | None
+    gripper: GripperState | None
+    faults: Mapping[str, Failure]
     samples: JointSamples | None
     frames: tuple[Frame, ...] = ()
-    faults: Mapping[str, CellError] = field(default_factory=dict)
     pressed: tuple[OperatorOrder, ...] = ()
     truth: tuple[TruthEvent, ...] = ()
-    can: CanFrames = field(default_factory=dict)
+    can: CanFrames = {}  # noqa: RUF012 - msgspec copies it
     lost_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class Welcome:
+class Welcome(Message, frozen=True):
     """A controller may work here.
 
     Attributes:
-        epoch_s: what the machine's monotonic clock showed when the wall's time of this world was 0; None for a world
-            that stands: it keeps pace with the wall clock once it is told to begin.
-        hosts: detectors may run beside the frames.
+        epoch_s: as in Begun; None for a world that stands: it goes with the wall's time once it is told to begin.
+        detects: frames may be answered there.
     """
 
     epoch_s: float | None
-    hosts: bool
+    detects: bool
     snapshot: Snapshot
+
+
+Order = Stop | Share | Acknowledge | Activate | Hold | Trigger | Show | Alarm | Can | Detect
+Call = Follow | Grip | Answer | Begin | Report | Finished | Advance
+FromNewcomer = Hello | Ask
+FromController = Order | Call
+ToNewcomer = Welcome | Refused | Drawn | Failure
+ToController = Sent | Bench | Tray | Begun | Judged | Snapshot | Failure

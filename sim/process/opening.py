@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-import signal
-import tempfile
+import socket
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cell.configuration import Configuration
-from cell.errors import CellError, InputError, SettingError
+from cell.errors import CellError, DeviceFault, InputError, SettingError
 from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
+from cell.remote.channel import Channel, Failure
+from cell.remote.child import Child
+from cell.remote.detecting import DetectByCamera
 from sim.process import pacing as real_time
 from sim.process.buses import CarriedBuses
 from sim.process.client import RemoteCell, connected
-from sim.process.messages import Ask, Drawn, Pace
-from sim.process.server import WorldServer
+from sim.process.messages import Ask, Drawn, FromNewcomer, Pace, ToNewcomer
+from sim.process.server import WorldServer, peer
 
 if TYPE_CHECKING:
     from sim.cell import SimCell
 
-PATIENCE_S = 60.0  # until a world of our own must be there
-JOIN_S = 5.0
+ANSWER_S = 5.0  # in which a world must say what it is; it may be in the middle of an advance
+LEAVE_S = 0.5  # in which a world of our own must end once it was left
 
 
 def open_simulation(
-    configuration: Configuration, product: Product, seed: int, goal: str = "random", rendered: bool = True
+    configuration: Configuration,
+    product: Product,
+    seed: int,
+    goal: str = "random",
+    rendered: bool = True,
+    detect: Callable[[], DetectByCamera] | None = None,
 ) -> SimCell:
     """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
+
+    Args:
+        detect: makes the detectors that run beside it, where frames are made beside it, too.
 
     Raises:
         CellError: it could not be opened.
@@ -51,6 +61,7 @@ def open_simulation(
         overlap=overlap,
         rendered=rendered,
         robot=configuration.robot,
+        detect=detect,
     )
 
 
@@ -59,26 +70,27 @@ def open_world(
     product: Product,
     seed: int,
     goal: str,
-    address: Path,
-    private: bool = False,
+    door: Path | socket.socket,
+    detect: Callable[[], DetectByCamera] | None = None,
     watch: Callable[[float], None] = lambda _: None,
 ) -> tuple[WorldServer, Devices]:
-    """A simulated cell, and what serves it at an address; who calls closes its devices.
+    """A simulated cell, and what serves it at an address or to one controller; who calls closes its devices.
 
     Raises:
         CellError: it could not be opened, or the address cannot be had.
     """
     if not configuration.devices.simulated:
         raise SettingError((("devices",), "none of the devices is simulated: there is no world to open"))
-    devices = open_simulation(configuration, product, seed, goal).devices
+    cell = open_simulation(configuration, product, seed, goal, detect=detect)
     period_s = configuration.devices.simulation.physics.control_period_s
     with ExitStack() as unless_opened:
-        unless_opened.callback(devices.close)
+        unless_opened.callback(cell.close)
+        cell.await_ready()
         buses = CarriedBuses(configuration.devices.virtual_channels)
         unless_opened.callback(buses.close)
-        server = WorldServer(devices, buses, address, period_s, identity(product), Drawn(seed, goal), private, watch)
+        server = WorldServer(cell.devices, buses, door, period_s, identity(product), Drawn(seed, goal), watch)
         unless_opened.pop_all()
-    return server, devices
+    return server, cell.devices
 
 
 def is_there(address: Path) -> bool:
@@ -96,11 +108,11 @@ def drawn_from(address: Path) -> Drawn:
     Raises:
         InputError: no world is there, or it does not say.
     """
-    connection = connected(address)
+    connection: Channel[Any] = Channel(connected(address), ToNewcomer)
     try:
-        connection.send(Ask())
-        drawn = connection.recv()
-    except (EOFError, OSError):
+        connection.send(Ask(), ANSWER_S)
+        drawn = connection.receive(ANSWER_S)
+    except (EOFError, TimeoutError):
         drawn = None
     finally:
         connection.close()
@@ -115,45 +127,29 @@ def connect(configuration: Configuration, product: Product, address: Path, pace:
     Raises:
         InputError: no world is there, or it does not accept such a controller.
     """
-    return _remote(configuration, product, address, pace)
+    connection = connected(address)
+    number = peer(connection)[0]
+    return _remote(configuration, product, connection, f"world (pid {number})" if number else "world", pace)
 
 
 def own_world(configuration: Configuration, product: Product, seed: int, goal: str) -> RemoteCell:
-    """A world in a process of its own, on the wall's time, that ends with this one.
+    """A world in a process of its own, on the wall's time, that ends with this one; nobody else can reach it.
 
     Raises:
         CellError: it could not be opened.
     """
-    folder = tempfile.TemporaryDirectory(prefix="cell-")
-    address = Path(folder.name) / "world.sock"
-    context = multiprocessing.get_context("spawn")
-    failed, theirs = context.Pipe(duplex=False)
-    process = context.Process(
-        target=_serve, args=(configuration, product, seed, goal, address, theirs), name="world", daemon=False
-    )
-    process.start()
-    theirs.close()
+    child = Child("world", partial(_serve, configuration, product, seed, goal))
 
-    def closed() -> None:
-        process.join(JOIN_S)
-        if process.is_alive():
-            process.kill()
-            process.join(JOIN_S)
-        folder.cleanup()
-
-    def alive() -> bool:
-        if failed.poll():
-            try:
-                raise failed.recv()
-            except EOFError:
-                return False
-        return process.is_alive()
+    def glance() -> None:
+        if child.halted:
+            raise DeviceFault(str(child), "somebody stopped it")
+        if (code := child.code()) is not None:
+            raise DeviceFault(str(child), f"it died (exit code {code})")
 
     try:
-        return _remote(configuration, product, address, "real", PATIENCE_S, alive, closed)
+        return _remote(configuration, product, child.socket, str(child), "real", glance, lambda: child.close(LEAVE_S))
     except BaseException:
-        process.kill()
-        closed()
+        child.close()
         raise
 
 
@@ -162,25 +158,24 @@ def identity(product: Product) -> Mapping[str, str]:
     return {"product": hashlib.sha256(product.model_dump_json().encode()).hexdigest()}
 
 
-def _remote(configuration: Configuration, product: Product, address: Path, pace: Pace, *waiting: Any) -> RemoteCell:
-    """A world at an address; the buses are closed where nobody is there."""
+def _remote(
+    configuration: Configuration, product: Product, connection: socket.socket, name: str, pace: Pace, *more: Any
+) -> RemoteCell:
+    """A world at the other end of a connection; the buses are closed where it takes no controller."""
     buses = CarriedBuses(configuration.devices.virtual_channels)
     try:
-        return RemoteCell(address, pace, identity(product), buses, *waiting)
+        return RemoteCell(connection, name, pace, identity(product), buses, *more)
     except BaseException:
         buses.close()
         raise
 
 
-def _serve(configuration: Configuration, product: Product, seed: int, goal: str, address: Path, failed: Any) -> None:
+def _serve(configuration: Configuration, product: Product, seed: int, goal: str, connection: socket.socket) -> None:
     """The process of a world of one's own."""
-    # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
     try:
-        server, devices = open_world(configuration, product, seed, goal, address, private=True)
+        server, devices = open_world(configuration, product, seed, goal, connection)
     except CellError as error:
-        failed.send(error)
+        Channel[Any](connection, FromNewcomer).send(Failure.of(error), ANSWER_S)
         return
     try:
         with real_time.preferred():

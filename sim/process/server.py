@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import select
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection, wait
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,66 +18,75 @@ from cell.errors import CellError, InputError
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
-from cell.interfaces.perception import Frame, PendingFrame
+from cell.interfaces.perception import BenchView, Frame, PartsView, PendingFrame
+from cell.remote.channel import Channel, Failure
+from cell.remote.detecting import seen
+from sim.process import messages as said
 from sim.process.buses import CarriedBuses
-from sim.process.messages import Advance, Answer, Ask, Call, Drawn, Hello, Order, Pace, Refused, Snapshot, Welcome
 from sim.process.pacing import Pacer
 
 GONE_S = 1.0  # simulated time that passes when a controller in lock-step has gone: its arm stops by itself
 KEPT_FRAMES = 8  # of a camera, that a detector may still be asked about
 WAIT_S = 0.5
-
+HELLO_S, NEWCOMERS, HELLO_BYTES = 1.0, 8, 4096  # of those that have not said who they are
+SEND_S = 1.0  # in which a controller must read an answer
 
 State = TypeVar("State", ArmState, GripperState)
 
 
 class WorldServer:
-    """A cell at an address.
+    """A cell for controllers.
 
     Args:
         buses: the CAN buses of the devices' process.
+        door: where controllers come: an address, or the connection to the only one, with whom it ends.
         period_s: step of the world on the wall's time.
         cell: what this cell is, by name; a controller that takes it for another one is refused.
         drawn: what the world was drawn from.
-        private: it ends when its first controller has gone.
         watch: told the world's time after every advance; for trials.
+
+    Raises:
+        InputError: the address cannot be had, or another world is there.
     """
 
     def __init__(
         self,
         devices: Devices,
         buses: CarriedBuses,
-        address: Path,
+        door: Path | socket.socket,
         period_s: float,
         cell: Mapping[str, str],
-        drawn: Drawn,
-        private: bool = False,
+        drawn: said.Drawn,
         watch: Callable[[float], None] = lambda _: None,
     ) -> None:
-        self._drawn = drawn
-        self._devices, self._buses, self._address, self._period_s = devices, buses, address, period_s
-        self._cell, self._private, self._watch = dict(cell), private, watch
-        self._connection: Connection | None = None
-        self._pace: Pace = "fast"
+        self._devices, self._buses, self._period_s = devices, buses, period_s
+        self._cell, self._drawn, self._watch = dict(cell), drawn, watch
+        self._controller: Channel[Any] | None = None
+        self._newcomers: dict[Channel[Any], float] = {}  # until when they may say who they are
+        self._pace: said.Pace = "fast"
         self._epoch_s = 0.0
         self._pacer: Pacer | None = None
         self._told: dict[str, int] = {}
         self._pending = {"overhead": deque[Frame](maxlen=KEPT_FRAMES), "wrist": deque[Frame](maxlen=KEPT_FRAMES)}
-        self._hosted: list[Callable[[Frame], Callable[[], Any]]] = []
-        self._answers: dict[int, Callable[[], Any]] = {}
+        self._answers: dict[str, deque[Callable[[], BenchView | PartsView]]] = {}
         self._ended = False
-        self._listener = _listen(address)
+        self._address = door if isinstance(door, Path) else None
+        self._listener = _listen(door) if isinstance(door, Path) else None
+        if not isinstance(door, Path):
+            self._newcomers[_newcomer(door)] = float("inf")
 
     def serve(self) -> None:
-        """Serve until `end` is called, or a private world's controller is gone."""
+        """Serve until `end` is called, or the only controller is gone."""
         try:
             while not self._ended:
                 self._serve_once()
         finally:
-            self._hang_up()
-            self._listener.close()
+            for one in (*self._newcomers, self._controller, self._listener):
+                if one is not None:
+                    one.close()
             self._buses.close()
-            self._address.unlink(missing_ok=True)
+            if self._address is not None:
+                self._address.unlink(missing_ok=True)
 
     def end(self) -> None:
         """End soon."""
@@ -84,113 +94,147 @@ class WorldServer:
 
     def _serve_once(self) -> None:
         """One period of the world where it goes by itself, or one message, whichever comes first."""
-        timeout_s = WAIT_S if self._pacer is None else min(WAIT_S, self._pacer.due_in_s())
-        ready = wait([self._listener, *([self._connection] if self._connection is not None else [])], timeout_s)
-        if self._connection in ready:  # first: who is gone makes room for the next one
-            self._hear()
-        if self._listener in ready:
-            self._let_in()
+        ready = self._ready(WAIT_S if self._pacer is None else min(WAIT_S, self._pacer.due_in_s()))
+        if self._controller is not None and self._controller.fileno() in ready:
+            self._hear(self._controller)  # first: who is gone makes room for the next one
+        for newcomer, until_s in list(self._newcomers.items()):
+            if newcomer.fileno() in ready or time.monotonic() > until_s:
+                self._greet(newcomer, until_s)
+        if self._listener is not None and self._listener.fileno() in ready:
+            self._accept(self._listener)
         if self._pacer is not None:
             self._pacer.step()
             self._notice_frames()
             self._watch(self._devices.clock.now_s())
 
-    def _let_in(self) -> None:
-        taken, _ = self._listener.accept()
-        connection = Connection(taken.detach())
-        try:
-            hello = connection.recv()
-            if isinstance(hello, Ask):
-                connection.send(self._drawn)
-                connection.close()
-                return
-            problem = self._refusal(hello)
-            if problem:
-                connection.send(Refused(problem))
-                connection.close()
-                return
-            self._connection, self._pace = connection, hello.pace
-            self._told = {}
-            self._hosted, self._answers = [], {}
-            self._buses.take()  # what was said to one who is gone
-            if self._pace == "fast":
-                self._pacer = None
-            self._devices.free_running(self._pace == "real")
-            epoch_s = None if self._pacer is None else self._epoch_s
-            connection.send(Welcome(epoch_s, self._devices.host is not None, self._snapshot()))
-        except (EOFError, OSError):
-            self._hang_up()
+    def _ready(self, limit_s: float) -> set[int]:
+        poll = select.poll()
+        for one in (self._listener, self._controller, *self._newcomers):
+            if one is not None:
+                poll.register(one.fileno(), select.POLLIN)
+        return {handle for handle, _ in poll.poll(1e3 * limit_s)}
 
-    def _refusal(self, hello: object) -> str:
-        if not isinstance(hello, Hello):
-            return "the controller has another version"
-        if self._connection is not None:
-            return "another controller is connected"
+    def _accept(self, listener: socket.socket) -> None:
+        """Somebody came: a process of this user, which has a second to say what it wants."""
+        taken, _ = listener.accept()
+        if len(self._newcomers) >= NEWCOMERS or peer(taken)[1] != os.geteuid():
+            taken.close()
+        else:
+            self._newcomers[_newcomer(taken)] = time.monotonic() + HELLO_S
+
+    def _greet(self, newcomer: Channel[Any], until_s: float) -> None:
+        """Whatever a newcomer does ends its own connection alone."""
+        try:
+            hello = newcomer.taken()
+            if hello is None and time.monotonic() <= until_s:
+                return
+            del self._newcomers[newcomer]
+            answer = self._answer_to(hello)
+            newcomer.send(answer, SEND_S if isinstance(answer, said.Welcome) else 0.0)
+        except (EOFError, TimeoutError):
+            answer = said.Refused("")
+        if isinstance(answer, said.Welcome):
+            self._controller = newcomer.hearing(said.FromController)
+            return
+        self._newcomers.pop(newcomer, None)
+        newcomer.close()
+        self._ended |= self._listener is None
+
+    def _answer_to(self, hello: said.Hello | said.Ask | None) -> said.Welcome | said.Refused | said.Drawn:
+        if isinstance(hello, said.Ask):
+            return self._drawn
+        if hello is None:
+            return said.Refused(f"nothing was said for {HELLO_S:g} s")
+        if self._controller is not None:
+            return said.Refused("another controller is connected")
         differs = [name for name, value in self._cell.items() if hello.cell.get(name) != value]
-        return f"the world was opened with another {' and another '.join(differs)}" if differs else ""
+        if differs:
+            return said.Refused(f"the world was opened with another {' and another '.join(differs)}")
+        self._pace, self._told, self._answers = hello.pace, {}, {"overhead": deque(), "wrist": deque()}
+        self._buses.take()  # what was said to one who is gone
+        if self._pace == "fast":
+            self._pacer = None
+        self._devices.free_running(self._pace == "real")
+        epoch_s = None if self._pacer is None else self._epoch_s
+        return said.Welcome(epoch_s, self._devices.host is not None, self._snapshot())
 
-    def _hear(self) -> None:
-        assert self._connection is not None
+    def _hear(self, controller: Channel[Any]) -> None:
         try:
-            message = self._connection.recv()
-            if isinstance(message, Order):
-                self._do(message)
-            elif isinstance(message, Call):
-                self._connection.send(self._answered(message))
-            elif isinstance(message, Advance):
-                if self._pacer is None and message.until_s is not None:
-                    self._devices.clock.sleep_until(message.until_s)
-                    self._watch(self._devices.clock.now_s())
-                self._connection.send(self._snapshot())
-        except (EOFError, OSError):
-            self._controller_gone()
+            while (message := controller.taken()) is not None:
+                if isinstance(message, said.Order):
+                    with suppress(CellError):  # whose failure shows in the device's state
+                        self._do(message)
+                else:
+                    controller.send(self._answered(message), SEND_S)
+        except (EOFError, TimeoutError):
+            self._controller_gone(controller)
 
-    def _controller_gone(self) -> None:
+    def _controller_gone(self, controller: Channel[Any]) -> None:
         """Nobody commands any more: questions go, and an arm that hears nothing stops by itself."""
-        self._hang_up()
+        controller.close()
+        self._controller = None
         with suppress(CellError):
             self._devices.panel.show(Display())
         self._devices.panel.alarm("")
-        if self._private:
+        if self._listener is None:
             self._ended = True
         elif self._pacer is None:
             self._devices.clock.sleep_until(self._devices.clock.now_s() + GONE_S)
 
-    def _hang_up(self) -> None:
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
+    def _do(self, order: said.Order) -> None:
+        arm, gripper, panel = self._devices.arm, self._devices.gripper, self._devices.panel
+        match order:
+            case said.Stop():
+                arm.stop()
+            case said.Share(share):
+                arm.pace(share)
+            case said.Acknowledge():
+                arm.acknowledge()
+            case said.Activate():
+                gripper.activate()
+            case said.Hold():
+                gripper.hold()
+            case said.Trigger(camera):
+                getattr(self._devices, camera).trigger()
+            case said.Show(display):
+                panel.show(display)
+            case said.Alarm(text):
+                panel.alarm(text)
+            case said.Can(frames):
+                self._buses.put(frames)
+            case said.Detect(camera, sequence, robot_m):
+                frame = next((one for one in self._pending[camera] if one.sequence == sequence), None)
+                if frame is not None and self._devices.host is not None:
+                    self._answers[camera].append(self._devices.host.begin(frame.beside(robot_m)))
 
-    def _do(self, order: Order) -> None:
-        """An order whose failure shows in the device's state."""
-        if order.what == "can":
-            self._buses.put(*order.arguments)
-        elif order.what == "host.begin":
-            number, detector, camera, sequence, robot_m = order.arguments
-            frame = next((one for one in self._pending[camera] if one.sequence == sequence), None)
-            if frame is not None:
-                self._answers[number] = self._hosted[detector](frame.beside(robot_m))
-        else:
-            with suppress(CellError):
-                self._method(order.what)(*order.arguments)
-
-    def _answered(self, call: Call) -> Answer:
+    def _answered(self, call: said.Call) -> said.ToController:
         try:
-            if call.what == "begin":
-                return Answer(self._begin_pace())
-            if call.what == "host.build":
-                assert self._devices.host is not None
-                build, *arguments = call.arguments
-                self._hosted.append(self._devices.host.host(build, *arguments))
-                return Answer(len(self._hosted) - 1)
-            if call.what == "host.answer":
-                return Answer(self._answers.pop(call.arguments[0])())
-            value = self._method(call.what)(*call.arguments)
-            return Answer(
-                None if any(value is one for one in call.arguments) else value
-            )  # followed as it was asked for
+            return self._called(call)
         except CellError as error:
-            return Answer(error=error)
+            return Failure.of(error)
+
+    def _called(self, call: said.Call) -> said.ToController:
+        match call:
+            case said.Advance(until_s):
+                if self._pacer is None and until_s is not None:
+                    self._devices.clock.sleep_until(until_s)
+                    self._watch(self._devices.clock.now_s())
+                return self._snapshot()
+            case said.Follow(trajectory):
+                sent = self._devices.arm.follow(trajectory)
+                return said.Sent(trajectory=None if sent is trajectory else sent)
+            case said.Grip(command):
+                return said.Sent(command=self._devices.gripper.command(command))
+            case said.Answer(camera):
+                if not self._answers[camera]:
+                    raise InputError(f"no frame of the camera {camera} is being answered")
+                return seen(self._answers[camera].popleft()())
+            case said.Begin():
+                return said.Begun(self._begin_pace())
+            case said.Report():
+                return said.Judged([self._devices.report()])
+            case said.Finished():
+                return said.Judged(self._devices.finished())
 
     def _begin_pace(self) -> float:
         """From now on the world goes with the wall's time; its epoch."""
@@ -199,40 +243,29 @@ class WorldServer:
             self._pacer = Pacer(self._devices.clock, self._period_s, self._epoch_s)
         return self._epoch_s
 
-    def _method(self, what: str) -> Callable[..., Any]:
-        method: Callable[..., Any] = attrgetter(what)(self._devices)
-        return method
-
-    def _snapshot(self) -> Snapshot:
+    def _snapshot(self) -> said.Snapshot:
         self._notice_frames()
-        time_s, devices = self._wall_s(self._devices.clock.now_s()), self._devices
-        frames, faults = [], {}
-        for name in self._pending:
-            try:
-                frame = self._new_frame(name)
-            except CellError as error:
-                faults[name] = error
-                continue
-            if frame is not None:
-                frames.append(frame)
-        return Snapshot(
-            time_s,
-            self._state_of(self._devices.arm.state),
-            self._state_of(self._devices.gripper.state),
+        devices, faults = self._devices, dict[str, Failure]()
+        frames = [frame for name in self._pending if (frame := self._new_frame(name, faults)) is not None]
+        return said.Snapshot(
+            self._wall_s(devices.clock.now_s()),
+            self._state_of(devices.arm.state, "arm", faults),
+            self._state_of(devices.gripper.state, "gripper", faults),
+            faults,
             self._samples(),
             tuple(frames),
-            faults,
             tuple(devices.pressed()),
             tuple(replace(event, time_s=self._wall_s(event.time_s)) for event in devices.truth()),
             self._buses.take(),
             0.0 if self._pacer is None else self._pacer.lost_s,
         )
 
-    def _state_of(self, device: Callable[[], State]) -> State | CellError:
+    def _state_of(self, device: Callable[[], State], name: str, faults: dict[str, Failure]) -> State | None:
         try:
             state = device()
         except CellError as error:
-            return error
+            faults[name] = Failure.of(error)
+            return None
         return state if self._pacer is None else replace(state, time_s=self._wall_s(state.time_s))
 
     def _samples(self) -> JointSamples | None:
@@ -253,16 +286,19 @@ class WorldServer:
                 if frame is not None and (not kept or frame.sequence > kept[-1].sequence):
                     kept.append(frame)
 
-    def _new_frame(self, name: str) -> Frame | None:
+    def _new_frame(self, name: str, faults: dict[str, Failure]) -> Frame | None:
         """The newest frame that was not told yet; on the wall's time only one that is ready."""
-        getattr(self._devices, name).latest()  # raises where no more will come
-        ready = [one for one in self._pending[name] if self._pacer is None or _is_ready(one)]
-        if not ready or ready[-1].sequence <= self._told.get(name, -1):
+        ready = [one for one in self._pending[name] if self._pace == "fast" or _is_ready(one)]
+        try:
+            getattr(self._devices, name).latest()  # raises where no more will come
+            if not ready or ready[-1].sequence <= self._told.get(name, -1):
+                return None
+            newest, self._told[name] = ready[-1], ready[-1].sequence
+            time_s = self._wall_s(newest.time_s)
+            return Frame(newest.camera, newest.sequence, time_s, newest.image, newest.world_from_camera)
+        except CellError as error:
+            faults[name] = Failure.of(error)
             return None
-        newest = ready[-1]
-        self._told[name] = newest.sequence
-        time_s = self._wall_s(newest.time_s)
-        return Frame(newest.camera, newest.sequence, time_s, newest.image, newest.world_from_camera)
 
     def _wall_s(self, world_s: float) -> float:
         return world_s if self._pacer is None else self._pacer.wall_s(world_s)
@@ -272,22 +308,27 @@ def _is_ready(frame: Frame) -> bool:
     return frame.ready if isinstance(frame, PendingFrame) else True
 
 
+def _newcomer(connection: socket.socket) -> Channel[Any]:
+    return Channel(connection, said.FromNewcomer, HELLO_BYTES)
+
+
 def _listen(address: Path) -> socket.socket:
-    """A socket that only this user can open.
+    """A socket that only this user can open, from its first moment on.
 
     Raises:
         InputError: the address cannot be had, or another world is there.
     """
-    listener = socket.socket(socket.AF_UNIX)
+    listener, mask = socket.socket(socket.AF_UNIX), os.umask(0o177)
     try:
         if address.is_socket() and not _alive(address):
             address.unlink()
         listener.bind(str(address))
-        address.chmod(0o600)
-        listener.listen(1)
+        listener.listen(NEWCOMERS)
     except OSError as error:
         listener.close()
         raise InputError(f"{address}: no world can be reached there: {error.strerror or error}") from None
+    finally:
+        os.umask(mask)
     return listener
 
 
@@ -298,3 +339,12 @@ def _alive(address: Path) -> bool:
         except OSError:
             return False
     return True
+
+
+def peer(connection: socket.socket) -> tuple[int, int]:
+    """Process and user at the other end; where the system does not tell, 0 and this one: the socket's mode counts."""
+    if not hasattr(socket, "SO_PEERCRED"):
+        return 0, os.geteuid()
+    form = struct.Struct("3i")
+    process, user, _ = form.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, form.size))
+    return process, user

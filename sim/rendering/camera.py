@@ -72,7 +72,7 @@ class SimCamera:
         self._triggered = self._setup.triggered
 
     def latest(self) -> Frame | None:
-        """The newest frame; raises DeviceFault once no more can be made."""
+        """The newest frame; raises DeviceFault while no more can be made."""
         if self._fault is not None:
             raise self._fault
         return self._frame
@@ -82,7 +82,7 @@ class SimCamera:
         exposure_s = self._delivery.look.exposure_s
         if self._triggered and self._closes_s is None:
             self._triggered, self._closes_s = False, time_s + exposure_s
-        if self._closes_s is not None and self._fault is None and time_s >= self._closes_s - exposure_s - SLACK_S:
+        if self._closes_s is not None and time_s >= self._closes_s - exposure_s - SLACK_S:
             self._moments.append(visible_poses(self._world.data))
             if time_s >= self._closes_s - SLACK_S:
                 self._expose(time_s)
@@ -99,7 +99,7 @@ class SimCamera:
             return
         self.watch(exposure)
         try:
-            frame = self._take(exposure)
+            frame, self._fault = self._take(exposure), None
         except DeviceFault as fault:  # time goes on without the camera; who asks for a frame is told
             self._fault = fault
             return

@@ -24,12 +24,14 @@ import threading
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cell.configuration import for_shift
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
+from cell.wiring.detectors import detectors_of
 from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
 from sim.process.buses import CarriedBuses
@@ -76,11 +78,12 @@ class Trial:
             simulation = simulation.model_copy(update={"person": person})
         wanted = "random" if self.brackets else goal
         rendered = not self.bare
+        detect = partial(detectors_of, configuration.bench, PRODUCT, configuration.perception)
         self._cell = cell = SimCell(
-            PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered
+            PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered, detect=detect
         )
         self._moment = Moment(cell, wanted_state, max(self.brackets, 1) * len(PRODUCT.positions), chance)
-        devices = without_pixels(cell) if self.bare else cell.devices
+        devices = without_pixels(cell, configuration, PRODUCT) if self.bare else cell.devices
         show = cell.devices.panel.show
 
         def shown(display: Display) -> None:

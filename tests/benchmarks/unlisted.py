@@ -42,7 +42,7 @@ def unlisted(seed: int, path: Path = DEFAULT_TREE) -> dict[str, Any]:
     try:
         cell.stock.take([body for body in cell.world.bodies if body.owner == "person" and body.part != kept])
         operator = OperatorChannel(PRODUCT.goals, present=True)
-        row = assembled(cell, without_pixels(cell), path, operator, configuration)
+        row = assembled(cell, without_pixels(cell, configuration, PRODUCT), path, operator, configuration)
     finally:
         cell.close()
     return {"seed": seed, "person_has": kept, **row}

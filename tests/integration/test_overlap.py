@@ -6,13 +6,15 @@ import os
 import signal
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from cell.watching.observer import TickRecord
+from cell.wiring.detectors import detectors_of
 from sim.cell import SimCell
 from sim.rendering.render_process import RenderProcess
-from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, PRODUCT, SIMULATION, Recorded, run_tree
+from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, CONFIGURATION, PRODUCT, SIMULATION, Recorded, run_tree
 
 
 @dataclass
@@ -29,12 +31,13 @@ class Killer(Recorded):
 
 
 def test_a_render_process_that_dies_is_a_fault_of_a_device() -> None:
-    with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True)) as cell:
+    detect = partial(detectors_of, BENCH, PRODUCT, CONFIGURATION.perception)
+    with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True, detect=detect)) as cell:
         assert isinstance(cell.devices.host, RenderProcess)
         killer = Killer(process_id=cell.devices.host.process_ids[0], tick_number=40)
         outcome, recorded = run_tree(cell, ASSEMBLE, recorded=killer)
     assert outcome.end == "fault"
-    assert outcome.reason.startswith("render process: it died")
+    assert outcome.reason.startswith(f"renderer (pid {killer.process_id}): it died")
     assert not outcome.detail, "a typed fault has no traceback"
     # Where a detector waits for a frame the run ends at once; else a camera is lost, which may come back for 20 s.
     assert 40 < outcome.ticks < 50 or 540 < outcome.ticks < 550

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 from cell.commands.options import CONFIGURATION, ConfigOption, SeedOption
 from cell.commands.terminal import console
 from cell.configuration import for_shift, load_configuration, load_product, located, simulated
+from cell.wiring.detectors import detectors_of, fitted
 from sim.process.opening import open_world
 
 ADDRESS = Path("runs/world.sock")
@@ -31,10 +33,12 @@ def world(
     configuration = simulated(load_configuration(config), look, person)
     if shift:
         configuration = for_shift(configuration, 0)
-    at.parent.mkdir(parents=True, exist_ok=True)
+    at.parent.mkdir(0o700, parents=True, exist_ok=True)
     with located(config, configuration):
         product = load_product(configuration, config)
-        server, devices = open_world(configuration, product, seed, goal, at)
+        configuration, _ = fitted(configuration, product)
+        detect = partial(detectors_of, configuration.bench, product, configuration.perception)
+        server, devices = open_world(configuration, product, seed, goal, at, detect)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: server.end())
     console().print(f"the world is at {at}: cell lab run --world {at}; Ctrl-C ends it", highlight=False)

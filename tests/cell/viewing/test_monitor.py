@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
 
-import msgpack
+import msgspec
 import pytest
 import zmq
 from btview.client import Groot2Client
@@ -172,7 +172,7 @@ def test_statuses_follow_the_ticks(make: Callable[..., Bench]) -> None:
 def test_a_remapped_entry_stands_only_in_the_outer_tree(make: Callable[..., Bench]) -> None:
     bench = make()
     bench.tick()
-    assert msgpack.unpackb(bench.ask("B", b"Main;first;nowhere")[1]) == {
+    assert msgspec.msgpack.decode(bench.ask("B", b"Main;first;nowhere")[1]) == {
         "Main": {"a": 3, "text": "x"},
         "first": {"q": 7},
     }
@@ -182,7 +182,7 @@ def test_a_text_that_cannot_be_sent_leaves_the_other_entries_be(make: Callable[.
     bench = make()
     bench.tick()
     bench.tree.blackboard.entry("half").value = "a \ud800"
-    found = msgpack.unpackb(bench.ask("B")[1])["Main"]
+    found = msgspec.msgpack.decode(bench.ask("B")[1])["Main"]
     assert found["half"] == "a ?"
     assert found["a"] == 3
 

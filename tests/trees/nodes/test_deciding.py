@@ -70,6 +70,7 @@ def test_guidance_shows_what_all_likely_goals_share_and_any_part_elsewhere() -> 
         node.plan.entry.value = plan  # type: ignore[union-attr]
         assert node.update() is Status.SUCCESS
         shown = at.now.command.display
+        assert shown is not None
         assert (shown.guidance, shown.any_part) == (guidance, any_part)
     assert at.tools.infer(AssemblyState({})).guidance == SURE.guidance, "the robot plans with all of it"
 

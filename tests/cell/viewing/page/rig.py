@@ -101,7 +101,7 @@ class PageRig:
         told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1"}
         self.page = OperatorPage(PRODUCT, BENCH, told, self.tree, self._obey, port=0)
         self._ticks = 0
-        self.display = Display(GUIDANCE, BELIEF, "moving to look")
+        self.display = Display(GUIDANCE, goal_belief=BELIEF, message="moving to look")
         self.judgement = Judgement()
         hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), "o1")
         self.view = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("screw", 0.9))

@@ -2,24 +2,27 @@
 
 python -m tests.benchmarks.robot_alone pick_and_place --poses 50
 python -m tests.benchmarks.robot_alone clutter --scenes 100 --planner pairwise --from tray
+python -m tests.benchmarks.robot_alone clutter --scenes 10 --config config/paper.yaml --from blocked
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from cell.configuration import Configuration
+from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from cell.interfaces.planning import crops_file
 from cell.settings import WEIGHTS
 from learned.inference.scores import wilson
 from sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing
-from tests.integration.cell_rig import BENCH, COMMISSION, CONFIGURATION, PRODUCT, robot_alone, run_tree
+from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree
 
 FIRST_SEED = 1000
 SCENES = {
@@ -36,15 +39,19 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=50, help="poses for each part type")
     parser.add_argument("--scenes", type=int, default=25, help="scenes of each size from 3 to 6 parts")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
-    parser.add_argument("--planner", default=CONFIGURATION.planners.grasp.kind, help="kind of grasp planner")
+    parser.add_argument("--config", type=Path, default=DEFAULT_CONFIGURATION, help="of the cell that fetches")
+    parser.add_argument("--planner", help="kind of grasp planner; as configured by default")
     parser.add_argument("--from", dest="source", choices=SCENES, default="tray", help=" / ".join(SCENES))
     options = parser.parse_args()
     if options.what == "pick_and_place":
         pick_and_place(options.poses, options.first_seed)
     else:
-        configuration = with_planner(options.planner)
+        configuration = load_configuration(options.config)
+        if options.planner is not None:
+            configuration = with_planner(configuration, options.planner)
         cases = clearing.run_scenes(SCENES[options.source], options.scenes, options.first_seed, configuration)
-        clearing.report(f"Algorithm 2 executed: {options.planner}, {options.source} scenes", cases)
+        who = f"{configuration.planners.grasp.kind}, {configuration.perception.words}"
+        clearing.report(f"Algorithm 2 executed: {who}, {options.source} scenes", cases)
 
 
 def pick_and_place(poses: int, first_seed: int) -> None:
@@ -74,12 +81,14 @@ def place_one(part: str, seed: int) -> str | None:
     return f"{outcome.reason}, {position} holds {placement}: {clearing.last_words(events)}"
 
 
-def with_planner(kind: str) -> Configuration:
-    """The shipped configuration with another kind of grasp planner and its shipped weights."""
-    update = {"kind": kind, "weights": WEIGHTS / f"grasp_{kind}.onnx"}
-    grasp = CONFIGURATION.planners.grasp.model_copy(update=update)
-    planners = CONFIGURATION.planners.model_copy(update={"grasp": grasp})
-    return CONFIGURATION.model_copy(update={"planners": planners})
+def with_planner(configuration: Configuration, kind: str) -> Configuration:
+    """The same with another kind of grasp planner and its shipped weights."""
+    weights = WEIGHTS / f"grasp_{kind}.onnx"
+    grasp = configuration.planners.grasp.model_copy(update={"kind": kind, "weights": weights})
+    planners = configuration.planners.model_copy(update={"grasp": grasp})
+    crops = crops_file(weights) if kind == "paper" else None
+    perception = configuration.perception.model_copy(update={"crops": crops})
+    return configuration.model_copy(update={"planners": planners, "perception": perception})
 
 
 def report(title: str, rows: Sequence[tuple[str, int, int]], failures: Sequence[str]) -> None:

@@ -1,0 +1,41 @@
+"""config/paper.yaml: the shipped cell with the paper's detectors and planners, and nothing else changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.errors import SettingError
+from cell.files.files import shipped
+from cell.wiring.detectors import check_detectors
+from cell.wiring.services import load_planners
+from learned.grasp.model import PaperPlanner as GraspPlanner
+from learned.semantic.model import PaperPlanner as SemanticPlanner
+
+PAPER = shipped("config", "paper.yaml")
+CONFIGURATION, OURS = load_configuration(PAPER), load_configuration()
+
+
+def test_it_is_the_shipped_cell_but_for_perception_and_planners() -> None:
+    same = {"perception": OURS.perception, "planners": OURS.planners}
+    assert CONFIGURATION.model_copy(update=same) == OURS
+    assert CONFIGURATION.perception.words == "learned, hands mediapipe, actions paper, parts rcnn"
+
+
+def test_its_planners_are_the_papers() -> None:
+    made = load_planners(CONFIGURATION, load_product(CONFIGURATION))
+    assert isinstance(made.semantic, SemanticPlanner)
+    assert isinstance(made.grasp, GraspPlanner)
+
+
+def test_all_that_it_lacks_is_mediapipe_and_one_command_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(SettingError) as told:
+        check_detectors(CONFIGURATION.bench, load_product(CONFIGURATION), CONFIGURATION.perception)
+    ((place, words),) = told.value.places
+    assert place == ("perception", "hands")
+    assert "cell lab hands" in words

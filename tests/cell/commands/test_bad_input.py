@@ -246,3 +246,33 @@ def test_a_log_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["run", "--log", str(tmp_path / "x.png")]) == 2
     assert "the name of a log ends in .mcap" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def weaker_cell(folder: Path, **more: object) -> Path:
+    """A configuration whose table does nothing about an emergency stop."""
+    table = CONFIGURATION.with_name("faults.yaml").read_text()
+    (folder / "mine.yaml").write_text(
+        table.replace(
+            "arm_emergency_stop, action: stop, clear: never", "arm_emergency_stop, action: run, clear: itself"
+        )
+    )
+    values = yaml.safe_load(CONFIGURATION.read_text())
+    values |= {"product": str(PRODUCT.resolve()), "faults": "mine.yaml", **more}
+    values["devices"]["simulation"] = str(CONFIGURATION.with_name("sim.yaml").resolve())
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def test_a_table_that_does_less_than_the_shipped_one_is_refused_unless_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["run", "--log", str(tmp_path / "a.mcap"), "--config"]
+    assert main([*asked, str(weaker_cell(tmp_path))]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "arm_emergency_stop: action run is milder than stop" in told
+    assert "--unsafe-table" in told
+    separation = {"motion": {"separation": {"hand_speed_m_s": 0.01}}, "faults": None}
+    assert main([*asked, str(weaker_cell(tmp_path, **separation))]) == 2
+    assert "hand_speed_m_s 0.01 is less than 1.6" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "a.mcap").exists()

@@ -63,9 +63,16 @@ def test_the_list_says_of_a_command_what_its_help_begins_with() -> None:
                 assert told.startswith(one.help.rstrip(".")), name
 
 
-def test_a_run_has_sixteen_options_and_the_labs_five_more() -> None:
+def test_a_run_has_sixteen_options_and_the_labs_six_more() -> None:
     assert options("run") == RUN
-    assert options("lab", "run") - RUN == {"--person", "--orders", "--inject", "--world", "--overwrite"}
+    assert options("lab", "run") - RUN == {
+        "--person",
+        "--orders",
+        "--inject",
+        "--world",
+        "--overwrite",
+        "--unsafe-table",
+    }
 
 
 def test_evaluations_share_their_options() -> None:

@@ -19,13 +19,14 @@ from pathlib import Path
 from typing import IO
 from weakref import WeakSet
 
-KILLED_S = 5.0  # until a killed process must be gone, on a busy machine
+KILLED_S = 1.0  # so long it is waited for; on a busy machine it may take longer, and nobody needs to see it
 OUTLIVED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 BEGIN = "from cell.remote.child import begin; begin()"
 PR_SET_PDEATHSIG = 1
 
 Serve = Callable[[socket.socket], None]
 _living: WeakSet[Child] = WeakSet()
+_dying: list[Child] = []  # Python complains of one that is forgotten
 
 
 class Child:
@@ -79,7 +80,8 @@ class Child:
         if self.code(limit_s) is None:
             with suppress(ProcessLookupError):
                 os.kill(self.process_id, signal.SIGKILL)
-            self.code(KILLED_S)
+            if self.code(KILLED_S) is None:
+                _dying.append(self)
         _living.discard(self)
 
     def _joined(self, limit_s: float) -> int | None:

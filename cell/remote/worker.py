@@ -18,10 +18,11 @@ import cv2
 
 from cell.errors import CellError, DeviceFault
 from cell.remote.channel import Channel, Failure, Message
-from cell.remote.child import KILLED_S, Child, leave_controllers_core, lent, two_cores
+from cell.remote.child import Child, leave_controllers_core, lent, two_cores
 
 GLANCE_S = 0.5  # wall time between looks at other processes
 PATIENCE_S = 60.0  # wall time; a job takes some milliseconds
+DIED_S = 5.0  # in which one that hung up has an exit code
 PING_S = 0.25  # after which one that has nothing to do is asked whether it is there
 
 Job = TypeVar("Job", bound=Message)
@@ -203,7 +204,7 @@ class Worker(Generic[Job, Answer]):
         self._fault = self._fault or error
 
     def _why_gone(self) -> DeviceFault:
-        code = self.child.code(limit_s=KILLED_S)
+        code = self.child.code(limit_s=DIED_S)
         return DeviceFault(str(self), f"it died (exit code {code})")
 
 

@@ -281,6 +281,7 @@ class Controller:
             services.now.command = halted
             tree.halt()
 
+        self._watchdog.stopping()
         orders = stop_orders(self._devices, self._gripper, self._seen)
         last = {"the tree did not halt": halt_tree}
         problems = {what: text for what, order in [*orders.items(), *last.items()] if (text := failure(order))}
@@ -290,7 +291,6 @@ class Controller:
             self._sleep()
             return self._stopping_tick(services, changes.pop() if changes else ())
 
-        self._watchdog.step("the safe stop")
         timeout_s, gone = self._settings.stop_timeout_s, self._devices.gone
         seen = await_rest(orders, problems, tick, self._clock.now_s, timeout_s, gone)
         return condition(seen, services.memory.held_part), [f"{what}: {text}" for what, text in problems.items()]

@@ -66,7 +66,7 @@ class Watchdog:
         finally:
             signal.set_wakeup_fd(before)
             theirs.close()  # which ends the thread
-            thread.join()
+            thread.join(2 * TAKEN_S)
 
     @contextmanager
     def ticks(self, stop: Callable[[], object]) -> Iterator[None]:
@@ -82,7 +82,11 @@ class Watchdog:
             yield
         finally:
             self._stop = None
-            notify("STOPPING=1")
+
+    def stopping(self) -> None:
+        """The safe stop begins."""
+        self.step("the safe stop")
+        notify("STOPPING=1")
 
     def tick(self) -> None:
         """A tick begins."""
@@ -152,13 +156,14 @@ class Watchdog:
 
     def _say(self, text: str) -> None:
         self.news.append(text)
-        os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"cell: {text}\n".encode())
+        with suppress(OSError):  # nobody reads it
+            os.write(2, f"cell: {text}\n".encode())
 
     def _end(self) -> None:
         """End the process and its children, whatever they do."""
         self._say(f"ended at once by {self.signals.name or 'a signal'}: {self.left}")
         kill_all()
-        os._exit(1 if self.left == NOTHING_MOVED else 3)
+        os._exit(3 if "known" in self.left else 1)
 
 
 def _ordered(stop: Callable[[], object]) -> str:

@@ -189,7 +189,9 @@ def _run(
         outcome = drive(
             files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator, watchdog
         )
+        watchdog.step("the contact sheet")
         sheet, outcome = _sheet(options, log, recorder, moments, outcome)
+        watchdog.step("the summary")
         summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
         return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
 

@@ -187,7 +187,7 @@ rig.run(act)
         ("leaf", 1, 3, "the arm is not known to stand"),
         ("leaf", 3, 3, "the arm is not known to stand"),
         ("driver", 1, 3, "the arm is not known to stand"),
-        ("log", 1, 3, "the arm stands, the gripper holds nothing"),
+        ("log", 1, 1, "the arm stands, the gripper holds nothing"),
         ("start", 1, 1, "nothing has moved"),
     ],
 )

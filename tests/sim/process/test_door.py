@@ -72,7 +72,8 @@ def works(cell: RemoteCell) -> bool:
 def stranger(world: World, said: bytes = b"") -> socket.socket:
     one = connected(world.address)
     one.settimeout(JOIN_S)
-    one.sendall(said)
+    if said:
+        one.sendall(said)
     return one
 
 

@@ -171,7 +171,7 @@ class SeparationMonitor:
 
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
-        times_s: Array = np.arange(0.0, path.duration_s + MARK_S, MARK_S)
+        times_s: Array = np.arange(0.0, path.duration_s + MARK_S, MARK_S, dtype=np.float64)
         corners_m = self.outline.corners_m(self.outline.placed(path.along(times_s)))
         fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / MARK_S
         return self.settings.slow_m_s / max(fastest_m_s, self.settings.slow_m_s)

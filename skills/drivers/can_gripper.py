@@ -66,7 +66,7 @@ class CanGripper:
         bus: opened already; by default the one that the settings name.
 
     Attributes:
-        ignored_frames: received frames of another master, or that the database does not explain, or of the wrong length.
+        ignored_frames: received frames of another master, of the wrong length, or that the database does not explain.
     """
 
     Settings = CanSettings

@@ -66,7 +66,7 @@ class CanGripper:
         bus: opened already; by default the one that the settings name.
 
     Attributes:
-        ignored_frames: received frames that no message of the database explains, or of the wrong length.
+        ignored_frames: received frames of another master, of the wrong length, or that the database does not explain.
     """
 
     Settings = CanSettings
@@ -192,6 +192,7 @@ class CanGripper:
         if message.arbitration_id == self._command.frame_id and not message.is_extended_id:
             if message.is_rx:
                 self._other_master = True
+                self.ignored_frames += 1
             else:
                 self._echoes, self._unheard_s = True, None
             return

@@ -39,7 +39,8 @@ COMMANDS = {
     "looks": Command("cell.commands.lab.looks:looks", "List or draw what the simulation may look like."),
     "see": Command("cell.commands.lab.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),
     "world": Command(
-        "cell.commands.lab.world:world", "Run the simulated cell by itself, for controllers that connect by `cell lab run --world`."
+        "cell.commands.lab.world:world",
+        "Run the simulated cell by itself, for controllers that connect by `cell lab run --world`.",
     ),
     "schema": Command("cell.commands.lab.schema:schema", "Write JSON schemas of all YAML files, for editors."),
     "hands": Command("cell.commands.lab.hands:fetch", "Fetch MediaPipe's hand networks."),

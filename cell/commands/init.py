@@ -26,7 +26,7 @@ MARK = "made by cell init --schemas; do not edit"
 OURS = re.compile("made by cell [a-z -]*; do not edit")
 SHIPPED = {
     "config": ("cell.yaml", "sim.yaml", "products.yaml", "products_steel.yaml"),
-    "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
+    "trees": ("ahead.xml", "algorithm1.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")
 

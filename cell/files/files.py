@@ -111,7 +111,7 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
         path for path in sorted({folder, *(path.parent for path in paths)}) if path.exists() and not path.is_dir()
     ]
     if taken:
-        raise InputError(*(Problem(Place(path), "is there already", "choose another name") for path in taken))
+        raise InputError(*(Problem(Place(path), "exists already", "choose another name") for path in taken))
     begun: list[Path] = []  # folders and files that were not there
     path = folder
     try:

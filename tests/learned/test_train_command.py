@@ -77,7 +77,7 @@ def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys
 def test_a_folder_without_recordings_is_refused(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for folder in (config.parent, config.with_name("nowhere")):
         assert main(["train", "--config", str(config), "--recorded", str(folder)]) == 2
-        assert f"--recorded {folder}: nothing of `cell log export --to training`" in capsys.readouterr().err
+        assert f"--recorded {folder}: holds no data of `cell log export --to training`" in capsys.readouterr().err
 
 
 def test_a_plan_trains_nothing(config: Path, capsys: pytest.CaptureFixture[str]) -> None:

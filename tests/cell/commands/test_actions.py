@@ -71,7 +71,7 @@ def _colour(path: Path) -> float:
             ["lab", "train", "actions", "--data", "a", "--data", "b", "--validation", "c"],
             "made from copied.mcap, as --data b",
         ),
-        (["lab", "eval", "actions", "--confusions", "there.json"], "there.json: is there already"),
+        (["lab", "eval", "actions", "--confusions", "there.json"], "there.json: exists already"),
         (
             ["lab", "eval", "actions", "--kind", "classical", "--weights", "x.onnx"],
             "they go with --kind slim",

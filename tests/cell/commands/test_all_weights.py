@@ -74,7 +74,7 @@ def test_the_plan_tells_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["train", "--all", "--out", str(out), "--only", "holes", "--only", "semantic", "--plan"]) == 0
     told = " ".join(capsys.readouterr().err.split())
     assert "(made before): holes_plate.onnx" in told
-    assert "about 3 minutes of one CPU core" in told
+    assert "about 2 minutes of one CPU core" in told
     assert main(["train", "--all", "--out", str(out), "--only", "holes", "--plan"]) == 0
     assert "nothing is left" in capsys.readouterr().err
 

@@ -36,7 +36,7 @@ def test_the_look_that_was_drawn_is_a_look_file_without_ranges(tmp_path: Path) -
 def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "product.yaml").write_text("mine")
     assert main(["lab", "files", str(LOG), "--out", str(tmp_path)]) == 2
-    assert "product.yaml: is there already" in capsys.readouterr().err
+    assert "product.yaml: exists already" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["product.yaml"]
 
 

@@ -101,7 +101,7 @@ def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Pat
     folder, options = tmp_path / "some", {"--look": "nominal", "--seeds": "3", "--config": config}
     make_data("actions", folder, options, "--thin")
     make_data("actions", folder, options, "--thin")
-    with pytest.raises(InputError, match=r"otherwise \(--seeds\); remove the folder"):
+    with pytest.raises(InputError, match=r"other settings \(--seeds\); remove the folder"):
         make_data("actions", folder, {**options, "--seeds": "3:5"}, "--thin")
     products = tmp_path / "products.yaml"
     products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))

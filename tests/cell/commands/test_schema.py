@@ -17,7 +17,7 @@ from tests import ROOT
 
 CONFIG = ROOT / "config"
 FILES = [
-    *(("cell", path) for path in CONFIG.glob("cell*.yaml")),
+    *(("cell", path) for path in (CONFIG / "cell.yaml", CONFIG / "paper.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("sim", path) for path in CONFIG.glob("sim*.yaml")),

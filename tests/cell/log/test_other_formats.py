@@ -78,7 +78,7 @@ def test_actions_are_where_the_arm_is_about_to_be(data_set: Path) -> None:
 
 
 def test_a_folder_that_is_there_is_left_alone(data_set: Path, assembly_log: Log) -> None:
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         write_lerobot([assembly_log], data_set)
 
 

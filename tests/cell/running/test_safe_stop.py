@@ -124,7 +124,7 @@ def test_an_arm_that_does_not_answer_is_not_said_to_stand() -> None:
     assert outcome.exit_status == 3
     assert "the arm did not stop: ConnectionResetError: RTDE connection lost" in outcome.reason
     assert "the arm did not come to rest: not known to stand 2 s after the stop" in outcome.reason
-    assert outcome.condition == "it is unknown whether the arm stands, the gripper holds nothing"
+    assert outcome.condition == "the arm is not known to stand, the gripper holds nothing"
 
 
 @pytest.mark.parametrize("refusal", [DeviceFault("arm", "busy"), SystemExit(0)])

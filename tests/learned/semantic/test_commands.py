@@ -38,7 +38,7 @@ def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.Ca
     [
         (["--experiment", "ratios"], "--experiment needs --page FILE"),
         (["--page", "page.md"], "--page is for --experiment"),
-        (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, bayes, auto"),
+        (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, htn, bayes, auto"),
     ],
 )
 def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,7 @@
 // All words of the page. Another language is another file of this form.
 export const STRINGS = {
   title: "cell",
-  lookOnly: "You can look, and say nothing: open the address that cell run printed.",
+  lookOnly: "This page is view-only. To give orders, open the address that cell run printed.",
   lost: "No news from the cell. Trying again ...",
   ended: "The run has ended: ",
   bench: "What the camera sees",

@@ -86,11 +86,11 @@ def test_a_log_keeps_folders_of_its_tree(assembly_log: Log) -> None:
         logged_tree(replace(log, attachments={**files, "tree/../../x.xml": b""}))
 
 
-def test_a_log_that_ended_before_it_began_holds_no_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_that_ended_before_it_began_holds_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "run.mcap"
     log.write_bytes(CASE.read_bytes()[:8])
     assert main(["show", str(log)]) == 2
-    assert "holds no tick\n" in capsys.readouterr().err
+    assert "holds no run" in capsys.readouterr().err
 
 
 def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,5 +124,5 @@ def test_pictures_that_a_tree_marked_become_files(assembly_log: Log, tmp_path: P
     files = save_snapshots(log, tmp_path / "pictures")
     assert [file.name for file in files] == [f"01-{frame.camera}-the-part-before.jpg"]
     assert files[0].read_bytes() == frame.jpeg
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         save_snapshots(log, tmp_path / "pictures")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -120,6 +121,7 @@ def test_when_one_of_two_fails_no_other_begins(
 
     def failing(_: Children, words: list[str], __: object) -> int:
         begun.append(words)
+        time.sleep(0.1)  # a training takes longer than it takes to hear of the other's end
         return 3
 
     monkeypatch.setattr(Children, "run", failing)

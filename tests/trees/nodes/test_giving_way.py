@@ -62,6 +62,7 @@ class World:
     hand: Hand
     time_s: float = 0.0
     joints: np.ndarray = field(default_factory=OVER_P2_RAD.copy)
+    speeds: np.ndarray = field(default_factory=lambda: np.zeros(6))
     path: JointTrajectory | None = None
     path_s: float = 0.0
     rooms: list[tuple[float, float]] = field(default_factory=list)
@@ -77,7 +78,7 @@ class World:
     def observe(self) -> Observation:
         moving = self.path is not None and self.path_s < self.path.duration_s
         path_s = None if self.path is None else self.path_s
-        arm = ArmState(self.time_s, tuple(self.joints), (0.0,) * 6, moving, path_s=path_s)
+        arm = ArmState(self.time_s, tuple(self.joints), tuple(self.speeds), moving, path_s=path_s)
         view = BenchView(self.tick, self.time_s, self.hand(self), {}, Action("idle", 1.0), hand_unknown=self.unknown)
         gripper = replace(GRIPPER, time_s=self.time_s)
         return Observation(self.tick, self.time_s, arm, gripper, view, work_s=self.worked_s)
@@ -91,6 +92,10 @@ class World:
         if self.path is not None:
             self.path_s = min(self.path_s + share * TICK_S, self.path.duration_s)
             self.joints = self.path.at(self.path_s)
+            near_s = self.path_s + np.array([-1e-3, 1e-3])
+            self.speeds = share * np.diff(self.path.along(near_s), axis=0)[0] / 2e-3
+        else:
+            self.speeds = np.zeros(6)
         placed = PLANNER.separation.outline.placed(np.array([before, self.joints]))
         gone = np.diff(PLANNER.separation.outline.corners_m(placed), axis=0)
         found = separation_of(PLANNER.separation, self.observe(), None)

@@ -26,6 +26,8 @@ GLANCE_S, PING_S = 0.1, 0.4
 PRIORITY = 20
 NOTHING_MOVED, NOT_KNOWN = "nothing has moved", "the arm is not known to stand"
 
+os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))  # a forked child's signals are not this process's
+
 
 class Watchdog:
     """Watches one run.

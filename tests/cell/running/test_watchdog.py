@@ -200,3 +200,17 @@ def test_a_signal_ends_a_run_that_swallows_every_exception(where: str, signals: 
             threading.Event().wait(1.2 * watchdog.APART_S if signals > 1 else 0.0)
         _, err = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, err) == (status, f"cell: ended at once by SIGINT: {words}\n")
+
+
+def test_signals_of_a_forked_child_are_its_own() -> None:
+    with Watchdog().watching() as dog:
+        child = os.fork()
+        if not child:
+            try:
+                os.kill(os.getpid(), signal.SIGHUP)
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        os.kill(os.getpid(), signal.SIGHUP)
+        threading.Event().wait(3 * watchdog.GLANCE_S)
+        assert len(dog._wishes) == 1, "that of this process alone"

@@ -211,6 +211,5 @@ def test_signals_of_a_forked_child_are_its_own() -> None:
             finally:
                 os._exit(0)
         os.waitpid(child, 0)
-        os.kill(os.getpid(), signal.SIGHUP)
         threading.Event().wait(3 * watchdog.GLANCE_S)
-        assert len(dog._wishes) == 1, "that of this process alone"
+        assert dog._wishes == []

@@ -183,7 +183,10 @@ def table4(cells: Cells) -> str:
             wanted: dict[str, Any] = {"planner": kind, "boxes": boxes, "classes": most}
             if not values_of(cells, lambda values: float(bool(values)), **wanted):
                 continue
-            found = [shown_share(cells, name, **wanted) for name in ("OR", "OP", "IA", "answer")]
+            found = [
+                "-" if _share(cells, name, wanted) == "-" else shown_share(cells, name, **wanted)
+                for name in ("OR", "OP", "IA", "answer")
+            ]
             sizes = [_share(cells, f"answer_{count}", wanted) for count in OBJECTS]
             rows.append((TITLES[kind], boxes, *found, *sizes, number(PAPER_IA[kind]) if kind in PAPER_IA else "-"))
     return (

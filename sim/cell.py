@@ -171,7 +171,7 @@ class SimCell:
         return self.score.report() | (self.contacts.report() if self.contacts is not None else {})
 
     def await_ready(self) -> None:
-        """Until frames can be made; raises DeviceFault."""
+        """Until frames can be made and answered; raises CellError."""
         if isinstance(self._photographer, RenderProcess):
             self._photographer.await_ready()
 

@@ -173,7 +173,7 @@ class SimCell:
         return told | ({"correct": None, "wrong_placements": None} if self._nobody else {})
 
     def await_ready(self) -> None:
-        """Until frames can be made; raises DeviceFault."""
+        """Until frames can be made and answered; raises CellError."""
         if isinstance(self._photographer, RenderProcess):
             self._photographer.await_ready()
 

@@ -130,6 +130,10 @@ class Panel(Protocol):
 class DetectorHost(Protocol):
     """Detectors next to what makes a simulated cell's frames, beside the controller."""
 
+    def await_ready(self) -> None:
+        """Until the detectors are made; raises CellError where one cannot be."""
+        ...
+
     def begin(self, frame: Frame, /) -> Callable[[], BenchView | PartsView]:
         """Send a frame of this cell to the detector of its camera.
 

@@ -221,6 +221,7 @@ def lock_step(
     if devices.host is None:
         watch, find = bench_watcher(*arguments), part_finder(*arguments)
         return LockStep(watch, clock, watched_s), LockStep(find, clock, found_s)
+    devices.host.await_ready()
     begin: Any = devices.host.begin  # the answer is that of the camera
     return DelayedExecutor(begin, clock, watched_s), DelayedExecutor(begin, clock, found_s)
 

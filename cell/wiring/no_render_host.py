@@ -26,6 +26,9 @@ class NoRenderHost:
         actions = ClassicalDetectors(bench, product, perception.classical).actions()  # others look at images
         self._sight, self._watch = sight, DetectorChain(bench, product, sight, sight, actions).watch
 
+    def await_ready(self) -> None:
+        """They are."""
+
     def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
         """The answer is there at once."""
         answer = self._watch(frame) if frame.camera == "overhead" else self._find(frame)

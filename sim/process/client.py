@@ -350,6 +350,9 @@ class _Host:
     def __init__(self, cell: RemoteCell) -> None:
         self._cell = cell
 
+    def await_ready(self) -> None:
+        """They are: the world opens no earlier."""
+
     def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
         """See `DetectorHost`."""
         camera: said.Camera = "overhead" if frame.camera == "overhead" else "wrist"

@@ -96,8 +96,8 @@ class RenderProcess:
         return self._detecting is not None
 
     def await_ready(self) -> None:
-        """Until it has drawn what it was given; raises DeviceFault."""
-        await_ready(self._drawing)
+        """Until it has drawn what it was given, and the detectors are made; raises CellError."""
+        await_ready(*[one for one in (self._drawing, self._detecting) if one is not None])
 
     def take(self, exposure: Exposure) -> PendingFrame | None:
         """A frame whose image comes later. Raises DeviceFault.

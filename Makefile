@@ -36,7 +36,7 @@ help:
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
-	@echo "make weights    all shipped weights again, into trained/ (3.5 hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
+	@echo "make weights    all shipped weights again, into trained/ (four hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"

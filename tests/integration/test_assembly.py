@@ -72,7 +72,9 @@ def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
     assert any(solution.startswith("move") for solution in solutions)
 
 
-@pytest.mark.parametrize(("part", "width_m", "position"), [("o1", 0.028, "p2"), ("o2", 0.034, "p6")])
+@pytest.mark.parametrize(
+    ("part", "width_m", "position"), [("o1", 0.028, "p2"), pytest.param("o2", 0.034, "p6", marks=pytest.mark.slow)]
+)
 def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m: float, position: str) -> None:
     spots = [(part, (0.55, -0.40), 0.0), (part, (0.55, -0.40 + width_m + 0.006), 0.0)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:

@@ -83,7 +83,7 @@ def random_nodes(draw: random.Random, depth: int = 0) -> str:
 
 def test_no_reader_that_was_ever_served_is_a_problem(tmp_path: Path) -> None:
     path, told = tmp_path / "tree.xml", 0
-    for seed in range(200):
+    for seed in range(100):
         draw = random.Random(seed)
         path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{random_nodes(draw)}</BehaviorTree></root>')
         Reads.answers = Writes.answers = draw

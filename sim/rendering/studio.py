@@ -102,7 +102,7 @@ class Studio:
         try:
             renderer = mujoco.Renderer(self._scene.model, height_px, width_px)
         except (ImportError, RuntimeError) as error:
-            raise DeviceFault(missing_library(error) or str(error)) from error
+            raise DeviceFault("renderer", missing_library(error) or str(error)) from error
         finally:
             screen.offwidth, screen.offheight = largest
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # every camera looks down

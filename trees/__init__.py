@@ -1,4 +1,4 @@
-"""Tree files in BehaviorTree.CPP v4 XML, the engine that runs them on py_trees, and the node library.
+"""Tree files in BehaviorTree.CPP v4 XML, the engine that runs them, and the node library.
 
 Example:
     A node of your own:
@@ -20,10 +20,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from py_trees.common import Status
-
     from trees.engine.node import Node
     from trees.engine.ports import InputPort, OutputPort
+    from trees.engine.status import Status
     from trees.engine.traits import Traits
     from trees.files.loader import load_tree
     from trees.testing import TreeBench as Bench
@@ -34,7 +33,7 @@ _HOME = {
     "Node": ("trees.engine.node", "Node"),
     "OutputPort": ("trees.engine.ports", "OutputPort"),
     "Traits": ("trees.engine.traits", "Traits"),
-    "Status": ("py_trees.common", "Status"),
+    "Status": ("trees.engine.status", "Status"),
     "load_tree": ("trees.files.loader", "load_tree"),
 }
 __all__ = ["Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load_tree"]

@@ -14,12 +14,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from py_trees.common import Status
-
 from cell.interfaces.clock import ManualClock
 from trees.engine.blackboard import Entry
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime, TreeNode
 from trees.engine.ports import Port
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry, is_leaf, tag_of
 from trees.files.loader import load_tree

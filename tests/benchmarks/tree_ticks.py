@@ -18,11 +18,13 @@ from pathlib import Path
 
 import behaviortreepy
 import py_trees
-from py_trees.common import ParallelPolicy, Status
+from py_trees.common import ParallelPolicy
+from py_trees.common import Status as StockStatus
 
 from cell.interfaces.clock import ManualClock
 from cell.recording.schemas import tick_json
 from trees.engine.node import Node
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
@@ -93,8 +95,8 @@ class Busy(Node):
 class StockBusy(py_trees.behaviour.Behaviour):
     """Runs for ever."""
 
-    def update(self) -> Status:
-        return Status.RUNNING
+    def update(self) -> StockStatus:
+        return StockStatus.RUNNING
 
 
 def balanced(nodes: int) -> Shape:

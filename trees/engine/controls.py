@@ -6,11 +6,8 @@ from collections.abc import Mapping
 from collections.abc import Sequence as Children
 from dataclasses import replace
 
-from py_trees import composites
-from py_trees.common import Status
-
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
-from trees.engine.status import Results
+from trees.engine.status import Results, Status
 from trees.engine.traits import Traits
 
 
@@ -52,11 +49,8 @@ class _Ordered(_InOrder):
 
     asynchronous = False
     with_memory = False
-
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._index = 0
-        self._skipped = 0
+    _index = 0
+    _skipped = 0
 
     def run(self) -> Status:
         if self.status is not RUNNING:
@@ -81,31 +75,27 @@ class _Ordered(_InOrder):
             if self.asynchronous and was_idle and status is not SKIPPED and index < count:
                 self._index = index
                 return RUNNING
-        all_skipped = self._skipped == count
-        self._index = self._skipped = 0
-        self.reset_children()
-        return SKIPPED if all_skipped else self.continue_on
+        self._index = 0
+        if self.with_memory:
+            self.reset_children()
+        return SKIPPED if self._skipped == count else self.continue_on
 
     def on_halt(self) -> None:
         if not self.with_memory:
             self._index = 0
-        self.reset_children()
 
     def _finish(self, status: Status) -> Status:
         if self.with_memory:
-            for child in self.children[self._index :]:
-                child.reset_status()
+            self.children[self._index].reset_status()
         else:
             self._index = 0
-            self.reset_children()
         return status
 
 
-class Sequence(_Ordered, composites.Sequence):
+class Sequence(_Ordered):
     """All children in order; fails with the first that fails and resumes a RUNNING one."""
 
     traits = replace(_in_order(SUCCESS), comes_back=False, succeeds_after="all")
-    memory = True
 
 
 class AsyncSequence(Sequence):
@@ -121,14 +111,14 @@ class SequenceWithMemory(Sequence):
     traits = replace(AsyncSequence.traits, succeeds_after="")  # its first children may have succeeded long ago
     asynchronous = True
     with_memory = True
+    keeps_results = True
 
 
-class Fallback(_Ordered, composites.Selector):
+class Fallback(_Ordered):
     """Children in order until one succeeds; resumes a RUNNING one."""
 
     traits = replace(_in_order(FAILURE), comes_back=False, succeeds_after="one")
     continue_on = FAILURE
-    memory = True
 
 
 class AsyncFallback(Fallback):
@@ -152,9 +142,7 @@ class _Reactive(_InOrder):
             if status is self.continue_on:
                 all_skipped = False
             elif status is not SKIPPED:
-                self.reset_children()
                 return status
-        self.reset_children()
         return SKIPPED if all_skipped else self.continue_on
 
     def _reset_others(self, running: TreeNode) -> None:
@@ -163,16 +151,14 @@ class _Reactive(_InOrder):
                 child.reset_status()
 
 
-class ReactiveSequence(_Reactive, composites.Sequence):
+class ReactiveSequence(_Reactive):
     """Checks all earlier children again in every tick; fails, and halts the rest, with the first that fails."""
 
     traits = replace(_in_order(SUCCESS), succeeds_after="all", asked_before=range)
-    memory = False
 
 
-class ReactiveFallback(_Reactive, composites.Selector):
+class ReactiveFallback(_Reactive):
     """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
 
     traits = replace(_in_order(FAILURE), succeeds_after="one")
     continue_on = FAILURE
-    memory = False

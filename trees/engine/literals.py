@@ -10,9 +10,7 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any
 
-from py_trees.common import Status
-
-from trees.engine.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from trees.engine.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from trees.engine.vocabulary import Word, is_word
 
 STATUS_WORDS = {status.name: status for status in (SUCCESS, FAILURE, RUNNING, SKIPPED)}

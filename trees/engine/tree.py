@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from py_trees.common import Status
-
 from cell.interfaces.clock import Clock
 from trees.engine.blackboard import Scope
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+from trees.engine.status import Status
 
 CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
 
@@ -36,7 +35,7 @@ class Tree:
 
     Attributes:
         name: ID of the BehaviorTree that runs.
-        root: topmost node, a py_trees behaviour.
+        root: topmost node.
         nodes: all nodes, by uid - 1.
         blackboard: entries of the main tree.
         origins: what each node was made of, by uid - 1.
@@ -82,6 +81,7 @@ class Tree:
         An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
         """
         self._runtime.changes.clear()
+        self._runtime.ticks += 1
         try:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:

@@ -8,10 +8,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from py_trees.common import Status
-
 from trees.engine.blackboard import UNSET
 from trees.engine.node import SKIPPED, StatusChange, TreeNode
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.views.palette import model_lines

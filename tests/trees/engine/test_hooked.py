@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree

@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import py_trees
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.recording.schemas import plain
 from tests.trees.conftest import Load
 from trees.engine.node import SKIPPED, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 
 

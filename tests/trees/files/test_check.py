@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.files.build.registry import Registry

@@ -73,6 +73,17 @@ def from_text(text: str, kind: Any) -> Any:
     )
 
 
+def to_text(value: Any) -> str:
+    """How a tree file writes a value: what `from_text` reads as the same one."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, list | tuple):
+        return ";".join(map(to_text, value))
+    return str(value)
+
+
 def constant(text: str) -> int | float | str:
     """What an attribute of a SubTree passes in: an int, else a float, else the string itself."""
     number = number_in(text)

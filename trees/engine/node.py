@@ -13,9 +13,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, final
 
 from cell.interfaces.clock import Clock, ManualClock
+from cell.interfaces.notes import Journal
 from trees.engine.ports import Port
 from trees.engine.status import FAILURE as FAILURE
 from trees.engine.status import IDLE as IDLE
@@ -25,6 +26,9 @@ from trees.engine.status import SUCCESS as SUCCESS
 from trees.engine.status import NodeError as NodeError  # node modules import it from here
 from trees.engine.status import Status
 from trees.engine.traits import Traits, refuse_former, refuse_own
+
+if TYPE_CHECKING:
+    from trees.engine.outside import LoggedAnswers
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ class Runtime:
             only a log or a monitor reads it. The list stays the same one; a tick empties it.
         ticks: how many there were, with the one under way.
         agreed: number of the last tick in which a guard agreed.
+        journal: takes notes for the log.
+        answers: of a log, for who would ask beyond the cell; None where it is to ask.
     """
 
     clock: Clock = field(default_factory=ManualClock)
@@ -60,6 +66,8 @@ class Runtime:
     changes: list[tuple[TreeNode, Status, Status, str]] = field(default_factory=list)
     ticks: int = 0
     agreed: int = -1
+    journal: Journal | None = None
+    answers: LoggedAnswers | None = None
 
 
 class Conditions(Protocol):

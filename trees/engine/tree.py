@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from cell.interfaces.clock import Clock
+from cell.interfaces.notes import Journal
 from trees.engine.blackboard import Scope
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+from trees.engine.outside import LoggedAnswers
 from trees.engine.status import Status
 
 CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
@@ -27,6 +29,21 @@ class OnBlackboard(Protocol):
 
     def stand_on(self, blackboard: Scope) -> None:
         """Write it to entries of the main tree, now and as it changes."""
+        ...
+
+
+@runtime_checkable
+class Journalled(Protocol):
+    """Services with a log."""
+
+    @property
+    def journal(self) -> Journal:
+        """Takes notes."""
+        ...
+
+    @property
+    def answers(self) -> LoggedAnswers | None:
+        """What leaves were answered in the run that is replayed; None in a run."""
         ...
 
 
@@ -70,6 +87,8 @@ class Tree:
     def setup(self, services: Any, clock: Clock) -> None:
         """Give the leaves their services and all nodes the clock; before the first tick."""
         self._runtime.clock = clock
+        if isinstance(services, Journalled):
+            self._runtime.journal, self._runtime.answers = services.journal, services.answers
         if isinstance(services, OnBlackboard):
             services.stand_on(self.blackboard)
         for node in self.nodes:
@@ -101,6 +120,11 @@ class Tree:
         errors = self._halt_all()
         if errors:
             raise ExceptionGroup("nodes failed to terminate", errors)
+
+    @property
+    def xml(self) -> str:
+        """The text of its file, also of a tree that was written in Python."""
+        return next(iter(self.texts.values()))
 
     @property
     def status_changes(self) -> list[StatusChange]:

@@ -1,4 +1,4 @@
-"""Overrides keep what the file says around a node; py_trees' way of ticking keeps overrides."""
+"""Overrides keep what the file says around a node."""
 
 from __future__ import annotations
 
@@ -41,11 +41,3 @@ def test_conditions_hold_around_a_replaced_node(tmp_path: Path, conditions: str,
     tree = hooked(tmp_path, f"<AlwaysFailure {conditions}/>", answer)
     assert tree.tick() is Status.SUCCESS
     assert tree.blackboard.values()["x"] == x
-
-
-def test_py_trees_way_of_ticking_keeps_the_hook(tmp_path: Path) -> None:
-    tree = hooked(tmp_path, '<AlwaysFailure _onSuccess="x := 1"/>')
-    for _ in range(2):
-        tree.blackboard.entry("x").value = 0
-        list(tree.root.tick())
-        assert tree.blackboard.values()["x"] == 1

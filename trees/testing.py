@@ -71,6 +71,7 @@ class TreeBench:
         real: Iterable[type[TreeNode]] = (),
     ) -> None:
         source = in_python(path) if isinstance(path, TreeNode) else Path(path)
+        real = tuple(real)
         registry = (registry or node_registry()).extended(real)
         if isinstance(source, InPython):
             registry = knowing(source, registry)

@@ -175,4 +175,4 @@ def _switch(cases: int) -> type[_Switch]:
     return type(f"Switch{cases}", (_Switch,), {**ports, **words, "__module__": __name__})
 
 
-SWITCHES = tuple(_switch(cases) for cases in range(2, 7))
+SWITCHES = Switch2, Switch3, Switch4, Switch5, Switch6 = tuple(_switch(cases) for cases in range(2, 7))

@@ -16,8 +16,10 @@ def _rounds(port: str, continue_on: Status) -> Traits:
     """Of a decorator of which a port says how many rounds there are."""
 
     def results(below: Children[Results], values: Mapping[str, str]) -> Results:
-        endless = values.get(port, "").strip() == "-1"
-        return below[0] - {continue_on} if endless else below[0]
+        rounds = values.get(port, "").strip()
+        if rounds == "-1":
+            return below[0] - {continue_on}
+        return below[0] if rounds.isdigit() and int(rounds) else below[0] | {continue_on}  # there may be no round
 
     return Traits(results=results)
 

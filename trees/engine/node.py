@@ -55,7 +55,7 @@ class Runtime:
         enums: values by the enum names that scripts and cases know.
         changes: (node, old status, new status, feedback) since the tick began; bare, as every tick fills it and
             only a log or a monitor reads it. The list stays the same one; a tick empties it.
-        ticks: how many there were, with the one under way.
+        ticks: how many ticks and halts there were, with the one under way.
         agreed: number of the last tick in which a guard agreed.
         journal: takes notes for the log.
         answers: of a log, for who would ask beyond the cell; None where it is to ask.

@@ -117,6 +117,7 @@ class Tree:
             ExceptionGroup: nodes failed to terminate; all others were terminated all the same.
         """
         self._runtime.changes.clear()
+        self._runtime.ticks += 1  # what a halt still ticks, such as a TryCatch, has no guard of the last tick
         errors = self._halt_all()
         if errors:
             raise ExceptionGroup("nodes failed to terminate", errors)

@@ -97,11 +97,13 @@ class _Finder:
 
     def _last_asked(self, element: Element, children: list[Element]) -> bool:
         """A guard among children that must all succeed, whose verdict is of the same tick as the last one's."""
-        again = self._class(element).traits.asked_before(len(children) - 1)
+        traits = self._class(element).traits
+        again = traits.asked_before(len(children) - 1)
         for index in reversed(range(len(children))):
             if id(children[index]) in self._guarding:
                 return True
-            if id(children[index]) not in self._instant and index - 1 not in again:
+            at_once = traits.instant and id(children[index]) in self._instant  # an AsyncSequence pauses between two
+            if not at_once and index - 1 not in again:
                 return False
         return False
 

@@ -266,7 +266,7 @@ def test_a_retry_whose_number_falls_halts_its_child(load: Load) -> None:
 
 def test_what_is_the_engines_own_cannot_be_overridden() -> None:
     for name in ("execute", "halt", "reset_children", "set_status"):
-        with pytest.raises(TraitError, match=f"Own.{name} is the engine's own; override one of: run, on_halt"):
+        with pytest.raises(TraitError, match=rf"Own\.{name} is the engine's own; override one of: run, on_halt"):
             type("Own", (Decorator,), {name: lambda _: None})
-    with pytest.raises(TraitError, match="Own.run is the engine's own"):
+    with pytest.raises(TraitError, match=r"Own\.run is the engine's own"):
         type("Own", (Node,), {"run": lambda _: SUCCESS})

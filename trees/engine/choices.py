@@ -144,7 +144,8 @@ class _Switch(Control):
         value = self.variable.get_or(None)
         if value is not None:
             for index, case in enumerate(self._case_inputs):
-                if self._equal(value, case.get_or(None)):
+                wanted = case.get_or(None)
+                if value == wanted or self._equal(value, wanted):
                     return index
         return self.cases
 
@@ -154,7 +155,7 @@ class _Switch(Control):
 
     def _equal(self, value: Any, case: Any) -> bool:
         """As strings, as enum names, or as numbers."""
-        if value == case or (isinstance(value, Enum) and value.name == case):
+        if isinstance(value, Enum) and value.name == case:
             return True
         left = self._number(value)
         right = None if left is None else self._number(case)

@@ -53,15 +53,16 @@ class _Ordered(_InOrder):
     _skipped = 0
 
     def run(self) -> Status:
-        if self.status is not RUNNING:
-            self._skipped = 0
-            self.set_status(RUNNING)
+        if (was := self.status) is not RUNNING:
+            self._skipped, self.status = 0, RUNNING
+            self.note_change((self, was, RUNNING, self.feedback_message))
         children = self.children
         count = len(children)
-        index = self._index
+        index, was_idle = self._index, False
         while index < count:
             child = children[index]
-            was_idle = child.status is IDLE
+            if self.asynchronous:
+                was_idle = child.status is IDLE
             status = child.execute()
             if status is RUNNING:
                 self._index = index
@@ -72,7 +73,7 @@ class _Ordered(_InOrder):
                 self._index = index
                 return self._finish(status)
             index += 1
-            if self.asynchronous and was_idle and status is not SKIPPED and index < count:
+            if was_idle and status is not SKIPPED and index < count:
                 self._index = index
                 return RUNNING
         self._index = 0

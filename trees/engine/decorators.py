@@ -204,10 +204,12 @@ class WaitValueUpdate(_Updated):
 class ScriptConditions:
     """The scripts of one node, by attribute name, in BehaviorTree.CPP's order, and the guard that it needs."""
 
-    def __init__(self, scripts: Mapping[str, Script]) -> None:
+    def __init__(self, scripts: Mapping[str, Script], needs_guard: bool = False) -> None:
+        self._needs_guard = needs_guard
         before = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
         self._before = [(scripts[name], status) for name, status in before if name in scripts]
         self._while = scripts.get("_while")
+        self._asks = bool(self._before) or self._while is not None or needs_guard
         self._success = [scripts[name] for name in ("_onSuccess", "_post") if name in scripts]
         self._failure = [scripts[name] for name in ("_onFailure", "_post") if name in scripts]
         self._halted = scripts.get("_onHalted")
@@ -218,6 +220,8 @@ class ScriptConditions:
         Raises:
             NodeError: the node needs a guard, and none has agreed in this tick.
         """
+        if not self._asks:
+            return None
         idle = node.status is IDLE or node.status is SKIPPED
         if idle:
             for script, status in self._before:
@@ -227,7 +231,7 @@ class ScriptConditions:
             if node.status is RUNNING:
                 node.halt()
             return SKIPPED
-        if node.traits.needs_guard and node.runtime.agreed != node.runtime.ticks:
+        if self._needs_guard and node.runtime.agreed != node.runtime.ticks:
             raise NodeError("no guard has agreed in this tick")
         return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Instant, Node
@@ -46,12 +47,17 @@ class Script(Instant):
 
     code = InputPort(Code, "like n := 1; text = 'done'")
 
+    @cached_property
+    def script(self) -> Code:
+        """The script, which a file always spells out."""
+        return self.code.get()
+
     def run(self) -> Status:
-        self.code.get().run()
+        self.script.run()
         return SUCCESS
 
 
-class ScriptCondition(Instant):
+class ScriptCondition(Script):
     """Succeeds if a script's value is true."""
 
     node_type = "Condition"
@@ -59,7 +65,7 @@ class ScriptCondition(Instant):
     code = InputPort(Code, "like n > 3 && ready")
 
     def run(self) -> Status:
-        return SUCCESS if self.code.get().true() else FAILURE
+        return SUCCESS if self.script.true() else FAILURE
 
 
 class SetBlackboard(Instant):

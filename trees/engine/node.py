@@ -308,8 +308,21 @@ class Node(TreeNode):
 
     @final
     def execute(self) -> Status:
-        conditions = self.conditions  # without any, `run` catches every NodeError by itself
-        status = self.run() if conditions is None else self._execute_with(conditions)
+        if self.conditions is not None:
+            status = self._execute_with(self.conditions)
+        elif self.status is RUNNING:  # as `run`, whose call every leaf that waits would pay for
+            told = self.feedback_message
+            try:
+                status = self.update()
+            except BaseException as error:
+                status = self._raised(error)
+            if status is RUNNING:
+                if self.feedback_message is not told and self.feedback_message != told:
+                    self.note_change((self, RUNNING, RUNNING, self.feedback_message))
+                return RUNNING
+            status = self._finish(status)
+        else:
+            status = self.run()
         if status is not self.status:
             self.set_status(status)
         return status
@@ -319,18 +332,14 @@ class Node(TreeNode):
         told = self.feedback_message
         try:
             if self.status is not RUNNING:
-                self.feedback_message = ""
+                self.feedback_message = told = ""
                 self.initialise()
             status = self.update()
-        except NodeError as error:
-            self.feedback_message = str(error)
-            status = FAILURE
-        except BaseException:  # a second Ctrl-C in mid-tick, too: what was begun is cancelled; it is raised again
-            self._cancel()
-            raise
+        except BaseException as error:
+            status = self._raised(error)
         if status is not RUNNING:
             return self._finish(status)
-        if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
+        if self.status is RUNNING and self.feedback_message != told:
             self.note_change((self, RUNNING, RUNNING, self.feedback_message))
         return status
 
@@ -360,12 +369,16 @@ class Node(TreeNode):
             self.set_status(IDLE)
             raise
 
-    def _cancel(self) -> None:
-        """An exception left `initialise` or `update`: cancel what was begun, once."""
-        try:
+    def _raised(self, error: BaseException) -> Status:
+        """A NodeError is a failure; whatever else left `initialise` or `update` cancels what was begun, and goes on."""
+        if isinstance(error, NodeError):
+            self.feedback_message = str(error)
+            return FAILURE
+        try:  # a second Ctrl-C in mid-tick, too
             self.terminate(IDLE)
         finally:
             self.set_status(IDLE)
+        raise error
 
 
 class Branch(TreeNode):

@@ -39,7 +39,7 @@ class Parallel(_AtOnce):
         finished, skipped = self._finished, 0
         first = True  # counted even if it runs: the ports may ask for less than in the last tick
         for child in self.children:
-            if child not in finished:
+            if not finished or child not in finished:
                 status = child.execute()
                 if status is RUNNING:
                     if not first:

@@ -110,7 +110,8 @@ class Script:
 
     def true(self) -> bool:
         """Whether the value is true: a number other than 0, or a string that is not empty."""
-        return truth(self.run())
+        value = self.run()
+        return value if value is True or value is False else truth(value)
 
 
 def parse_script(source: str, scope: Scope, enums: Mapping[str, Any]) -> Script:

@@ -199,7 +199,7 @@ class Builder:
             if name in CONDITIONS or name in SCRIPTS_AFTER
         }
         asked = node.traits.guards or node.traits.needs_guard
-        return ScriptConditions(scripts) if scripts or asked else None
+        return ScriptConditions(scripts, node.traits.needs_guard) if scripts or asked else None
 
     def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self._registry.enums)

@@ -141,25 +141,24 @@ class _Switch(Control):
         return chosen.execute()
 
     def _match(self) -> int:
+        """The case that equals the variable as a text, as the name of an enum, or as a number."""
         value = self.variable.get_or(None)
-        if value is not None:
-            for index, case in enumerate(self._case_inputs):
-                wanted = case.get_or(None)
-                if value == wanted or self._equal(value, wanted):
-                    return index
+        if value is None:
+            return self.cases
+        name, number = value.name if isinstance(value, Enum) else value, self._number(value)
+        for index, case in enumerate(self._case_inputs):
+            wanted = case.entry.value if case.constant and case.entry else case.get_or(None)
+            if wanted in (name, value) or (number is not None and self._is(wanted, number)):
+                return index
         return self.cases
 
     @cached_property
     def _case_inputs(self) -> list[Input[Any]]:
         return [getattr(self, f"case_{number}") for number in range(1, self.cases + 1)]
 
-    def _equal(self, value: Any, case: Any) -> bool:
-        """As strings, as enum names, or as numbers."""
-        if isinstance(value, Enum) and value.name == case:
-            return True
-        left = self._number(value)
-        right = None if left is None else self._number(case)
-        return left is not None and right is not None and same_number(left, right)
+    def _is(self, case: Any, number: float) -> bool:
+        other = self._number(case)
+        return other is not None and same_number(number, other)
 
     def _number(self, value: Any) -> float | None:
         if isinstance(value, str):

@@ -56,40 +56,37 @@ class _Ordered(_InOrder):
         if (was := self.status) is not RUNNING:
             self._skipped, self.status = 0, RUNNING
             self.note_change((self, was, RUNNING, self.feedback_message))
-        children = self.children
+        children, continue_on, asynchronous = self.children, self.continue_on, self.asynchronous
         count = len(children)
-        index, was_idle = self._index, False
-        while index < count:
+        for index in range(self._index, count):
             child = children[index]
-            if self.asynchronous:
-                was_idle = child.status is IDLE
+            was_idle = asynchronous and child.status is IDLE
             status = child.execute()
             if status is RUNNING:
                 self._index = index
                 return RUNNING
-            if status is SKIPPED:
+            if status is continue_on:
+                if was_idle and index + 1 < count:
+                    self._index = index + 1
+                    return RUNNING
+            elif status is SKIPPED:
                 self._skipped += 1
-            elif status is not self.continue_on:
-                self._index = index
-                return self._finish(status)
-            index += 1
-            if was_idle and status is not SKIPPED and index < count:
-                self._index = index
-                return RUNNING
+            else:
+                return self._ended_by(index, status)
         self._index = 0
         if self.with_memory:
             self.reset_children()
-        return SKIPPED if self._skipped == count else self.continue_on
+        return SKIPPED if self._skipped == count else continue_on
 
     def on_halt(self) -> None:
         if not self.with_memory:
             self._index = 0
 
-    def _finish(self, status: Status) -> Status:
+    def _ended_by(self, index: int, status: Status) -> Status:
+        self._index = 0
         if self.with_memory:
-            self.children[self._index].reset_status()
-        else:
-            self._index = 0
+            self._index = index
+            self.children[index].reset_status()
         return status
 
 

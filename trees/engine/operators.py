@@ -26,7 +26,7 @@ Comparison = Callable[[Any, Any, Mapping[str, Any]], bool]
 
 def _arithmetic(sign: str, calculate: Operator) -> Operator:
     def operate(left: Any, right: Any) -> Any:
-        if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
+        if type(left) is type(right) is int or (isinstance(left, _NUMBER) and isinstance(right, _NUMBER)):
             result = calculate(left, right)
             return result if isinstance(result, float) or -EXACT <= result <= EXACT else float(result)
         if sign == "+" and isinstance(left, str) and isinstance(right, str):
@@ -96,7 +96,10 @@ def number_of(text: str, enums: Mapping[str, Any]) -> int | float:
 
 def _equality(sign: str, wanted: bool) -> Comparison:
     def operate(left: Any, right: Any, enums: Mapping[str, Any]) -> bool:
-        if type(left) is not type(right):
+        kind = type(left)
+        if kind is type(right) and (kind is str or kind is int):
+            return (left == right) is wanted
+        if kind is not type(right):
             left, right = _alike(left, right, enums)
         if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
             return same_number(left, right) is wanted
@@ -109,6 +112,8 @@ def _equality(sign: str, wanted: bool) -> Comparison:
 
 def _ordered(sign: str, compare: Operator) -> Comparison:
     def operate(left: Any, right: Any, enums: Mapping[str, Any]) -> bool:
+        if type(left) is type(right) is int:
+            return compare(left, right)  # type: ignore[no-any-return]
         if type(left) is not type(right):
             left, right = _alike(left, right, enums)
         kind = str if isinstance(left, str) else _NUMBER

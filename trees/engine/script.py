@@ -13,7 +13,7 @@ import ast
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, NamedTuple
 
@@ -74,19 +74,18 @@ class EntryUse(NamedTuple):
     text: str | None = None
 
 
-@dataclass(frozen=True)
 class Script:
-    """A compiled script.
+    """A script, ready to run.
 
     Attributes:
         uses: what it does with entries, in the order of the source.
     """
 
-    source: str
-    uses: tuple[EntryUse, ...]
-    _code: ast.expr
-    _names: dict[str, Any]
-    _compiled: list[Callable[[], Any]] = field(default_factory=list)
+    def __init__(self, source: str, uses: tuple[EntryUse, ...], code: ast.expr, names: Mapping[str, Any]) -> None:
+        self.source = source
+        self.uses = uses
+        self._code, self._names = code, names
+        self._evaluate: Callable[[], Any] = self._compiled
 
     def run(self) -> Any:
         """Run all statements; the value of the last one.
@@ -95,23 +94,32 @@ class Script:
             NodeError: an entry is unset, its type does not fit the operator, or anything else went wrong.
         """
         try:
-            return (self._compiled or self._compile())[0]()
+            return self._evaluate()
         except NodeError:
             raise
         except Exception as error:  # values may be of a user's own types, whose operators may raise anything
-            raise NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}") from error
-
-    def _compile(self) -> list[Callable[[], Any]]:
-        """Python's own function of it, made when it runs first: most scripts of a checked file never do."""
-        arguments = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
-        made = ast.Expression(ast.Lambda(arguments, self._code, **_AT))
-        self._compiled.append(eval(compile(made, "script", "eval"), {**_WORDS, **self._names}))
-        return self._compiled
+            raise _told(error) from error
 
     def true(self) -> bool:
         """Whether the value is true: a number other than 0, or a string that is not empty."""
-        value = self.run()
+        try:
+            value = self._evaluate()
+        except NodeError:
+            raise
+        except Exception as error:  # as above
+            raise _told(error) from error
         return value if value is True or value is False else truth(value)
+
+    def _compiled(self) -> Any:
+        """Become a function of Python's own, and run: only now, as most scripts of a checked file never do."""
+        arguments = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
+        made = ast.Expression(ast.Lambda(arguments, self._code, **_AT))
+        self._evaluate = eval(compile(made, "script", "eval"), {**_WORDS, **self._names})
+        return self._evaluate()
+
+
+def _told(error: Exception) -> NodeError:
+    return NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}")
 
 
 def parse_script(source: str, scope: Scope, enums: Mapping[str, Any]) -> Script:

@@ -18,6 +18,7 @@ from trees.engine.status import Status
 CALLS_AT_ONCE = 16  # threads of all leaves together; who finds none free waits, within its limit
 LENGTH_LIMIT = 100_000  # characters of an answer: it goes into the log
 _free = threading.BoundedSemaphore(CALLS_AT_ONCE)
+_mine = threading.local()  # the call that a thread makes
 
 
 @dataclass(frozen=True)
@@ -41,18 +42,17 @@ class Asked(Protocol):
 
 
 class Call:
-    """One call of `Outside.ask`, which is handed to it."""
+    """One call of `Outside.ask`."""
 
-    def __init__(self, ask: Callable[[Any, Call], Any], question: Any) -> None:
+    def __init__(self, ask: Callable[[Any], Any], question: Any) -> None:
         self._ask, self._question = ask, question
-        self._begun = self.cancelled = False
+        self._begun = self._cancelled = False
         self._answer: Answer | None = None
         self._closers: list[Callable[[], object]] = []
 
     def when_cancelled(self, close: Callable[[], object]) -> None:
-        """What ends the wait at once, such as to close a connection; `close` is called from another thread."""
         self._closers.append(close)
-        if self.cancelled:
+        if self._cancelled:
             self.cancel()
 
     def poll(self, polls: int) -> Answer | None:  # noqa: ARG002 - a log counts them
@@ -62,18 +62,25 @@ class Call:
         return self._answer
 
     def cancel(self) -> None:
-        self.cancelled = True
+        self._cancelled = True
         for close in list(self._closers):
             with suppress(Exception):  # what is closed already, or not open yet, raises what it likes
                 close()
 
     def _work(self) -> None:
         try:
-            self._answer = Answer(as_text(self._ask(self._question, self)))
+            _mine.call = self
+            self._answer = Answer(as_text(self._ask(self._question)))
         except Exception as error:  # a library may raise anything; the leaf fails with it
             self._answer = Answer(error=f"{type(error).__name__}: {error}"[:LENGTH_LIMIT])
         finally:
             _free.release()
+
+
+def when_cancelled(close: Callable[[], object]) -> None:
+    """What ends the wait of an `ask` at once, such as to close its connection; `close` is called in another thread."""
+    call: Call = _mine.call
+    call.when_cancelled(close)
 
 
 class LoggedAnswers:
@@ -128,7 +135,7 @@ class Outside(Node):
         """What to ask: plain data, made of the ports."""
         return None
 
-    def ask(self, question: Any, call: Call) -> Any:
+    def ask(self, question: Any) -> Any:
         """Ask, and wait for the answer; in a thread, so no ports and no services."""
         raise NotImplementedError
 

@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from trees.engine.node import SUCCESS, NodeError
-from trees.engine.outside import LENGTH_LIMIT, Call, Outside
+from trees.engine.outside import LENGTH_LIMIT, Outside, when_cancelled
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 
@@ -32,12 +32,12 @@ class HttpRequest(Outside):
         asked = {"method": self.method.get(), "url": url, "limit_s": self.limit_s.get()}
         return {**asked, "body": self.body.get(), "content_type": self.content_type.get()}
 
-    def ask(self, question: Any, call: Call) -> Any:
+    def ask(self, question: Any) -> Any:
         url = urlsplit(question["url"])
         connection = CONNECTIONS[url.scheme](url.netloc, timeout=question["limit_s"])
         try:
             connection.connect()
-            call.when_cancelled(lambda: connection.sock.shutdown(socket.SHUT_RDWR))
+            when_cancelled(lambda: connection.sock.shutdown(socket.SHUT_RDWR))
             path = f"{url.path or '/'}{'?' if url.query else ''}{url.query}"
             head = {"Content-Type": question["content_type"]} if question["body"] else {}
             connection.request(question["method"], path, question["body"].encode() or None, head)

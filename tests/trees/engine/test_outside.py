@@ -15,7 +15,7 @@ from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load
 from tests.trees.engine.test_py_trees import Kept
 from trees.engine import outside
-from trees.engine.outside import Call, LoggedAnswers, Outside
+from trees.engine.outside import LoggedAnswers, Outside, when_cancelled
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.tree import Tree
@@ -36,9 +36,9 @@ class Doubles(Outside):
     def question(self) -> Any:
         return self.number.get()
 
-    def ask(self, question: Any, call: Call) -> Any:
+    def ask(self, question: Any) -> Any:
         self.asked.append(question)
-        call.when_cancelled(self.cancelled.set)
+        when_cancelled(self.cancelled.set)
         assert self.may_go_on.wait(PATIENCE_S)
         if question < 0:
             raise ValueError("too small")

@@ -106,7 +106,7 @@ class _Shown:
             self.shown[node].status = _stock(status)
         yield from (self.shown[node] for node, _ in answered)
 
-    def stop(self, new_status: common.Status) -> None:
+    def stop(self, new_status: common.Status = common.Status.INVALID) -> None:
         """Halt the tree."""
         if new_status is common.Status.INVALID:
             self.tree.halt()

@@ -108,19 +108,16 @@ class Stubborn(Decorator):
 
 
 NODES = (Leaf, Guard, Guarded, Careless, Stubborn)
-CONTROLS = ("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence")
-CONTROLS += ("AsyncFallback", "ParallelAll", "Parallel", "IfThenElse", "WhileDoElse", "TryCatch", "Careless")
-DECORATORS = (
-    "Inverter",
-    "ForceSuccess",
-    "ForceFailure",
-    "KeepRunningUntilFailure",
-    'Repeat num_cycles="{n}"',
-    "Stubborn",
+CONTROLS = (
+    *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
+    *("AsyncFallback", "ParallelAll", "Parallel", "IfThenElse", "WhileDoElse", "TryCatch", "Careless"),
 )
-DECORATORS += ('RetryUntilSuccessful num_attempts="{n}"', 'RunOnce then_skip="false"', 'Timeout msec="200"')
-DECORATORS += ('Delay delay_msec="80"', 'Precondition if="n &lt; 3" else="SUCCESS"', 'WaitValueUpdate entry="{n}"')
-DECORATORS += ('LoopInt queue="1;2" value="{item}"', 'SkipUnlessUpdated entry="{n}"')
+DECORATORS = (
+    *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure", "Stubborn"),
+    *('Repeat num_cycles="{n}"', 'RetryUntilSuccessful num_attempts="{n}"', 'RunOnce then_skip="false"'),
+    *('Timeout msec="200"', 'Delay delay_msec="80"', 'Precondition if="n &lt; 3" else="SUCCESS"'),
+    *('WaitValueUpdate entry="{n}"', 'SkipUnlessUpdated entry="{n}"', 'LoopInt queue="1;2" value="{item}"'),
+)
 PORTS = {"Parallel": ' success_count="{n}" failure_count="1"', "TryCatch": ' catch_on_halt="true"'}
 CONDITIONS = ("_skipIf", "_successIf", "_failureIf", "_while")
 LEAVES = ("<Leaf/>", "<Leaf/>", "<Guard/>", "<Guarded/>", '<Script code="n = 1"/>', '<Script code="n = 4"/>')

@@ -56,27 +56,28 @@ class _Ordered(_InOrder):
         if (was := self.status) is not RUNNING:
             self._skipped, self.status = 0, RUNNING
             self.note_change((self, was, RUNNING, self.feedback_message))
-        children, continue_on, asynchronous = self.children, self.continue_on, self.asynchronous
-        count = len(children)
-        for index in range(self._index, count):
+        children = self.children
+        count, index = len(children), self._index
+        while index < count:
             child = children[index]
-            was_idle = asynchronous and child.status is IDLE
+            was_idle = self.asynchronous and child.status is IDLE
             status = child.execute()
             if status is RUNNING:
                 self._index = index
                 return RUNNING
-            if status is continue_on:
-                if was_idle and index + 1 < count:
-                    self._index = index + 1
+            index += 1
+            if status is self.continue_on:
+                if was_idle and index < count:
+                    self._index = index
                     return RUNNING
             elif status is SKIPPED:
                 self._skipped += 1
             else:
-                return self._ended_by(index, status)
+                return self._ended_by(index - 1, status)
         self._index = 0
         if self.with_memory:
             self.reset_children()
-        return SKIPPED if self._skipped == count else continue_on
+        return SKIPPED if self._skipped == count else self.continue_on
 
     def on_halt(self) -> None:
         if not self.with_memory:

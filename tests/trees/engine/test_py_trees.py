@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from py_trees import behaviours, common
 
 from cell.interfaces.notes import ListJournal
+from tests import ROOT
 from tests.trees.conftest import Load
 from tests.trees.engine.test_nodes import Steps
 from trees.engine.hooks import ORDERS, Hooks
@@ -189,3 +191,11 @@ def test_a_monitors_hook_outlives_the_ticks_of_py_trees(load: Load) -> None:
         tree.blackboard.entry("x").value = 0
         shown.tick_once()
         assert tree.blackboard.values()["x"] == 1
+
+
+def test_nothing_but_the_adapter_knows_py_trees() -> None:
+    files = [
+        file for package in ("cell", "trees", "skills", "learned", "sim") for file in (ROOT / package).rglob("*.py")
+    ]
+    found = [file.name for file in files if re.search(r"^\s*(from|import) py_trees", file.read_text(), re.MULTILINE)]
+    assert found == ["py_trees_adapter.py"]

@@ -12,8 +12,7 @@ TREE = FOLDER / "trees" / "assemble.xml"
 
 
 def test_trees_have_no_mistakes() -> None:
-    own = [str(FOLDER / "nodes")] if (FOLDER / "nodes").is_dir() else []
-    assert check(sorted(TREE.parent.glob("*.xml")), node_registry(more=own)) == []
+    assert check(sorted(TREE.parent.glob("*.xml")), node_registry()) == []
 
 
 def test_configuration_fits_the_product() -> None:

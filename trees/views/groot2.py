@@ -109,7 +109,7 @@ def _node_lines(tree: Tree, root: TreeNode, subtrees: list[tuple[str, str, TreeN
         tag, written = tree.origins[node.uid - 1]
         values = {key: value for key, value in written.items() if key != "name"}
         values = {"name": node.name, **values, "_uid": str(node.uid)}
-        children: list[TreeNode] = list(node.children)  # type: ignore[arg-type]
+        children = node.children
         if tag == "SubTree":
             values["_fullpath"] = node.full_path
             subtrees.append((values["ID"], node.full_path, children[0]))

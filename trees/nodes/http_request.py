@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -12,7 +11,7 @@ from trees.engine.outside import LENGTH_LIMIT, Outside, when_cancelled
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 
-CONNECTIONS: dict[str, type[HTTPConnection]] = {"http": HTTPConnection, "https": HTTPSConnection}
+SCHEMES = ("http", "https")
 
 
 class HttpRequest(Outside):
@@ -27,14 +26,17 @@ class HttpRequest(Outside):
 
     def question(self) -> Any:
         url = self.url.get()
-        if (scheme := urlsplit(url).scheme) not in CONNECTIONS:
+        if (scheme := urlsplit(url).scheme) not in SCHEMES:
             raise NodeError(f"'{url}' begins with '{scheme}'; legal: http:// and https://")
         asked = {"method": self.method.get(), "url": url, "limit_s": self.limit_s.get()}
         return {**asked, "body": self.body.get(), "content_type": self.content_type.get()}
 
     def ask(self, question: Any) -> Any:
+        from http.client import HTTPConnection, HTTPException, HTTPSConnection  # slow, and most trees ask nobody
+
         url = urlsplit(question["url"])
-        connection = CONNECTIONS[url.scheme](url.netloc, timeout=question["limit_s"])
+        kind = HTTPSConnection if url.scheme == "https" else HTTPConnection
+        connection = kind(url.netloc, timeout=question["limit_s"])
         try:
             connection.connect()
             when_cancelled(lambda: connection.sock.shutdown(socket.SHUT_RDWR))

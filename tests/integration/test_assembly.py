@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.pose import Pose
 from sim.scene.clutter import ScenePart, standing
@@ -25,6 +24,7 @@ from tests.integration.cell_rig import (
     with_person,
 )
 from tests.processes import SLOW_MACHINE_S, started
+from trees.engine.status import Status
 from trees.nodes.people import WaitForHandClearOfPart
 
 

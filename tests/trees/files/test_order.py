@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import Problem
 from cell.interfaces.clock import ManualClock
@@ -16,6 +15,7 @@ from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.blackboard import UNSET
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.files.build.registry import Registry
 from trees.files.check import check
 from trees.files.loader import build

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from cell.errors import InputError, Place, Problem
 from trees.engine.literals import TRUE_WORDS
+from trees.files.parse.in_python import InPython
 from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
-from trees.files.parse.xml_file import Element, read_xml
+from trees.files.parse.xml_file import FORMAT, Element, read_xml
 
 MOST_WORDS = 12
-FORMAT = "4"
 UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100
@@ -70,14 +70,14 @@ class Library:
     incomplete: bool = False
 
 
-def read_library(path: Path, beside: Iterable[Path] = ()) -> Library:
-    """Read a file and what it includes; what is wrong is in `problems`.
+def read_library(source: Path | InPython, beside: Iterable[Path] = ()) -> Library:
+    """Read a file, or what stands for one, and what it includes; what is wrong is in `problems`.
 
     Args:
         beside: further files, and folders with them, whose trees it may name.
     """
     library = Library()
-    root = _read(library, path, None)
+    root = _read(library, source, None)
     own = tuple(library.trees)
     for file in _files(beside):
         if file.resolve() not in {known.resolve() for known in library.texts}:
@@ -115,9 +115,10 @@ def called(library: Library, element: Element) -> list[Element]:
     return library.trees[element.get("ID") or ""].children if element.tag == "SubTree" else element.children
 
 
-def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:
+def _read(library: Library, source: Path | InPython, included_at: Place | None) -> Element | None:
+    path = source if isinstance(source, Path) else source.path
     try:
-        text, root, malformed = read_xml(path)
+        text, root, malformed = read_xml(path, None if isinstance(source, Path) else source.text)
     except InputError as error:
         library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]
@@ -125,6 +126,8 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
             library.problems.append(Problem(included_at, f"the included file {path.name} cannot be used"))
         library.problems += problems
         return None
+    if isinstance(source, InPython):
+        source.placed(root)
     library.texts[path] = text
     library.problems += malformed[:PROBLEM_LIMIT]
     library.incomplete = library.incomplete or root.broken

@@ -18,6 +18,7 @@ DEPTH_LIMIT = 1_000
 ATTRIBUTE_LIMIT = 100
 ELEMENT_LIMIT = 10_000
 ATTRIBUTES_LIMIT = 30_000  # in all elements together
+FORMAT = "4"
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 
 _NAME = re.compile(rb"(?<=</)[^\s>]*")
@@ -87,14 +88,17 @@ def node_tag(element: Element) -> str:
     return element.tag
 
 
-def read_xml(path: Path) -> tuple[str, Element, list[Problem]]:
+def read_xml(path: Path, opened: str | None = None) -> tuple[str, Element, list[Problem]]:
     """The text of a file, its root element as far as it can be read, and what is wrong with it as XML.
+
+    Args:
+        opened: the text that an editor has open, which counts instead of the file's.
 
     Raises:
         InputError: the file cannot be read, holds no element, or is refused: too large, too deep, with a DTD or
             entities.
     """
-    data = _read(path)
+    data = _read(path) if opened is None else opened.encode(errors="replace")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -219,8 +223,8 @@ class _Reader:
 
 def _after(place: Place, text: str) -> Place:
     """The place behind a text that begins at `place`."""
-    assert place.line is not None
-    assert place.column is not None
+    if place.line is None or place.column is None:
+        return place
     lines = text.count("\n")
     if not lines:
         return Place(place.file, place.line, place.column + len(text))

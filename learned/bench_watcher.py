@@ -60,7 +60,7 @@ class DetectorChain:
         """The answer to this frame; frames must come in order. The camera is where its calibration says."""
         frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
         hand = self._tracker.track(frame)
-        health = self._health.judge(frame)
+        health = self._health.judge(frame, [one for one in (hand, *self._tracker.others) if one is not None])
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
         hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
         holes = self._reader.read(frame, hand)

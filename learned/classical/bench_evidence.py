@@ -1,0 +1,262 @@
+"""Whether each region of an overhead image shows this bench: landmarks from the first frame on, then what they vouch for.
+
+A reference of the empty bench grows where landmarks are seen and neither robot nor hand is. From then on each region
+looks like the reference, or a robot or a hand that somebody knows of is in front of it. Nothing else explains a change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Edge, Frame, HandSample
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.calibration.landmarks import PlateModel, Rectangle
+from learned.classical.box_model import View, fill, outline
+
+Mask = NDArray[np.uint8]
+
+NO_HAND = "something reaches into the view that is not seen as a hand"
+GRID = 4  # pixels of the image in one of the small image, along both axes
+LOOK_EVERY_S, LASTS_S = 0.3, 1.2  # between looks for landmarks, and how long something must be wrong
+STRETCH = 8  # points of an edge that are one landmark
+REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
+EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
+LEAST_SEEN = 0.5  # of a group of landmarks; robot and hand hide a third of one, now and then all of a short one
+LONG = 4  # landmarks of a group that is never hidden
+BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
+FRAMES_VALID = 5  # without robot and hand, until a pixel of the reference counts
+ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
+LEVELS, SHARE = 8.0, 0.16  # a pixel that differs by more has changed
+THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
+ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
+LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
+TURNS: dict[Edge, int] = {"bottom": 0, "left": 1, "top": 2, "right": 3}  # quarters, counter-clockwise
+MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
+
+
+@dataclass(frozen=True)
+class _Landmarks:
+    """Stretches of edges of plate and tray.
+
+    Attributes:
+        places: (shifts, n, 2) pixels (column, row) of all points, as far off as they may be.
+        across: (n, 2) unit vectors across the edge.
+        stretch: (n,) which landmark a point is of.
+        groups: (landmarks,) which pair of parallel edges a landmark is of.
+    """
+
+    places: NDArray[np.intp]
+    across: Array
+    stretch: NDArray[np.intp]
+    groups: NDArray[np.intp]
+
+    @staticmethod
+    def of(bench: Bench, product: Product) -> _Landmarks:
+        """Those of a bench that are in view."""
+        view, tray = View(bench.overhead.model, bench.overhead.mount.pose), bench.tray
+        half, (x, y, z) = np.array(tray.size_m) / 2, tray.centre_m
+        rim = Rectangle.between(-half, half, Pose((x, y, z + tray.wall_m)))
+        steps = range(-REACH_PX, REACH_PX + 1, STEP_PX)
+        shifts = np.array([(column, row) for column in steps for row in steps])
+        size = bench.overhead.model.width_px, bench.overhead.model.height_px
+        found: list[tuple[Array, Array, int]] = []
+        for number, rectangle in enumerate((PlateModel.of(bench, product), rim)):
+            start = view.pixels(rectangle.edges_m)
+            unit = view.pixels(rectangle.edges_m + 0.01 * rectangle.outwards) - start
+            unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+            for side in range(4):
+                own = np.flatnonzero(rectangle.sides == side)
+                for part in np.array_split(own, max(1, round(len(own) / STRETCH))):
+                    if ((start[part] > REACH_PX) & (start[part] < np.array(size) - REACH_PX - 1)).all():
+                        found.append((start[part], unit[part], 2 * number + side // 2))
+        if not found:
+            return _Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
+        points, across, groups = zip(*found, strict=True)
+        places = np.rint(np.concatenate(points) + shifts[:, np.newaxis]).astype(np.intp)
+        stretch = np.repeat(np.arange(len(found)), [len(one) for one in points])
+        return _Landmarks(places, np.concatenate(across), stretch, np.array(groups))
+
+    def seen(self, grey: NDArray[np.uint8]) -> dict[int, bool]:
+        """Of each group, whether enough of its landmarks are seen, at the shift at which most of all are."""
+        if not len(self.groups):
+            return {}
+        smooth = cv2.GaussianBlur(grey, (0, 0), EDGE_BLUR_PX)
+        columns, rows = self.places[..., 0], self.places[..., 1]
+        x, y = (cv2.Sobel(smooth, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1)))
+        along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), LEAST_SLOPE)
+        starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
+        clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > LEAST_ALONG
+        best = clear[clear.mean(axis=1).argmax()]
+        return {group: bool(best[self.groups == group].mean() >= LEAST_SEEN) for group in np.unique(self.groups)}
+
+
+class BenchEvidence:
+    """Looks at the frames of the overhead camera in their order.
+
+    Attributes:
+        unseen: why an image does not show this bench, in words; empty where it does.
+        unexplained: what reaches over the person's edge that is neither the robot nor a hand that was seen.
+    """
+
+    def __init__(self, bench: Bench, product: Product) -> None:
+        model = bench.overhead.model
+        self._view = View(model, bench.overhead.mount.pose)
+        self._landmarks = _Landmarks.of(bench, product)
+        self._bins = [_around(self._view, place) for place in bench.bins_m.values()]
+        shape = model.height_px // GRID, model.width_px // GRID
+        self._reference = np.zeros((*shape, 3), np.float32)
+        self._frames = np.zeros(shape, np.float32)  # that it was made of
+        self._edge = person_edge(bench)
+        self._rim, self._persons = _rims(shape, self._edge)
+        self._looked_s = self._seen_s = -np.inf
+        self._last_s = -np.inf
+        self._wrong_s = 0.0  # for so long more than not
+        self._words = ""
+        groups, counts = np.unique(self._landmarks.groups, return_counts=True)
+        self._always = groups[counts >= LONG].tolist()
+        self._missing = set(groups.tolist())  # that were never seen
+        self.unseen = self.unexplained = ""
+
+    def see(self, frame: Frame, small: Mask, grey: Mask, hands: Sequence[HandSample]) -> None:
+        """One frame more.
+
+        Args:
+            small: every pixel the mean of GRID x GRID of the image, in colour.
+            grey: the image in grey.
+        """
+        now_s = frame.time_s
+        if now_s >= self._looked_s + LOOK_EVERY_S:
+            self._looked_s = now_s
+            self._seen_s = now_s if self._bench_seen(small, grey) else self._seen_s
+        wrong = self._compare(frame, small.astype(np.float32), hands, learn=self._seen_s >= self._looked_s)
+        if self._seen_s < self._looked_s or self._missing:
+            wrong = "the bench is not seen"
+        step_s, self._last_s = min(0.2, max(0.0, now_s - self._last_s)), now_s
+        self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
+        self._words = wrong or self._words
+        told = self._words if self._wrong_s >= LASTS_S else ""
+        self.unexplained, self.unseen = (told, "") if told == NO_HAND else ("", told)
+
+    def _bench_seen(self, small: Mask, grey: Mask) -> bool:
+        """Whether landmarks are where the calibration has them, and something is where the bins are."""
+        seen = self._landmarks.seen(grey)
+        self._missing -= {group for group, clear in seen.items() if clear}
+        coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
+        spreads = [float(coarse[window].std(axis=(0, 1)).max()) for window in self._bins if coarse[window].size]
+        return all(seen[group] for group in self._always) and min(spreads, default=np.inf) > LEAST_CONTRAST
+
+    def _compare(
+        self, frame: Frame, image: NDArray[np.float32], hands: Sequence[HandSample], *, learn: bool
+    ) -> str:
+        """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
+        robot = _robot(frame, self._view, self._frames.shape)
+        free = (self._frames >= FRAMES_VALID) & (robot == 0)
+        image /= self._gain(image, free)
+        off = np.abs(image - self._reference).max(axis=2)
+        changed = free & (off > LEVELS + SHARE * self._reference.max(axis=2))
+        boxes = _boxes(hands, changed.shape)
+        of_hand, foreign = self._sorted(changed, boxes, robot_known=frame.robot_m is not None)
+        if learn:
+            rate = np.where(changed, CHANGED, ALIKE)
+            rate = np.where(self._frames < FRAMES_VALID, 1 / (self._frames + 1), rate)
+            rate[(robot > 0) | of_hand | _towards(self._edge, boxes)] = 0
+            self._frames += rate > 0
+            self._reference += rate[..., np.newaxis].astype(np.float32) * (image - self._reference)
+        if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
+            return "the bench is not seen"
+        if (foreign & self._persons).any():
+            return NO_HAND
+        return "something covers the view" if foreign.any() else ""
+
+    def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+        """How much brighter an image is than the reference."""
+        grid = free[::3, ::3]
+        ratios = (image[::3, ::3, 1][grid] + 1) / (self._reference[::3, ::3, 1][grid] + 1)
+        return float(np.median(ratios)) if ratios.size else 1.0
+
+    def _sorted(
+        self, changed: NDArray[np.bool_], boxes: NDArray[np.bool_], *, robot_known: bool
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Large pieces of what has changed: those that hands explain, and those that nothing explains.
+
+        Where nobody knows where the robot is, what comes over an edge that is not the person's may be it.
+        """
+        near, foreign = _towards(self._edge, boxes), np.zeros_like(changed)
+        thick = cv2.boxFilter((changed & ~near).astype(np.float32), -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
+        thick = changed & (thick > THICK_SHARE)
+        if not thick.any():
+            return near & changed, foreign
+        _, labels = cv2.connectedComponents(cv2.dilate(changed.astype(np.uint8), np.ones((5, 5), np.uint8)))
+        for label in np.unique(labels[thick]):
+            own = labels == label
+            if robot_known or own.mean() > MOST_ROBOT or not self._may_be_robot(own):
+                foreign |= own & ~near
+        return near & changed, foreign
+
+    def _may_be_robot(self, own: NDArray[np.bool_]) -> bool:
+        """Whether a piece comes over an edge of the image that is not the person's, and does not go across."""
+        across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
+        return not across and bool((own & self._rim & ~self._persons).any())
+
+
+def person_edge(bench: Bench) -> Edge:
+    """The edge of the overhead view behind which the person stands: x points towards the person."""
+    middle = np.array(bench.bracket.position_m)
+    start, end = View(bench.overhead.model, bench.overhead.mount.pose).pixels(
+        np.array([middle, middle + np.array([0.1, 0.0, 0.0])])
+    )
+    column, row = end - start
+    if abs(column) > abs(row):
+        return "right" if column > 0 else "left"
+    return "bottom" if row > 0 else "top"
+
+
+def _around(view: View, place: Sequence[float]) -> tuple[slice, slice]:
+    """Rows and columns of the coarse image around a place of the bench."""
+    column, row = view.pixels(np.array([place], float))[0] / (3 * GRID)
+    reach = view.pixels_per_m(place) * BIN_M / (3 * GRID)
+    rows, columns = (slice(max(0, round(at - reach)), max(0, round(at + reach) + 1)) for at in (row, column))
+    return rows, columns
+
+
+def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """All pixels at the edges of an image, and those at one edge."""
+    rim, own = np.ones(shape, bool), np.zeros(shape, bool)
+    rim[1:-1, 1:-1] = False
+    line = {"left": np.s_[:, 0], "right": np.s_[:, -1], "top": np.s_[0], "bottom": np.s_[-1]}[edge]
+    own[line] = True
+    return rim, own
+
+
+def _robot(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
+    """1 where the robot may be in a small image, (height, width)."""
+    mask = np.zeros(shape, np.uint8)
+    for points in () if frame.robot_m is None else frame.robot_m:
+        if float(view.depths(points).min()) > LEAST_DEPTH_M:
+            mask |= fill(mask.shape, outline(view.pixels(points) / GRID))
+    return np.asarray(cv2.dilate(mask, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)), np.uint8)
+
+
+def _boxes(hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Where hands are seen in a small image."""
+    mask = np.zeros(shape, bool)
+    for hand in hands:
+        left, top, right, bottom = (value // GRID for value in hand.box_px)
+        mask[max(0, top - HAND_PX) : bottom + HAND_PX + 1, max(0, left - HAND_PX) : right + HAND_PX + 1] = True
+    return mask
+
+
+def _towards(edge: Edge, boxes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Hands, and all between them and an edge: arms come from there."""
+    turns = TURNS[edge]  # until that edge is the lowest
+    turned = np.rot90(boxes, turns).astype(np.uint8)
+    for row in range(1, len(turned)):  # forearms lie askew, up to half a right angle
+        turned[row] |= cv2.dilate(turned[row - 1 : row], np.ones((1, 3), np.uint8))[0]
+    return np.rot90(turned > 0, -turns)

@@ -1,4 +1,4 @@
-"""Whether each region of an overhead image shows this bench: landmarks from the first frame on, then what they vouch for.
+"""Whether each region of an overhead image shows this bench: landmarks from the first frame on, then a reference.
 
 A reference of the empty bench grows where landmarks are seen and neither robot nor hand is. From then on each region
 looks like the reference, or a robot or a hand that somebody knows of is in front of it. Nothing else explains a change.
@@ -24,7 +24,7 @@ Mask = NDArray[np.uint8]
 
 NO_HAND = "something reaches into the view that is not seen as a hand"
 GRID = 4  # pixels of the image in one of the small image, along both axes
-LOOK_EVERY_S, LASTS_S = 0.3, 1.2  # between looks for landmarks, and how long something must be wrong
+LOOK_EVERY_S, LASTS_S = 0.3, 1.0  # between looks for landmarks, and how long something must be wrong
 STRETCH = 8  # points of an edge that are one landmark
 REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
 EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
@@ -33,7 +33,7 @@ LONG = 4  # landmarks of a group that is never hidden
 BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
 FRAMES_VALID = 5  # without robot and hand, until a pixel of the reference counts
 ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
-LEVELS, SHARE = 8.0, 0.16  # a pixel that differs by more has changed
+LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
 THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
 ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
 LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
@@ -73,9 +73,10 @@ class _Landmarks:
             unit /= np.linalg.norm(unit, axis=1, keepdims=True)
             for side in range(4):
                 own = np.flatnonzero(rectangle.sides == side)
-                for part in np.array_split(own, max(1, round(len(own) / STRETCH))):
-                    if ((start[part] > REACH_PX) & (start[part] < np.array(size) - REACH_PX - 1)).all():
-                        found.append((start[part], unit[part], 2 * number + side // 2))
+                parts = np.array_split(own, max(1, round(len(own) / STRETCH)))
+                low, high = REACH_PX, np.array(size) - REACH_PX - 1
+                inside = [part for part in parts if ((start[part] > low) & (start[part] < high)).all()]
+                found += [(start[part], unit[part], 2 * number + side // 2) for part in inside]
         if not found:
             return _Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
         points, across, groups = zip(*found, strict=True)
@@ -152,9 +153,7 @@ class BenchEvidence:
         spreads = [float(coarse[window].std(axis=(0, 1)).max()) for window in self._bins if coarse[window].size]
         return all(seen[group] for group in self._always) and min(spreads, default=np.inf) > LEAST_CONTRAST
 
-    def _compare(
-        self, frame: Frame, image: NDArray[np.float32], hands: Sequence[HandSample], *, learn: bool
-    ) -> str:
+    def _compare(self, frame: Frame, image: NDArray[np.float32], hands: Sequence[HandSample], *, learn: bool) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
         robot = _robot(frame, self._view, self._frames.shape)
         free = (self._frames >= FRAMES_VALID) & (robot == 0)
@@ -193,7 +192,7 @@ class BenchEvidence:
         thick = changed & (thick > THICK_SHARE)
         if not thick.any():
             return near & changed, foreign
-        _, labels = cv2.connectedComponents(cv2.dilate(changed.astype(np.uint8), np.ones((5, 5), np.uint8)))
+        _, labels = cv2.connectedComponents(cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8)))
         for label in np.unique(labels[thick]):
             own = labels == label
             if robot_known or own.mean() > MOST_ROBOT or not self._may_be_robot(own):

@@ -1,7 +1,7 @@
 """Says whether an overhead image can be believed: each region of it must show fresh evidence of this bench.
 
-Fresh: new pixels, as a sensor's noise makes them. Evidence: neither dark nor glaring, in focus, in the light and colours
-of the run's first frames. Of this bench: see bench_evidence.py.
+Fresh: new pixels, as a sensor's noise makes them. Evidence: neither dark nor glaring, in focus, in the light and
+colours of the run's first frames. Of this bench: see bench_evidence.py.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from learned.classical.box_model import View
 from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
-BLACK, WHITE = 6, 250  # of the brightest and the darkest channel of a place that shows nothing
+BLACK, WHITE = 6, 240  # of the brightest and the darkest channel of a place that shows nothing
 LEAST_CONTRAST, LEAST_COLOUR = 6.0, 4.0  # standard deviation of grey levels; levels between channels
 BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
 LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
@@ -194,7 +194,8 @@ class TrackHealth:
     """Says whether no hand means that there is none, and how fast a hand moves.
 
     Attributes:
-        left_by: edges by which the hand left the view, or may have; empty while one is seen.
+        left_by: edges by which the hand left the view, or may have; empty while one is seen. Before the first one, the
+            person's: that no hand was seen so far does not mean that none is there.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -203,7 +204,7 @@ class TrackHealth:
         self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
         self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
         self._unknown = ""
-        self.left_by: tuple[Edge, ...] = ()
+        self.left_by: tuple[Edge, ...] = (person_edge(bench),)
 
     def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
         """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""

@@ -197,9 +197,9 @@ class BenchView:
         hand: None where no hand is seen; that means that there is none only where `hand_unknown` is empty.
         holes: by position name; a position that was never seen unobstructed is absent.
         health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
+            The next two are part of it.
         unseen: why the image does not show this bench, in words; empty where it does.
-        unexplained: what differs from the empty bench as a hand would, in words, where no hand is seen; empty for
-            nothing.
+        unexplained: what differs from the empty bench where no hand is seen, in words; empty for nothing.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
         other_hands: hands in view that do not work.
         left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen. Before

@@ -228,6 +228,11 @@ def _of_view(words: Callable[[BenchView], str]) -> Check:
     return check
 
 
+def _health(view: BenchView) -> str:
+    """What is wrong with the image; what it does not show has rows of its own."""
+    return "" if view.unseen or view.unexplained else _with("the overhead image is", view.health)
+
+
 def _with(beginning: str, found: str) -> str:
     return f"{beginning} {found}" if found else ""
 
@@ -320,7 +325,7 @@ CHECKS: Mapping[str, Check] = {
     "camera_lost": _trouble_of("camera overhead", "camera wrist"),
     "bench_stale": _stale_bench,
     "bench_in_the_future": _future_bench,
-    "camera_unhealthy": _of_view(lambda view: _with("the overhead image is", view.health)),
+    "camera_unhealthy": _of_view(_health),
     "bench_not_seen": _of_view(lambda view: _with("overhead camera:", view.unseen)),
     "camera_moved": _camera_moved,
     "hand_unknown": _of_view(lambda view: _with("where the hand is, is not known:", view.hand_unknown)),

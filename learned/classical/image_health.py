@@ -29,7 +29,7 @@ LEAST_CONTRAST, LEAST_COLOUR = 6.0, 4.0  # standard deviation of grey levels; le
 BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
 LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
 LEAST_SHARPNESS = 0.5  # of the baseline's
-REMEMBERED = 4096  # frames, 4.5 minutes, none of which may come again
+REMEMBERED, OLD_FRAMES = 4096, 5  # frames, none of which may come again; one before the last few is an old one
 STUCK_FRAMES, STUCK_SHARE, CELL = 5, 0.02, 5  # frames and share of cells, of so many sampled pixels, that stay the same
 NOISE, NOISE_SHARE, NOISY_FRAMES = 30, 0.12, 12  # levels, share of pixels that change by more, frames in a row
 LEAST_STEP = 10.0  # grey levels across an edge of the plate
@@ -96,10 +96,10 @@ class ImageHealth:
         """
         looked = self._looked(frame.image)
         health = self._fresh.judge(looked.samples) or _absolute(looked) or self._compared(looked.figures)
-        health = health or self._focus(looked.grey)
+        health = health or _glaring(looked) or self._focus(looked.grey)
         self._evidence.see(frame, looked.small, looked.grey, hands)
         self.unseen, self.unexplained = self._fresh.repeats or self._evidence.unseen, self._evidence.unexplained
-        return health
+        return health or self.unseen or self.unexplained
 
     def prepare(self, image: NDArray[np.uint8]) -> None:
         """Do before anybody asks what follows from the image alone."""
@@ -131,7 +131,8 @@ class _Freshness:
     """Whether images are new ones, as a whole, by quarters and by small cells.
 
     Attributes:
-        repeats: that an image came again which is not the one before, in words; empty where it did not.
+        repeats: that an image came again which is not the one before, in words; empty where it did not. Where it is an
+            old one, nobody knows from then on how old images are.
     """
 
     def __init__(self) -> None:
@@ -142,6 +143,7 @@ class _Freshness:
         self._noisy = 0
         self._same: NDArray[np.intp] = np.zeros(0, np.intp)  # frames in a row in which each cell was the same
         self._number = 0
+        self._old = False
         self.repeats = ""
 
     def judge(self, samples: NDArray[np.uint8]) -> str:
@@ -153,7 +155,9 @@ class _Freshness:
         noisy = self._before is not None and self._noise(samples, self._before)
         self._noisy, self._before = (self._noisy + 1 if noisy else 0), samples
         ago = self._ago(cells)
-        self.repeats = f"the image of {ago} frames ago comes again" if ago > 1 else ""
+        if not self._old:
+            self._old = ago > OLD_FRAMES
+            self.repeats = f"an image of {ago} frames ago came again" if ago > 1 else ""
         if ago == 1:
             return "frozen"
         if (self._same + 1 >= STUCK_FRAMES).mean() > STUCK_SHARE:
@@ -269,8 +273,11 @@ def _absolute(looked: _Looked) -> str:
     if spread < LEAST_CONTRAST:
         return "without contrast"
     high, low = looked.small.max(axis=2), looked.small.min(axis=2)
-    if float(np.max(high - low)) < LEAST_COLOUR:
-        return "without colour"
+    return "without colour" if float(np.max(high - low)) < LEAST_COLOUR else ""
+
+
+def _glaring(looked: _Looked) -> str:
+    high, low = looked.small.max(axis=2), looked.small.min(axis=2)
     dead = ((high < BLACK) | (low > WHITE)).astype(np.float32)
     shares = cv2.boxFilter(dead, -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
     return "black or glaring in part" if bool((shares > THICK_SHARE).any()) else ""

@@ -18,26 +18,25 @@ from cell.interfaces.perception import Edge, Frame, HandSample
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel, Rectangle
-from learned.classical.box_model import View, fill, outline
+from learned.classical.box_model import View, outline
 
 Mask = NDArray[np.uint8]
 
 NO_HAND = "something reaches into the view that is not seen as a hand"
 GRID = 4  # pixels of the image in one of the small image, along both axes
-LOOK_EVERY_S, LASTS_S = 0.3, 1.0  # between looks for landmarks, and how long something must be wrong
+LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how long something must be wrong
 STRETCH = 8  # points of an edge that are one landmark
 REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
 EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
 LEAST_SEEN = 0.5  # of a group of landmarks; robot and hand hide a third of one, now and then all of a short one
 LONG = 4  # landmarks of a group that is never hidden
 BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
-FRAMES_VALID = 5  # without robot and hand, until a pixel of the reference counts
+FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
 ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
 LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
 THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
 ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
 LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
-TURNS: dict[Edge, int] = {"bottom": 0, "left": 1, "top": 2, "right": 3}  # quarters, counter-clockwise
 MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
@@ -116,10 +115,8 @@ class BenchEvidence:
         self._frames = np.zeros(shape, np.float32)  # that it was made of
         self._edge = person_edge(bench)
         self._rim, self._persons = _rims(shape, self._edge)
-        self._looked_s = self._seen_s = -np.inf
-        self._last_s = -np.inf
-        self._wrong_s = 0.0  # for so long more than not
-        self._words = ""
+        self._looked_s = self._seen_s = self._compared_s = -np.inf
+        self._wrong, self._wrong_s = "", 0.0  # what is wrong, and for how long more than not
         groups, counts = np.unique(self._landmarks.groups, return_counts=True)
         self._always = groups[counts >= LONG].tolist()
         self._missing = set(groups.tolist())  # that were never seen
@@ -132,42 +129,44 @@ class BenchEvidence:
             small: every pixel the mean of GRID x GRID of the image, in colour.
             grey: the image in grey.
         """
-        now_s = frame.time_s
+        now_s, since_s = frame.time_s, frame.time_s - self._compared_s
+        if since_s < COMPARE_EVERY_S:
+            return
+        self._compared_s = now_s
         if now_s >= self._looked_s + LOOK_EVERY_S:
             self._looked_s = now_s
             self._seen_s = now_s if self._bench_seen(small, grey) else self._seen_s
-        wrong = self._compare(frame, small.astype(np.float32), hands, learn=self._seen_s >= self._looked_s)
-        if self._seen_s < self._looked_s or self._missing:
-            wrong = "the bench is not seen"
-        step_s, self._last_s = min(0.2, max(0.0, now_s - self._last_s)), now_s
+        seen = self._seen_s >= self._looked_s and not self._missing
+        wrong = self._compare(frame, small, hands) if seen else "the bench is not seen"
+        step_s = min(since_s, 2 * COMPARE_EVERY_S)
         self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
-        self._words = wrong or self._words
-        told = self._words if self._wrong_s >= LASTS_S else ""
+        self._wrong = wrong or self._wrong
+        told = self._wrong if self._wrong_s >= LASTS_S else ""
         self.unexplained, self.unseen = (told, "") if told == NO_HAND else ("", told)
 
     def _bench_seen(self, small: Mask, grey: Mask) -> bool:
-        """Whether landmarks are where the calibration has them, and something is where the bins are."""
+        """Whether landmarks are where the calibration has them and, for the first time, something is where bins are."""
         seen = self._landmarks.seen(grey)
         self._missing -= {group for group, clear in seen.items() if clear}
+        if not all(seen[group] for group in self._always):
+            return False
         coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
-        spreads = [float(coarse[window].std(axis=(0, 1)).max()) for window in self._bins if coarse[window].size]
-        return all(seen[group] for group in self._always) and min(spreads, default=np.inf) > LEAST_CONTRAST
+        bins = [] if np.isfinite(self._seen_s) else [coarse[window] for window in self._bins]
+        return all(float(one.std(axis=(0, 1)).max()) > LEAST_CONTRAST for one in bins if one.size)
 
-    def _compare(self, frame: Frame, image: NDArray[np.float32], hands: Sequence[HandSample], *, learn: bool) -> str:
+    def _compare(self, frame: Frame, small: Mask, hands: Sequence[HandSample]) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
-        robot = _robot(frame, self._view, self._frames.shape)
-        free = (self._frames >= FRAMES_VALID) & (robot == 0)
-        image /= self._gain(image, free)
-        off = np.abs(image - self._reference).max(axis=2)
-        changed = free & (off > LEVELS + SHARE * self._reference.max(axis=2))
-        boxes = _boxes(hands, changed.shape)
-        of_hand, foreign = self._sorted(changed, boxes, robot_known=frame.robot_m is not None)
-        if learn:
-            rate = np.where(changed, CHANGED, ALIKE)
-            rate = np.where(self._frames < FRAMES_VALID, 1 / (self._frames + 1), rate)
-            rate[(robot > 0) | of_hand | _towards(self._edge, boxes)] = 0
-            self._frames += rate > 0
-            self._reference += rate[..., np.newaxis].astype(np.float32) * (image - self._reference)
+        image, shape = small.astype(np.float32), self._frames.shape
+        hidden = (_robot(frame, self._view, shape) > 0) | _towards(self._edge, hands, shape)
+        free = (self._frames >= FRAMES_VALID) & ~hidden
+        image *= 1 / self._gain(image, free)
+        off, bright = _greatest(cv2.absdiff(image, self._reference)), _greatest(self._reference)
+        changed = free & (off > LEVELS + SHARE * bright)
+        foreign = self._foreign(changed, robot_known=frame.robot_m is not None)
+        rate = np.where(changed, np.float32(CHANGED), np.float32(ALIKE))
+        rate = np.maximum(rate, (self._frames < FRAMES_VALID) / (self._frames + 1)) * ~hidden
+        self._frames += ~hidden
+        self._reference += cv2.merge([rate] * 3) * (image - self._reference)
         if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
             return "the bench is not seen"
         if (foreign & self._persons).any():
@@ -180,29 +179,27 @@ class BenchEvidence:
         ratios = (image[::3, ::3, 1][grid] + 1) / (self._reference[::3, ::3, 1][grid] + 1)
         return float(np.median(ratios)) if ratios.size else 1.0
 
-    def _sorted(
-        self, changed: NDArray[np.bool_], boxes: NDArray[np.bool_], *, robot_known: bool
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Large pieces of what has changed: those that hands explain, and those that nothing explains.
+    def _foreign(self, changed: NDArray[np.bool_], *, robot_known: bool) -> NDArray[np.bool_]:
+        """The large pieces of what has changed.
 
         Where nobody knows where the robot is, what comes over an edge that is not the person's may be it.
         """
-        near, foreign = _towards(self._edge, boxes), np.zeros_like(changed)
-        thick = cv2.boxFilter((changed & ~near).astype(np.float32), -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
-        thick = changed & (thick > THICK_SHARE)
+        foreign, mask = np.zeros_like(changed), changed.astype(np.uint8)
+        shares = cv2.boxFilter(mask, cv2.CV_32F, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
+        thick = changed & (shares > THICK_SHARE)
         if not thick.any():
-            return near & changed, foreign
-        _, labels = cv2.connectedComponents(cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8)))
+            return foreign
+        _, labels = cv2.connectedComponents(cv2.dilate(mask, np.ones((3, 3), np.uint8)))
         for label in np.unique(labels[thick]):
             own = labels == label
             if robot_known or own.mean() > MOST_ROBOT or not self._may_be_robot(own):
-                foreign |= own & ~near
-        return near & changed, foreign
+                foreign |= own
+        return foreign
 
     def _may_be_robot(self, own: NDArray[np.bool_]) -> bool:
-        """Whether a piece comes over an edge of the image that is not the person's, and does not go across."""
+        """Whether a piece comes over an edge of the image, but not over the person's, and does not go across."""
         across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
-        return not across and bool((own & self._rim & ~self._persons).any())
+        return not across and bool((own & self._rim).any()) and not (own & self._persons).any()
 
 
 def person_edge(bench: Bench) -> Edge:
@@ -237,25 +234,33 @@ def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArra
 def _robot(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
     """1 where the robot may be in a small image, (height, width)."""
     mask = np.zeros(shape, np.uint8)
-    for points in () if frame.robot_m is None else frame.robot_m:
-        if float(view.depths(points).min()) > LEAST_DEPTH_M:
-            mask |= fill(mask.shape, outline(view.pixels(points) / GRID))
+    if frame.robot_m is not None:
+        points_m = frame.robot_m.reshape(-1, 3)
+        behind = (view.depths(points_m) < LEAST_DEPTH_M).reshape(len(frame.robot_m), -1).any(axis=1)
+        pixels = (view.pixels(points_m) / GRID).reshape(len(behind), -1, 2)
+        for link in pixels[~behind]:
+            cv2.fillConvexPoly(mask, outline(link).round().astype(np.int32), 1)
     return np.asarray(cv2.dilate(mask, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)), np.uint8)
 
 
-def _boxes(hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Where hands are seen in a small image."""
+def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Hands in a small image, and all between them and an edge: arms come from there, askew by up to 45 degrees."""
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
     mask = np.zeros(shape, bool)
     for hand in hands:
-        left, top, right, bottom = (value // GRID for value in hand.box_px)
-        mask[max(0, top - HAND_PX) : bottom + HAND_PX + 1, max(0, left - HAND_PX) : right + HAND_PX + 1] = True
+        left, top, right, bottom = (value / GRID for value in hand.box_px)
+        ahead, aside, start, low, high = {
+            "bottom": (rows, columns, top, left, right),
+            "top": (-rows, columns, -bottom, left, right),
+            "right": (columns, rows, left, top, bottom),
+            "left": (-columns, rows, -right, top, bottom),
+        }[edge]
+        beyond = ahead - start + HAND_PX
+        mask |= (beyond >= 0) & (aside >= low - HAND_PX - beyond) & (aside <= high + HAND_PX + beyond)
     return mask
 
 
-def _towards(edge: Edge, boxes: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Hands, and all between them and an edge: arms come from there."""
-    turns = TURNS[edge]  # until that edge is the lowest
-    turned = np.rot90(boxes, turns).astype(np.uint8)
-    for row in range(1, len(turned)):  # forearms lie askew, up to half a right angle
-        turned[row] |= cv2.dilate(turned[row - 1 : row], np.ones((1, 3), np.uint8))[0]
-    return np.rot90(turned > 0, -turns)
+def _greatest(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of the three channels of each pixel."""
+    red, green, blue = cv2.split(image)
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.float32)

@@ -28,12 +28,14 @@ LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how lon
 STRETCH = 8  # points of an edge that are one landmark
 REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
 EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
-LEAST_SEEN = 0.5  # of a group of landmarks; robot and hand hide a third of one, now and then all of a short one
+LEAST_SEEN, LEAST_BESIDE = 0.6, 0.4  # of a group of landmarks; of one that is hidden in part
+LEAST_SHOWN = 0.6  # of a group that is judged
 LONG = 4  # landmarks of a group that is never hidden
 BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
 FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
 ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
 LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
+LIT, DARKEST, MOST_SHADOW = 1.1, 0.3, 0.9  # shares of the reference in a shadow, and share of pixels for a shadow
 THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
 ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
 LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
@@ -83,8 +85,12 @@ class _Landmarks:
         stretch = np.repeat(np.arange(len(found)), [len(one) for one in points])
         return _Landmarks(places, np.concatenate(across), stretch, np.array(groups))
 
-    def seen(self, grey: NDArray[np.uint8]) -> dict[int, bool]:
-        """Of each group, whether enough of its landmarks are seen, at the shift at which most of all are."""
+    def seen(self, grey: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> dict[int, bool]:
+        """Of each group that is not mostly hidden, whether its landmarks are seen, at the shift that most are seen at.
+
+        Args:
+            hidden: pixels of the small image that robot or hands may be in front of.
+        """
         if not len(self.groups):
             return {}
         smooth = cv2.GaussianBlur(grey, (0, 0), EDGE_BLUR_PX)
@@ -93,8 +99,16 @@ class _Landmarks:
         along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), LEAST_SLOPE)
         starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
         clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > LEAST_ALONG
-        best = clear[clear.mean(axis=1).argmax()]
-        return {group: bool(best[self.groups == group].mean() >= LEAST_SEEN) for group in np.unique(self.groups)}
+        column, row = self.places[len(self.places) // 2, starts].T // GRID
+        open_ = ~hidden[row, column]
+        best = clear[clear[:, open_].sum(axis=1).argmax()]
+        found = {}
+        for group in np.unique(self.groups):
+            shown = open_[self.groups == group]
+            if shown.mean() >= LEAST_SHOWN:
+                share = best[open_ & (self.groups == group)].mean()
+                found[int(group)] = bool(share >= (LEAST_SEEN if shown.all() else LEAST_BESIDE))
+        return found
 
 
 class BenchEvidence:
@@ -115,7 +129,8 @@ class BenchEvidence:
         self._frames = np.zeros(shape, np.float32)  # that it was made of
         self._edge = person_edge(bench)
         self._rim, self._persons = _rims(shape, self._edge)
-        self._looked_s = self._seen_s = self._compared_s = -np.inf
+        self._looked_s = self._compared_s = -np.inf
+        self._astray = 0  # groups of landmarks that are not where they were
         self._wrong, self._wrong_s = "", 0.0  # what is wrong, and for how long more than not
         groups, counts = np.unique(self._landmarks.groups, return_counts=True)
         self._always = groups[counts >= LONG].tolist()
@@ -132,46 +147,45 @@ class BenchEvidence:
         now_s, since_s = frame.time_s, frame.time_s - self._compared_s
         if since_s < COMPARE_EVERY_S:
             return
-        self._compared_s = now_s
+        self._compared_s, shape = now_s, self._frames.shape
+        hidden = (_robot(frame, self._view, shape) > 0) | _towards(self._edge, hands, shape)
         if now_s >= self._looked_s + LOOK_EVERY_S:
-            self._looked_s = now_s
-            self._seen_s = now_s if self._bench_seen(small, grey) else self._seen_s
-        seen = self._seen_s >= self._looked_s and not self._missing
-        wrong = self._compare(frame, small, hands) if seen else "the bench is not seen"
-        step_s = min(since_s, 2 * COMPARE_EVERY_S)
+            self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
+        wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
+        doubtful = self._astray == 1 and not self._missing  # shadows and parts hide edges, too
+        step_s = min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
         self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
         self._wrong = wrong or self._wrong
         told = self._wrong if self._wrong_s >= LASTS_S else ""
         self.unexplained, self.unseen = (told, "") if told == NO_HAND else ("", told)
 
-    def _bench_seen(self, small: Mask, grey: Mask) -> bool:
-        """Whether landmarks are where the calibration has them and, for the first time, something is where bins are."""
-        seen = self._landmarks.seen(grey)
-        self._missing -= {group for group, clear in seen.items() if clear}
-        if not all(seen[group] for group in self._always):
-            return False
-        coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
-        bins = [] if np.isfinite(self._seen_s) else [coarse[window] for window in self._bins]
-        return all(float(one.std(axis=(0, 1)).max()) > LEAST_CONTRAST for one in bins if one.size)
+    def _look(self, small: Mask, grey: Mask, hidden: NDArray[np.bool_]) -> int:
+        """How many groups of landmarks are not where the calibration has them; at first, bins without contrast, too."""
+        seen = self._landmarks.seen(grey, hidden)
+        first, self._missing = bool(self._missing), self._missing - {group for group, clear in seen.items() if clear}
+        astray = sum(not seen.get(group, True) for group in self._always)
+        if first and not self._missing:
+            coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
+            bins = [coarse[window] for window in self._bins if coarse[window].size]
+            if any(float(one.std(axis=(0, 1)).max()) <= LEAST_CONTRAST for one in bins):
+                self._missing = set(seen)
+        return astray
 
-    def _compare(self, frame: Frame, small: Mask, hands: Sequence[HandSample]) -> str:
+    def _compare(self, small: Mask, hidden: NDArray[np.bool_]) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
-        image, shape = small.astype(np.float32), self._frames.shape
-        hidden = (_robot(frame, self._view, shape) > 0) | _towards(self._edge, hands, shape)
+        image = small.astype(np.float32)
         free = (self._frames >= FRAMES_VALID) & ~hidden
         image *= 1 / self._gain(image, free)
         off, bright = _greatest(cv2.absdiff(image, self._reference)), _greatest(self._reference)
         changed = free & (off > LEVELS + SHARE * bright)
-        foreign = self._foreign(changed, robot_known=frame.robot_m is not None)
+        wrong = self._unexplained(changed, hidden, image)
         rate = np.where(changed, np.float32(CHANGED), np.float32(ALIKE))
         rate = np.maximum(rate, (self._frames < FRAMES_VALID) / (self._frames + 1)) * ~hidden
         self._frames += ~hidden
         self._reference += cv2.merge([rate] * 3) * (image - self._reference)
         if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
             return "the bench is not seen"
-        if (foreign & self._persons).any():
-            return NO_HAND
-        return "something covers the view" if foreign.any() else ""
+        return wrong
 
     def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
         """How much brighter an image is than the reference."""
@@ -179,27 +193,32 @@ class BenchEvidence:
         ratios = (image[::3, ::3, 1][grid] + 1) / (self._reference[::3, ::3, 1][grid] + 1)
         return float(np.median(ratios)) if ratios.size else 1.0
 
-    def _foreign(self, changed: NDArray[np.bool_], *, robot_known: bool) -> NDArray[np.bool_]:
-        """The large pieces of what has changed.
+    def _unexplained(self, changed: NDArray[np.bool_], hidden: NDArray[np.bool_], image: NDArray[np.float32]) -> str:
+        """What a large piece is that has changed, in words; empty where there is none, or robot and person explain it.
 
-        Where nobody knows where the robot is, what comes over an edge that is not the person's may be it.
+        What hangs together with the robot, a hand or an edge may be their shadow, or a robot that nobody tells of. On
+        the person's side it may be a hand, but for what is only darker.
         """
-        foreign, mask = np.zeros_like(changed), changed.astype(np.uint8)
+        mask, found = changed.astype(np.uint8), ""
         shares = cv2.boxFilter(mask, cv2.CV_32F, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
         thick = changed & (shares > THICK_SHARE)
         if not thick.any():
-            return foreign
+            return ""
         _, labels = cv2.connectedComponents(cv2.dilate(mask, np.ones((3, 3), np.uint8)))
+        around = self._rim | (cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
         for label in np.unique(labels[thick]):
             own = labels == label
-            if robot_known or own.mean() > MOST_ROBOT or not self._may_be_robot(own):
-                foreign |= own
-        return foreign
+            across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
+            if across or own.mean() > MOST_ROBOT or not (own & around).any():
+                return "something covers the view"
+            if (own & self._persons).any() and not self._shadow(own & changed, image):
+                found = NO_HAND
+        return found
 
-    def _may_be_robot(self, own: NDArray[np.bool_]) -> bool:
-        """Whether a piece comes over an edge of the image, but not over the person's, and does not go across."""
-        across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
-        return not across and bool((own & self._rim).any()) and not (own & self._persons).any()
+    def _shadow(self, own: NDArray[np.bool_], image: NDArray[np.float32]) -> bool:
+        """Whether a piece is nothing but darker."""
+        shares = (image[own] + 1) / (self._reference[own] + 1)
+        return bool(((shares < LIT).all(axis=1) & (shares > DARKEST).all(axis=1)).mean() > MOST_SHADOW)
 
 
 def person_edge(bench: Bench) -> Edge:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -245,8 +246,10 @@ def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArra
     """All pixels at the edges of an image, and those at one edge."""
     rim, own = np.ones(shape, bool), np.zeros(shape, bool)
     rim[1:-1, 1:-1] = False
-    line = {"left": np.s_[:, 0], "right": np.s_[:, -1], "top": np.s_[0], "bottom": np.s_[-1]}[edge]
-    own[line] = True
+    if edge in ("left", "right"):
+        own[:, 0 if edge == "left" else -1] = True
+    else:
+        own[0 if edge == "top" else -1] = True
     return rim, own
 
 
@@ -255,8 +258,9 @@ def _robot(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
     mask = np.zeros(shape, np.uint8)
     if frame.robot_m is not None:
         points_m = frame.robot_m.reshape(-1, 3)
-        behind = (view.depths(points_m) < LEAST_DEPTH_M).reshape(len(frame.robot_m), -1).any(axis=1)
-        pixels = (view.pixels(points_m) / GRID).reshape(len(behind), -1, 2)
+        links = len(frame.robot_m)
+        behind = np.reshape(view.depths(points_m) < LEAST_DEPTH_M, (links, -1)).any(axis=1)
+        pixels = (view.pixels(points_m) / GRID).reshape(links, -1, 2)
         for link in pixels[~behind]:
             cv2.fillConvexPoly(mask, outline(link).round().astype(np.int32), 1)
     return np.asarray(cv2.dilate(mask, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)), np.uint8)
@@ -279,7 +283,7 @@ def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) ->
     return mask
 
 
-def _greatest(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _greatest(image: NDArray[Any]) -> NDArray[np.float32]:
     """Of the three channels of each pixel."""
     red, green, blue = cv2.split(image)
     return np.asarray(cv2.max(cv2.max(red, green), blue), np.float32)

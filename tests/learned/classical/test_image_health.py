@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -93,19 +93,19 @@ def blobs(one: Shot) -> Image:
 def glare(one: Shot) -> Image:
     row, column = np.ogrid[:360, :480]
     light = 200 * np.exp(-((row - 180) ** 2 + (column - 240) ** 2) / 6000)
-    return np.clip(one.image + light[..., np.newaxis], 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(one.image + light[..., np.newaxis], 0, 255), np.uint8)
 
 
 def bars(one: Shot) -> Image:
     phase = (np.arange(360) / 60 + 0.37 * one.number) * 2 * np.pi
-    return np.clip(one.image * (0.75 + 0.25 * np.sin(phase))[:, np.newaxis, np.newaxis], 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(one.image * (0.75 + 0.25 * np.sin(phase))[:, np.newaxis, np.newaxis], 0, 255), np.uint8)
 
 
 def anything(one: Shot) -> Image:
     return np.random.default_rng(one.number).integers(60, 180, one.image.shape, dtype=np.uint8)
 
 
-def noisy(number: int, image: Image) -> Image:
+def noisy(number: int, image: NDArray[Any]) -> Image:
     return np.clip(image + np.random.default_rng(number).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
 
 

@@ -197,10 +197,13 @@ class BenchView:
         hand: None where no hand is seen; that means that there is none only where `hand_unknown` is empty.
         holes: by position name; a position that was never seen unobstructed is absent.
         health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
+            The next two are part of it.
+        unseen: why the image does not show this bench, in words; empty where it does.
+        unexplained: what differs from the empty bench where no hand is seen, in words; empty for nothing.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
         other_hands: hands in view that do not work.
-        left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen, and
-            before the first.
+        left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen. Before
+            the first one, the person's.
         calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """
 
@@ -214,6 +217,13 @@ class BenchView:
     other_hands: tuple[HandSample, ...] = ()
     left_by: tuple[Edge, ...] = ()
     calibration: str = ""
+    unseen: str = ""
+    unexplained: str = ""
+
+    @property
+    def hands(self) -> tuple[HandSample, ...]:
+        """All hands in view."""
+        return (() if self.hand is None else (self.hand,)) + self.other_hands
 
 
 @dataclass(frozen=True)

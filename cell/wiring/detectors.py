@@ -32,6 +32,7 @@ from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, 
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
+from learned.classical.box_model import check_image
 from learned.classical.lying_parts import LyingParts
 from learned.inference.onnx_model import OnnxModel
 
@@ -113,6 +114,7 @@ def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callabl
     check, lying = TrayCheck(bench), LyingParts(bench, product)
 
     def find(frame: Frame) -> PartsView:
+        check_image(bench.wrist.model, frame)
         placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
         standing, others = lying.sort(placed, detector.detect(placed))
         return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))

@@ -91,7 +91,9 @@ SPOILS: dict[str, Spoil] = {
     "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),
     "camera_unhealthy": view(health="dark"),
     "camera_moved": lambda seen: replace(seen, parts=PartsView(seen.tick, seen.time_s, (), calibration="14 mm off")),
+    "bench_not_seen": view(unseen="the bench is not seen"),
     "hand_unknown": view(hand_unknown="it vanished"),
+    "hand_cues_disagree": view(unexplained="something reaches into the view"),
     "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),
     "tick_very_late": lambda seen: replace(seen, late_s=0.5),
@@ -99,6 +101,7 @@ SPOILS: dict[str, Spoil] = {
 
 
 OVER_TIME = ("arm_not_obeying", "gripper_not_obeying")  # no single observation shows them: see test_obeyed
+OF_HANDS = ("hand_detector_blind",)  # see test_hand_checks
 
 
 def hand_at(x_m: float, y_m: float) -> HandSample:
@@ -153,7 +156,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 def test_every_signal_has_a_check_and_a_test() -> None:
     assert set(CHECKS) | {"hand_near", "hand_too_near", "blind_area"} == set(SIGNALS)
-    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME} == set(SIGNALS)
+    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME, *OF_HANDS} == set(SIGNALS)
 
 
 def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
@@ -359,7 +362,14 @@ def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
     return supervisor.judge(seen)
 
 
-OF_VIEW = ("hand_too_near", "bench_in_the_future", "camera_unhealthy", "hand_unknown")
+OF_VIEW = (
+    "hand_too_near",
+    "bench_in_the_future",
+    "camera_unhealthy",
+    "bench_not_seen",
+    "hand_unknown",
+    "hand_cues_disagree",
+)
 
 
 def test_the_same_observations_give_the_same_judgements() -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from py_trees.common import Status
-
 from tests.trees.nodes.rig import hand_at, see, services
+from trees.engine.status import Status
 from trees.nodes.people import ShowHand
 from trees.testing import alone
 

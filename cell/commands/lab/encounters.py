@@ -125,6 +125,7 @@ def _tell_assembly(screen: Console, row: Row) -> None:
         bad = " MOVING" * bool(one["moving"]) + " FAST" * bool(one["fast"])
         screen.print(
             f"  {one['start_s']:.2f} s {one['phase']}: {one['robot']} and {one['human']}, "
-            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s, {one['force_n']:.0f} N{bad}; {one['known']}",
+            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s, {one['force_n']:.0f} N{bad}; "
+            f"{one['known']}",
             highlight=False,
         )

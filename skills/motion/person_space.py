@@ -42,14 +42,18 @@ class Person:
     velocity_m_s: tuple[float, float] | None = None
     waited_for: bool = True
 
-    def coming_m_s(self, ways: Array) -> Array:
-        """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn."""
+    def coming_m_s(self, ways: Array, hastens: float = 1.0) -> Array:
+        """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn.
+
+        Args:
+            hastens: how much faster it may be than measured, as far as hands are.
+        """
         if self.velocity_m_s is None:
             return np.full(ways.shape[:-1], self.hand_speed_m_s)
         velocity = np.array(self.velocity_m_s)
         speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[..., :2], axis=-1)
         towards = np.where(lengths < TINY_M, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY_M))
-        coming: Array = np.maximum(towards, speed / 2)
+        coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
         return coming
 
 

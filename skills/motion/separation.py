@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
@@ -29,6 +30,7 @@ NUMBERS: Array = np.arange(-1, MARKS + 1, dtype=np.float64)
 PLAY_S = 0.01  # a step of the braking that is played through
 SHARES = 24  # that are tried, from the slow one to all
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
+SPEED_FRAMES = 3  # that the measured speed of a hand is a mean over
 TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
 BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
 TINY = 1e-9
@@ -70,6 +72,7 @@ class SeparationMonitor:
         self.outline = ArmOutline(checker)
         self.persons = PersonSpace(bench, self.settings)
         self._acceleration_rad_s2 = np.array(motion.acceleration_limits_rad_s2)
+        self._mean_over_s = SPEED_FRAMES / bench.overhead.rate_hz
         self._model, self._data = checker.model, checker.model.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
@@ -88,7 +91,7 @@ class SeparationMonitor:
         (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
         link = int(rooms_m.argmin())
         room_m = float(rooms_m[link]) if person.waited_for else np.inf
-        least_m = self.protective_m(float(person.coming_m_s(ways)[link]), person.age_s)
+        least_m = self.protective_m(float(person.coming_m_s(ways, self._hastens(person))[link]), person.age_s)
         share = 1.0 if ahead is None else self._share(path_rad, placed[1:], person, holding)
         clear_m = least_m + self.settings.hysteresis_m
         leaving = 1.0 if room_m >= clear_m else self._leaving(joints_rad, person, holding, ahead, room_m, clear_m)
@@ -108,6 +111,14 @@ class SeparationMonitor:
         hand_m = hand_m_s * (age_s + settings.reaction_s + stops_s)
         arm_m = 0.0 if leaves else arm_m_s * (settings.reaction_s + stops_s / 2)
         return hand_m + arm_m + settings.hand_error_m + self.arm_error_m
+
+    def _hastens(self, person: Person) -> float:
+        """How much faster a hand may be, on the mean until a slow arm stands, than it was over the last frames.
+
+        One that sped up evenly through them is twice as fast at their end, and goes on so.
+        """
+        stops_s = self.settings.slow_m_s / self.settings.braking_m_s2
+        return 2 + (person.age_s + self.settings.reaction_s + stops_s) / self._mean_over_s
 
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
@@ -153,7 +164,7 @@ class SeparationMonitor:
         first = int(refused[1:].argmax())
         return float(shares[first]) if refused[1:].any() else 1.0
 
-    def _arrives_s(self, placed: Array, fast: Array, person: Person, holding: bool) -> Array:
+    def _arrives_s(self, placed: Array, fast: NDArray[np.bool_], person: Person, holding: bool) -> Array:
         """(MARKS, L) from when on the person could be where a link is that is fast in a piece; else it is unknown."""
         asked = np.zeros((len(fast) + 1, fast.shape[1]), dtype=bool)
         asked[:-1] |= fast
@@ -202,4 +213,5 @@ def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -
     hastens_s = (top - start) / haste
     hastens_m = (start + top) / 2 * hastens_s
     soon: Array = (np.sqrt(start**2 + 2 * haste * np.minimum(rooms_m, hastens_m)) - start) / haste
-    return soon + np.maximum(rooms_m - hastens_m, 0.0) / top
+    later: Array = np.maximum(rooms_m - hastens_m, 0.0) / top
+    return soon + later

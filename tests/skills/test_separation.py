@@ -83,6 +83,23 @@ def test_the_protective_distance_is_that_of_the_technical_specification(hand_m_s
     assert MONITOR.protective_m(hand_m_s, age_s) == pytest.approx(s_h + s_r + s_s + z_d + z_r)
 
 
+@given(st.floats(0.0, 12.0), st.floats(0.0, 0.3))
+@settings(max_examples=40, deadline=None)
+def test_a_hand_that_speeds_up_evenly_is_where_the_protective_distance_has_it(haste: float, age_s: float) -> None:
+    """From rest at the first of the frames that its speed is measured over; never faster than hands are."""
+    window_s = 3 / BENCH.overhead.rate_hz
+    takes_s = age_s + S.reaction_s + S.slow_m_s / S.braking_m_s2
+    times_s = np.linspace(0.0, takes_s, 4001)
+    speeds = np.minimum(haste * (window_s + times_s), S.hand_speed_m_s)
+    way_m = np.trapezoid(speeds, times_s)
+    coming = hand(0.9, -0.5, speed_towards_person(haste * window_s / 2))
+    tool = BENCH.arm_park_rad
+    found_m = judge(np.array(tool), coming, age_s, False).least_m - MONITOR.protective_m(0.0, age_s)
+    assert found_m >= way_m - 1e-3
+    if speeds[-1] < S.hand_speed_m_s or speeds[0] == S.hand_speed_m_s:
+        assert found_m == pytest.approx(way_m, rel=0.1), "the way to the arm is not quite that of the hand"
+
+
 @pytest.mark.parametrize(
     ("changes", "more_m"),
     [

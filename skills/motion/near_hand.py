@@ -11,7 +11,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array, Pose
 from skills.motion.planner import Load, MotionPlanner, Plan, joined
-from skills.motion.separation import Following, Separation, SeparationMonitor, nearest
+from skills.motion.separation import Following, Separation, SeparationMonitor
 
 BACK_M = (0.08, 0.16, 0.24)  # the tool is drawn back so far, before it turns away
 RISES_M = (0.0, 0.08)  # and lifted so far before that
@@ -30,7 +30,7 @@ def separation_of(
     if seen.bench is None or joints.shape != (6,) or not np.isfinite(joints).all():
         return None
     persons = monitor.persons.of(hands_of(seen), seen.bench.left_by, max(0.0, seen.time_s - seen.bench.time_s))
-    return nearest([monitor.judge(joints, person, seen.gripper.holding, ahead) for person in persons])
+    return monitor.judge(joints, persons, seen.gripper.holding, ahead)
 
 
 def hands_of(seen: Observation) -> list[HandSample]:

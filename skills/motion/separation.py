@@ -78,8 +78,10 @@ class SeparationMonitor:
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
         self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + TOOL_LENGTH_M)
 
-    def judge(self, joints_rad: Array, person: Person, holding: bool, ahead: Following | None = None) -> Separation:
-        """Distance, protective distance and admissible share of speed.
+    def judge(
+        self, joints_rad: Array, persons: Sequence[Person], holding: bool, ahead: Following | None = None
+    ) -> Separation:
+        """Distance, protective distance and admissible share of speed: the worst of all persons.
 
         Args:
             joints_rad: (6,) as measured.
@@ -88,14 +90,19 @@ class SeparationMonitor:
         """
         path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * MARK_S)
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
-        (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
-        link = int(rooms_m.argmin())
-        room_m = float(rooms_m[link]) if person.waited_for else np.inf
-        least_m = self.protective_m(float(person.coming_m_s(ways, self._hastens(person))[link]), person.age_s)
-        share = 1.0 if ahead is None else self._share(path_rad, placed[1:], person, holding)
-        clear_m = least_m + self.settings.hysteresis_m
-        leaving = 1.0 if room_m >= clear_m else self._leaving(joints_rad, person, holding, ahead, room_m, clear_m)
-        return Separation(room_m, share, least_m, self.outline.names[link], leaving)
+        worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
+        for person in (one for one in persons if one.waited_for):
+            (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
+            link = int(rooms_m.argmin())
+            room_m, coming_m_s = float(rooms_m[link]), person.coming_m_s(ways, self._hastens(person))[link]
+            least_m = self.protective_m(float(coming_m_s), person.age_s)
+            clear_m = least_m + self.settings.hysteresis_m
+            if room_m < clear_m:
+                leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
+            if room_m - least_m < worst.distance_m - worst.least_m:
+                worst = Separation(room_m, 1.0, least_m, self.outline.names[link])
+        share = 1.0 if ahead is None else self._share(path_rad, placed[1:], persons, holding)
+        return replace(worst, share=share, leaving=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.
@@ -132,8 +139,8 @@ class SeparationMonitor:
         speeds: Array = steps_m.max(axis=2, initial=0.0) / MARK_S
         return speeds
 
-    def _share(self, path_rad: Array, placed: Array, person: Person, holding: bool) -> float:
-        """The largest share of speed from which every link is slow before the person could be there.
+    def _share(self, path_rad: Array, placed: Array, persons: Sequence[Person], holding: bool) -> float:
+        """The largest share of speed from which every link is slow before anybody could be there.
 
         The arm goes on during its reaction; then it brakes along its path, from each of SHARES shares to the least.
 
@@ -145,7 +152,7 @@ class SeparationMonitor:
         speeds_m_s = np.maximum(between[:-1], between[1:])
         if (least := slow_m_s / max(float(speeds_m_s.max()), slow_m_s)) >= 1:
             return 1.0
-        arrives_s = self._arrives_s(placed[1:], speeds_m_s > slow_m_s, person, holding)
+        arrives_s = self._arrives_s(placed[1:], speeds_m_s > slow_m_s, persons, holding)
         joints_rad_s = np.maximum(np.abs(path_rad[2:] - path_rad[:-2]) / (2 * MARK_S), TINY)
         bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
         limits = self._acceleration_rad_s2 / joints_rad_s
@@ -164,14 +171,18 @@ class SeparationMonitor:
         first = int(refused[1:].argmax())
         return float(shares[first]) if refused[1:].any() else 1.0
 
-    def _arrives_s(self, placed: Array, fast: NDArray[np.bool_], person: Person, holding: bool) -> Array:
-        """(MARKS, L) from when on the person could be where a link is that is fast in a piece; else it is unknown."""
+    def _arrives_s(self, placed: Array, fast: NDArray[np.bool_], persons: Sequence[Person], holding: bool) -> Array:
+        """(MARKS, L) from when on somebody could be where a link is that is fast in a piece; infinite for others."""
         asked = np.zeros((len(fast) + 1, fast.shape[1]), dtype=bool)
         asked[:-1] |= fast
         asked[1:] |= fast
-        rooms_m, ways = self.outline.rooms(placed, person.body, holding, asked)
-        rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - self.settings.hand_error_m - self.arm_error_m
-        return arrival_s(rooms_m, person.coming_m_s(ways[:-1]), self.settings) - person.age_s
+        soonest: Array = np.full(fast.shape, np.inf)
+        for person in persons:
+            rooms_m, ways = self.outline.rooms(placed, person.body, holding, asked)
+            rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - self.settings.hand_error_m - self.arm_error_m
+            arrives_s = arrival_s(rooms_m, person.coming_m_s(ways[:-1]), self.settings) - person.age_s
+            soonest = np.minimum(soonest, arrives_s)
+        return soonest
 
     def _leaving(
         self, joints_rad: Array, person: Person, holding: bool, ahead: Following | None, room_m: float, clear_m: float
@@ -195,15 +206,6 @@ class SeparationMonitor:
         pixels = pixels[:, :2] / pixels[:, 2:3]
         inside = (pixels >= 0).all() and (pixels < (self._camera.width_px, self._camera.height_px)).all()
         return not bool(inside)
-
-
-def nearest(found: Sequence[Separation]) -> Separation | None:
-    """The worst of several: least room before the arm must stand, least share of speed."""
-    if not found:
-        return None
-    worst = min(found, key=lambda one: one.distance_m - one.least_m)
-    share, leaving = min(one.share for one in found), min(one.leaving for one in found)
-    return replace(worst, share=share, leaving=leaving)
 
 
 def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -> Array:

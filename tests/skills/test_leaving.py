@@ -14,7 +14,7 @@ from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from skills.motion.person_space import EDGES, Person
 from skills.motion.planner import Load, joined
-from skills.motion.separation import Following, Separation, nearest
+from skills.motion.separation import Following, Separation
 from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
 
@@ -29,7 +29,7 @@ OVER_P2_RAD = np.array([0.131, -1.315, 1.9, -2.155, -1.571, 0.131])  # over the 
 
 def judge(joints: Array, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None) -> Separation:
     person = Person(MONITOR.persons.wall(hand), age_s, S.hand_speed_m_s, hand.velocity_m_s)
-    return MONITOR.judge(joints, person, holding, ahead)
+    return MONITOR.judge(joints, [person], holding, ahead)
 
 
 def line(by_m: float) -> JointTrajectory:
@@ -111,20 +111,20 @@ def test_unknown_is_never_good() -> None:
     """A hand whose speed is not known yet, and a hand that left the view."""
     assert judged(beside(0.045, None), AWAY).leaving == 0
     for edge, person in zip(EDGES, MONITOR.persons.of((), EDGES, AGE_S), strict=True):
-        found = MONITOR.judge(OVER_P2_RAD, person, False, (AWAY, 0.0))
+        found = MONITOR.judge(OVER_P2_RAD, [person], False, (AWAY, 0.0))
         assert found.leaving == (found.distance_m >= found.least_m + S.hysteresis_m), edge
 
 
 def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
-    near, far = judged(beside(0.045), AWAY), judged(hand(3.0, 2.0), AWAY)
-    behind = judged(hand(tool[0] - 0.10, tool[1] - 0.20), AWAY)  # on the way to the parking place
-    assert behind.leaving == 0
-    both, all_three = nearest([near, far]), nearest([near, far, behind])
-    assert both is not None
-    assert both.leaving == near.leaving
-    assert all_three is not None
-    assert all_three.leaving == 0
+    behind = hand(tool[0] - 0.10, tool[1] - 0.20)  # on the way to the parking place
+    near, far, behind_it = MONITOR.persons.of((beside(0.045), hand(3.0, 2.0), behind), (), AGE_S)
+
+    def leaving(*persons: Person) -> float:
+        return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).leaving
+
+    assert leaving(near, far) == leaving(near) > 0
+    assert leaving(behind_it) == leaving(near, far, behind_it) == 0
 
 
 @pytest.mark.parametrize("path_s", [0.0, 0.2, 0.4])
@@ -146,5 +146,5 @@ def test_it_can_be_turned_off() -> None:
     off = S.model_copy(update={"leaving_m_s": 0.0})
     planner = type(PLANNER)(PLANNER.product, BENCH, PLANNER.settings.model_copy(update={"separation": off}))
     near = Person(MONITOR.persons.wall(beside(0.045)), AGE_S, S.hand_speed_m_s, (0.0, 0.0))
-    assert MONITOR.judge(OVER_P2_RAD, near, False, (AWAY, 0.0)).leaving > 0
-    assert planner.separation.judge(OVER_P2_RAD, near, False, (AWAY, 0.0)).leaving == 0
+    assert MONITOR.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving > 0
+    assert planner.separation.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving == 0

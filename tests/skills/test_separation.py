@@ -16,7 +16,7 @@ from cell.interfaces.perception import Edge, HandSample
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
 from skills.motion.person_space import EDGES, Person, PersonSpace
-from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s, nearest
+from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
 from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
 
@@ -39,12 +39,12 @@ def judge(
     joints: np.ndarray, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
 ) -> Separation:
     person = Person(MONITOR.persons.wall(hand), age_s, S.hand_speed_m_s, hand.velocity_m_s)
-    return MONITOR.judge(joints, person, holding, ahead)
+    return MONITOR.judge(joints, [person], holding, ahead)
 
 
 def judge_beyond(edge: Edge, ahead: Following) -> Separation:
     person = next(one for one in MONITOR.persons.of((), (edge,), 0.15) if one.body is MONITOR.persons.beyond[edge])
-    return MONITOR.judge(PARK, person, False, ahead)
+    return MONITOR.judge(PARK, [person], False, ahead)
 
 
 def speed_towards_person(speed_m_s: float) -> tuple[float, float]:
@@ -233,9 +233,8 @@ def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     beyond = {edge: judge_beyond(edge, ahead) for edge in EDGES}
     assert beyond["left"].distance_m < beyond["left"].least_m
     assert beyond[PersonSpace(BENCH, S).edge].distance_m == np.inf
-    both = nearest(list(beyond.values()))
-    assert both is not None
-    assert both.share <= min(one.share for one in beyond.values())
+    both = MONITOR.judge(PARK, MONITOR.persons.of((), EDGES, 0.15), False, ahead)
+    assert both.share == min(one.share for one in beyond.values())
 
 
 def test_a_hand_that_is_not_seen_may_come_over_the_persons_edge_whatever_else_is_seen() -> None:

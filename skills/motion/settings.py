@@ -36,7 +36,7 @@ AT_MOST = ("slow_m_s", "leaving_m_s")
 
 
 class SeparationSettings(Model):
-    """Distance and speed of the arm beside a person, with the terms of ISO 10218-2:2025; not safety-rated.
+    """Distance and speed of the arm beside a person; not safety-rated: docs/safety.md has what is left out.
 
     Attributes:
         hand_speed_m_s: how fast a hand may become that is slow now, and v_h of a hand whose speed is not measured.
@@ -53,6 +53,9 @@ class SeparationSettings(Model):
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
     """
 
+    moved: ClassVar[Mapping[str, str]] = {
+        "margin_m": "hand_error_m says how far a hand may be off; the arm's part follows"
+    }
     hand_acceleration_m_s2: ClassVar[float] = 12.0  # how soon a slow hand may be fast
     speed_error_m_s: ClassVar[float] = 0.1  # how far a hand's measured speed may be off
     braking_m_s2: ClassVar[float] = 1.6  # how the arm's fastest point slows down from the slow speed, as measured

@@ -148,11 +148,9 @@ def test_the_share_is_the_largest_from_which_a_standing_hand_is_kept() -> None:
     fastest_m_s = MONITOR.settings.slow_m_s / MONITOR.slow_share(path)
     brakes_s = S.reaction_s + (fastest_m_s - S.slow_m_s) / fastest_m_s * joints_rad_s / acceleration
     tool = motion_planner().kinematics.forward(path.at(0.5)).position_m
-    rooms = np.arange(0.05, 1.5, 0.01)
-    free = [
-        room for room in rooms if judge(path.at(0.5), hand(tool[0] + room, tool[1]), 0.1, False, (path, 0.5)).share == 1
-    ]
-    least = judge(path.at(0.5), hand(tool[0] + min(free), tool[1]), 0.1, False)
+    hands = (hand(tool[0] + number / 100, tool[1]) for number in range(5, 150))
+    found = (judge(path.at(0.5), one, 0.1, False, (path, 0.5)) for one in hands)
+    least = next(one for one in found if one.share == 1)
     margin_m = S.hand_error_m + MONITOR.arm_error_m
     comes_s = float(arrival_s(np.array([least.distance_m - margin_m]), np.zeros(1), S)[0]) - 0.1
     assert comes_s == pytest.approx(brakes_s, abs=0.06), "links turn a little towards the hand or away meanwhile"

@@ -63,8 +63,14 @@ def encounters(
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
     experiment |= {"config": str(path), "hands_m_s": hands_m_s, "tracker": tracker.value}
     kept = RowStore(shared.out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
-    tried = {"provoked": provoked, "rendered": shared.pixels, "hands_m_s": hands_m_s, "tracker": tracker}
-    met = partial(encounter, path, tree, person, **tried)
+    met = partial(
+        encounter,
+        *(path, tree, person),
+        provoked=provoked,
+        rendered=shared.pixels,
+        hands_m_s=hands_m_s,
+        tracker=tracker,
+    )
     run = partial(mapped, workers=shared.workers, address=shared.scheduler)
     if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
         return 1

@@ -115,7 +115,6 @@ def assembly(
     *,
     tree: Path = ALGORITHM_1,
     rendered: bool = False,
-    hands_m_s: float | None = None,
 ) -> Iterator[Assembly]:
     """A simulated cell beside a person who builds one of the product's goals.
 
@@ -124,7 +123,6 @@ def assembly(
         person: a kind of person, or a file.
         table: what the supervisor does about faults; the configured one by default.
         tree: file of the tree that is run.
-        hands_m_s: how fast a hand goes into the arm's way; by default as the person's habits have it.
     """
     configuration = simulated(load_configuration(path), None, person)
     product = load_product(configuration, path)
@@ -136,9 +134,6 @@ def assembly(
     )
     bus = configuration.devices.gripper_bus
     settings = configuration.devices.simulation
-    if hands_m_s is not None:
-        robot = settings.person.robot.model_copy(update={"intrusion_m_s": (0.95 * hands_m_s, hands_m_s)})
-        settings = settings.model_copy(update={"person": settings.person.model_copy(update={"robot": robot})})
     cell = SimCell(
         product, configuration.bench, settings, *bus, seed, "random", rendered=rendered, robot=configuration.robot
     )

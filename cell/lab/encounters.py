@@ -25,7 +25,6 @@ from sim.cell import SimCell
 from sim.truth.contacts import Contact
 
 REDUCED_M_S = 0.25
-STOOD_S = REACTS_S + REDUCED_M_S / BRAKES_M_S2  # after this an arm stands that keeps the protective distance
 UNKNOWN_S = 0.35  # after this the arm stands that was told to hold
 LATEST_S = 0.8  # after a phase began, a hand comes at the latest
 RESTS_S = 1.0  # between two reaches into the arm's way
@@ -105,12 +104,13 @@ class Encounters(Observer):
     def judge(self, contact: Contact) -> dict[str, object]:
         """A contact as a row: did the arm move, and would an arm that keeps the protective distance have stood."""
         last, moving = self._at(contact.start_s), contact.first_m_s > DRIVEN_M_S
+        stood_s = contact.start_s - REACTS_S - contact.first_m_s / BRAKES_M_S2  # an arm that was told by then
         return {
             **vars(contact),
             "moving": moving,
             "fast": contact.speed_m_s > REDUCED_M_S,
             **{
-                f"avoidable_{hand_m_s}": moving and contact.start_s - since_s > STOOD_S
+                f"avoidable_{hand_m_s}": moving and since_s < stood_s
                 for hand_m_s, since_s in zip(HANDS_M_S, last.breached_s, strict=True)
             },
             "phase": last.phase,
@@ -160,17 +160,15 @@ def encounter(
     *,
     provoked: bool,
     rendered: bool = False,
-    hands_m_s: float | None = None,
     tracker: Tracker = Tracker.true,
 ) -> Row:
     """One assembly beside this person, with every encounter of hand and arm and every contact.
 
     Args:
         provoked: the person goes into the arm's way in every phase, whatever their habits are.
-        hands_m_s: how fast the hand is then; by default as the person's habits have it.
         tracker: other than the true one without images only.
     """
-    with assembly(path, person, seed, tree=tree, rendered=rendered, hands_m_s=hands_m_s) as opened:
+    with assembly(path, person, seed, tree=tree, rendered=rendered) as opened:
         cell, watch, rng = opened.cell, Encounters(opened.cell), np.random.default_rng([seed, 12])
         if cell.sight is not None:
             cell.sight.spoil = lambda hand: tracker.spoil(hand, rng)

@@ -44,9 +44,6 @@ def encounters(
             min=0, help="Also assemble brackets with a careful person, with and without separation, for both trees."
         ),
     ] = 3,
-    hands_m_s: Annotated[
-        float | None, Option("--hands", min=0.1, max=5.0, help="How fast hands come [m/s]; by default by habit.")
-    ] = None,
     tracker: Annotated[
         Tracker, Option(help="Spoil the hand tracker: it sees nothing, half of the hands, or 50 mm off.")
     ] = Tracker.true,
@@ -61,16 +58,9 @@ def encounters(
     if shared.pixels and tracker is not Tracker.true:
         raise InputError("--tracker spoils what is seen without images: leave --pixels out")
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
-    experiment |= {"config": str(path), "hands_m_s": hands_m_s, "tracker": tracker.value}
+    experiment |= {"config": str(path), "tracker": tracker.value}
     kept = RowStore(shared.out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
-    met = partial(
-        encounter,
-        *(path, tree, person),
-        provoked=provoked,
-        rendered=shared.pixels,
-        hands_m_s=hands_m_s,
-        tracker=tracker,
-    )
+    met = partial(encounter, path, tree, person, provoked=provoked, rendered=shared.pixels, tracker=tracker)
     run = partial(mapped, workers=shared.workers, address=shared.scheduler)
     if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
         return 1

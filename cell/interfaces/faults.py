@@ -116,7 +116,7 @@ SIGNALS: dict[Signal, Sign] = {
     "camera_moved": Sign(
         "a camera sees holes or tray more than 10 mm off, at the start or once a minute", "holes and tray are found"
     ),
-    "hand_unknown": Sign("no hand was seen yet, or it vanished inside the view without leaving by its edge", HAND),
+    "hand_unknown": Sign("the hand vanished inside the view without leaving by its edge", HAND),
     "hand_near": Sign(
         "the hand is nearer than the protective distance at full speed: the share of speed is computed", HAND
     ),

@@ -146,7 +146,7 @@ class TrackHealth:
         self._size = (camera.width_px, camera.height_px)
         self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
         self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
-        self._unknown = "none was seen yet; show one to the camera"
+        self._unknown = ""
         self.left_by: tuple[Edge, ...] = ()
 
     def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:

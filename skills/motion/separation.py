@@ -42,11 +42,11 @@ class Separation:
     """Where arm and person are.
 
     Attributes:
-        distance_m: least distance now, of any link, the gripper or a held part; negative where they overlap, infinite
-            from somebody whom the arm does not wait for.
+        distance_m: now, of the link, gripper or held part that has the least room before it must stand; negative where
+            they overlap, infinite from somebody whom the arm does not wait for.
         share: largest share of the planned speed at which the arm is slow before a hand can arrive.
         least_m: distance below which even a slow arm must stand.
-        nearest: name of the link that is nearest now.
+        nearest: name of that link.
         leaving: largest share at which an arm that is too near may go on, as its path leads away; 0 where it does not,
             or where too little is known; 1 for an arm that is not too near.
     """
@@ -81,7 +81,10 @@ class SeparationMonitor:
     def judge(
         self, joints_rad: Array, persons: Sequence[Person], holding: bool, ahead: Following | None = None
     ) -> Separation:
-        """Distance, protective distance and admissible share of speed: the worst of all persons.
+        """Distance, protective distance and admissible share of speed: the worst of all links and persons.
+
+        The speed of a hand is a mean over its last frames. One that sped up evenly through them is twice as fast now,
+        and goes on so until the arm stands: then its mean is so much faster.
 
         Args:
             joints_rad: (6,) as measured.
@@ -93,9 +96,10 @@ class SeparationMonitor:
         worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
         for person in (one for one in persons if one.waited_for):
             (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
-            link = int(rooms_m.argmin())
-            room_m, coming_m_s = float(rooms_m[link]), person.coming_m_s(ways, self._hastens(person))[link]
-            least_m = self.protective_m(float(coming_m_s), person.age_s)
+            takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
+            coming_m_s = person.coming_m_s(ways, 2 + takes_s / self._mean_over_s)
+            link = int((rooms_m - coming_m_s * takes_s).argmin())
+            room_m, least_m = float(rooms_m[link]), self.protective_m(float(coming_m_s[link]), person.age_s)
             clear_m = least_m + self.settings.hysteresis_m
             if room_m < clear_m:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
@@ -114,18 +118,13 @@ class SeparationMonitor:
         """
         settings = self.settings
         arm_m_s = settings.leaving_m_s if leaves else settings.slow_m_s
-        stops_s = arm_m_s / settings.braking_m_s2
-        hand_m = hand_m_s * (age_s + settings.reaction_s + stops_s)
-        arm_m = 0.0 if leaves else arm_m_s * (settings.reaction_s + stops_s / 2)
-        return hand_m + arm_m + settings.hand_error_m + self.arm_error_m
+        brakes_m = arm_m_s**2 / (2 * settings.braking_m_s2)
+        arm_m = 0.0 if leaves else arm_m_s * settings.reaction_s + brakes_m
+        return hand_m_s * self._takes_s(age_s, arm_m_s) + arm_m + settings.hand_error_m + self.arm_error_m
 
-    def _hastens(self, person: Person) -> float:
-        """How much faster a hand may be, on the mean until a slow arm stands, than it was over the last frames.
-
-        One that sped up evenly through them is twice as fast at their end, and goes on so.
-        """
-        stops_s = self.settings.slow_m_s / self.settings.braking_m_s2
-        return 2 + (person.age_s + self.settings.reaction_s + stops_s) / self._mean_over_s
+    def _takes_s(self, age_s: float, arm_m_s: float) -> float:
+        """T_r + T_s: from the exposure of the frame until the arm stands."""
+        return age_s + self.settings.reaction_s + arm_m_s / self.settings.braking_m_s2
 
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""

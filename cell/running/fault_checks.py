@@ -15,7 +15,8 @@ from cell.interfaces.perception import BenchView
 from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
 from cell.running.hand_checks import HandMemory
 from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
-from skills.motion.near_hand import separation_of
+from skills.motion.near_hand import hands_of, separation_of
+from skills.motion.person_space import HANDS
 from skills.motion.separation import Following, Separation, SeparationMonitor
 
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
@@ -283,11 +284,11 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
         joints = seen.arm.positions_rad
-        if seen.bench is None or seen.bench.hand is not None or len(joints) != 6 or not all(map(math.isfinite, joints)):
+        if len(hands_of(seen)) >= HANDS or len(joints) != 6 or not all(map(math.isfinite, joints)):
             return None
         if not monitor.out_of_view(np.array(joints)):
             return None
-        return Detection("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
+        return Detection("slower, as the camera does not see who comes here", monitor.settings.blind_share)
 
     return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 

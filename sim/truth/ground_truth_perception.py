@@ -7,7 +7,7 @@ in view and nothing hides it; a hole, where nothing hides it; parts, where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
@@ -44,6 +44,7 @@ class GroundTruthPerception:
 
     Attributes:
         others: no other hands are seen.
+        spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
     def __init__(self, world: World, *, hand: bool, still: NDArray[np.uint8], assumed_height_m: float = 0.10) -> None:
@@ -56,6 +57,7 @@ class GroundTruthPerception:
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
+        self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand
 
     def take(self, exposure: Exposure) -> Frame:
         """Look at the world now, as the shutter closes."""
@@ -79,7 +81,7 @@ class GroundTruthPerception:
 
     def track(self, frame: Frame) -> HandSample | None:
         """The hand in a frame of the overhead camera."""
-        return self._seen[frame.camera, frame.sequence][0]
+        return self.spoil(self._seen[frame.camera, frame.sequence][0])
 
     def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
         """The holes in a frame."""

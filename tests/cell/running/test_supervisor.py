@@ -111,6 +111,20 @@ def hand_at(x_m: float, y_m: float) -> HandSample:
 STAY = JointTrajectory(np.array([0.0, 1.0]), np.full((2, 6), 0.1))
 
 
+@pytest.mark.parametrize(("hands", "slower"), [(0, True), (1, True), (2, False)])
+def test_the_arm_is_slow_where_the_camera_does_not_look_until_both_hands_are_seen(hands: int, slower: bool) -> None:
+    planner = motion_planner()
+    tool = planner.kinematics.forward(np.array(planner.bench.arm_look_rad))
+    beyond = replace(tool, position_m=(0.56, -0.75, 0.15))
+    joints = planner.kinematics.inverse(beyond, np.array(planner.bench.arm_look_rad))
+    assert joints is not None
+    one, *others = (*(hand_at(1.1, 0.4 + 0.1 * number) for number in range(hands)), None)
+    seen = view(hand=one, other_hands=tuple(other for other in others if other is not None))(sound(0))
+    seen = replace(seen, arm=replace(seen.arm, positions_rad=tuple(joints)))
+    found = make_supervisor(TABLE, planner).judge(seen)
+    assert ("blind_area" in [signal for signal, _ in found.reasons]) == slower
+
+
 def begun(signal: str = "") -> Supervisor:
     """A supervisor that has seen two sound ticks, and a trajectory that stays where the arm is."""
     supervisor = make_supervisor(TABLE, motion_planner())

@@ -12,7 +12,8 @@ import pytest
 from py_trees.common import Status
 
 from cell.interfaces.pose import Pose
-from sim.scene.clutter import ScenePart, standing
+from sim.scene.clutter import standing
+from sim.scene.parts import ScenePart
 from tests import ROOT
 from tests.integration.cell_rig import (
     ASSEMBLE,

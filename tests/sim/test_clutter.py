@@ -12,7 +12,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
-from sim.scene.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
+from sim.scene.clutter import full_set, gap, rectangle, sample_clutter, standing
+from sim.scene.parts import ScenePart
 from sim.scene.posture import stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN, draw_unknown_object

@@ -20,9 +20,11 @@ from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
+from learned.parts.stacked import StackReader, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
+LEAST_CARRIED = 0.5  # probability that one lies on another
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
 LEAST_LIKELY = 0.05  # the same at first sight; what is likelier is looked at once more, from both sides
 BIAS, BY_CENTRE, BY_POSE, SUREST = -1.25, 0.3, 1.0, 6.0  # of log odds that it stands, by each network up to a limit
@@ -71,13 +73,14 @@ class PosedPartDetector(ABC):
 
     Args:
         networks: all that are asked, the pose net last.
+        stacks: tells what lies on what, and how; without, nobody does.
 
     Raises:
         ModelError: one was trained for other parts.
     """
 
-    def __init__(self, bench: Bench, product: Product, *networks: Network) -> None:
-        self._bench, self._product = bench, product
+    def __init__(self, bench: Bench, product: Product, *networks: Network, stacks: StackReader | None = None) -> None:
+        self._bench, self._product, self._stacks = bench, product, stacks
         self._types = tuple(product.parts)
         self._pose = networks[-1]
         self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
@@ -110,15 +113,42 @@ class PosedPartDetector(ABC):
         if not self._looks_down(frame.world_from_camera):
             return ()
         frame = replace(frame, image=levelled(frame.image))
-        seen, features = self._peaks(frame.image)
-        found = self._placed(frame, [self._scaled(peak) for peak in seen])
-        sure = [seen for seen in found if seen.peak.score > LEAST_GRASPED]
+        peaks, features = self._peaks(frame.image)
+        found = self._placed(frame, [self._scaled(peak) for peak in peaks])
+        below = self._below(peaks, features)
+        sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
         boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
-        others = [seen for seen in found if all(overlap(seen.peak.box_px, box) < SAME_BOX for box in boxes)]
-        answers += [self._other(seen, features) for seen in others]
+        rest = [
+            index
+            for index, one in enumerate(found)
+            if below[index] or all(overlap(one.peak.box_px, box) < SAME_BOX for box in boxes)
+        ]
+        told = {id(one.peak): answer.box_px for one, answer in zip(standing, answers, strict=True)}
+        box_of = [told.get(id(one.peak), _box(one.peak.box_px)) for one in found]
+        lies = self._lies(frame, found, [index for index in rest if below[index]])
+        for index in rest:
+            on = tuple(box_of[one] for one in below[index])
+            answers.append(replace(self._other(found[index], features), lies=lies.get(index), lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
+
+    def _below(self, peaks: Sequence[Peak], features: NDArray[np.float32] | None) -> list[tuple[int, ...]]:
+        """For each peak those that it lies on."""
+        if self._stacks is None or features is None:
+            return [()] * len(peaks)
+        told = self._stacks.on(peaks, features)
+        return [tuple(number for number, share in on.items() if share > LEAST_CARRIED) for on in told]
+
+    def _lies(self, frame: Frame, found: Sequence[_Seen], tops: Sequence[int]) -> dict[int, Pose]:
+        """How those lie that lie on others, as far as their type is known."""
+        known = [index for index in tops if found[index].standing]
+        if self._stacks is None or not known:
+            return {}
+        kinds, places = [found[index].peak.kind for index in known], [found[index].lying_m for index in known]
+        yaws = [found[index].standing[0].yaw_rad for index in known]
+        poses = self._stacks.lies(frame, self._bench.wrist.model, kinds, places, yaws)
+        return dict(zip(known, poses, strict=True))
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""
@@ -222,20 +252,23 @@ class PosedPartDetector(ABC):
 class CentrePartDetector(PosedPartDetector):
     """By the centre net, which tells the axis of a part, but not which way it heads."""
 
-    def __init__(self, bench: Bench, product: Product, centre: Network, pose: Network) -> None:
-        super().__init__(bench, product, centre, pose)
+    def __init__(
+        self, bench: Bench, product: Product, centre: Network, pose: Network, stacks: StackReader | None = None
+    ) -> None:
+        super().__init__(bench, product, centre, pose, stacks=stacks)
         self._centre = centre
 
     @staticmethod
     def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
-        """With the networks of two files: the centre net's, and the pose net's beside it.
+        """With the networks of a file and those beside it: the pose net, and what tells of stacks where that is there.
 
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        return CentrePartDetector(
-            bench, product, OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
-        )
+        stacked = stacked_file(path)
+        stacks = StackReader.load(product.parts, stacked) if stacked.is_file() else None
+        pose = OnnxModel.load(pose_file(path), POSE_KIND)
+        return CentrePartDetector(bench, product, OnnxModel.load(path, CENTRE_KIND), pose, stacks)
 
     def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
         maps = self._centre.run({"image": network_input(image)})

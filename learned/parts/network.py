@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from learned.parts.maps import FURTHER, PLANES
 
+LYING = 9  # x axis and y axis in the crop's frame, and its middle along, across and up in centimetres
 CORRECTIONS = 3  # along and across in centimetres, heading in radians
 
 
@@ -66,6 +67,43 @@ class CentreAnswer(nn.Module):
         """As `CentreNet.forward`."""
         heat, further, features = self.network(image)
         return torch.sigmoid(heat), further, features
+
+
+class PairNet(nn.Module):
+    """Whether the first of two things lies on the second, by what is known of both."""
+
+    def __init__(self, features: int, hidden: int) -> None:
+        super().__init__()
+        layers = (nn.Linear(features, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Pairs (n, features) to logits (n,)."""
+        logits: Tensor = self.layers(pairs)[:, 0]
+        return logits
+
+
+class LyingNet(nn.Module):
+    """How a part lies that is seen in a crop: its first two axes, and how far its middle is off the crop's."""
+
+    def __init__(self, types: int, widths: tuple[int, int, int], hidden: int = 96) -> None:
+        super().__init__()
+        first, second, third = widths
+        self.seen = nn.Sequential(
+            _conv(PLANES, first, 2),
+            _conv(first, second, 2),
+            _conv(second, second),
+            _conv(second, third, 2),
+            _conv(third, third // 2, size=1),
+            nn.Flatten(),
+        )
+        self.hidden = nn.Sequential(nn.LazyLinear(hidden), nn.ReLU(inplace=True))
+        self.lies = nn.Linear(hidden, types * LYING)
+
+    def forward(self, crops: Tensor) -> Tensor:
+        """Crops (n, PLANES, 64, 64) to (n, types, LYING)."""
+        lies: Tensor = self.lies(self.hidden(self.seen(crops)))
+        return lies.reshape(len(crops), -1, LYING)
 
 
 class PoseNet(nn.Module):

@@ -118,11 +118,8 @@ class DecodeSolution(CellNode):
 
     def _lying_in_the_way(self, parts: PartsView, index: int) -> str:
         """What lies nearest to a part that could be taken if nothing lay there."""
-        if (
-            not parts.others
-            or not parts.seen[index].upright
-            or self.services.why_not_graspable(replace(parts, others=()), index) is not None
-        ):
+        alone = replace(parts, others=())
+        if not parts.others or index >= len(parts.detections) or self.services.why_not_graspable(alone, index):
             return ""
         place = parts.seen[index].world_from_part.position_m[:2]
         near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))

@@ -248,6 +248,8 @@ def take_lying(
     on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
     if isinstance(way := planner.straight_move(above, tool, around), str):
         return f"cannot take {name}: {way}"
+    if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
+        return f"cannot lift {name}: {up}"
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
     planner.hold, planner.lying = None, hold
     return [

@@ -117,7 +117,7 @@ class Perception(Model):
             from learned.parts.stacked import stacked_file
 
             if (stacked := stacked_file(main)).is_file():
-                beside |= {f"{detector}.stacked": stacked, f"{detector}.stacked_pose": pose_file(stacked)}
+                beside |= {f"{detector}.stacked": stacked}
             return {detector: main, f"{detector}.pose": pose_file(main), **beside}
         if (detector, kind) == ("parts", "rcnn"):
             from learned.parts.boxes import head_file, pose_file_of

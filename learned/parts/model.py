@@ -20,11 +20,10 @@ from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
-from learned.parts.stacked import StackReader, stacked_file
+from learned.parts.stacked import StackReader, Told, carriers, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
-LEAST_CARRIED = 0.5  # probability that one lies on another
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
 LEAST_LIKELY = 0.05  # the same at first sight; what is likelier is looked at once more, from both sides
 BIAS, BY_CENTRE, BY_POSE, SUREST = -1.25, 0.3, 1.0, 6.0  # of log odds that it stands, by each network up to a limit
@@ -115,7 +114,8 @@ class PosedPartDetector(ABC):
         frame = replace(frame, image=levelled(frame.image))
         peaks, features = self._peaks(frame.image)
         found = self._placed(frame, [self._scaled(peak) for peak in peaks])
-        below = self._below(peaks, features)
+        told = self._told(frame, found) if self._stacks is not None else []
+        below = carriers(told, [one.peak.box_px for one in found]) if told else [()] * len(found)
         sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
@@ -125,30 +125,20 @@ class PosedPartDetector(ABC):
             for index, one in enumerate(found)
             if below[index] or all(overlap(one.peak.box_px, box) < SAME_BOX for box in boxes)
         ]
-        told = {id(one.peak): answer.box_px for one, answer in zip(standing, answers, strict=True)}
-        box_of = [told.get(id(one.peak), _box(one.peak.box_px)) for one in found]
-        lies = self._lies(frame, found, [index for index in rest if below[index]])
+        exact = {id(one.peak): answer.box_px for one, answer in zip(standing, answers, strict=True)}
+        box_of = [exact.get(id(one.peak), _box(one.peak.box_px)) for one in found]
         for index in rest:
             on = tuple(box_of[one] for one in below[index])
-            answers.append(replace(self._other(found[index], features), lies=lies.get(index), lies_on=on))
+            lies = told[index].lies if on else None
+            answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
 
-    def _below(self, peaks: Sequence[Peak], features: NDArray[np.float32] | None) -> list[tuple[int, ...]]:
-        """For each peak those that it lies on."""
-        if self._stacks is None or features is None:
-            return [()] * len(peaks)
-        told = self._stacks.on(peaks, features)
-        return [tuple(number for number, share in on.items() if share > LEAST_CARRIED) for on in told]
-
-    def _lies(self, frame: Frame, found: Sequence[_Seen], tops: Sequence[int]) -> dict[int, Pose]:
-        """How those lie that lie on others, as far as their type is known."""
-        known = [index for index in tops if found[index].standing]
-        if self._stacks is None or not known:
-            return {}
-        kinds, places = [found[index].peak.kind for index in known], [found[index].lying_m for index in known]
-        yaws = [found[index].standing[0].yaw_rad for index in known]
-        poses = self._stacks.lies(frame, self._bench.wrist.model, kinds, places, yaws)
-        return dict(zip(known, poses, strict=True))
+    def _told(self, frame: Frame, found: Sequence[_Seen]) -> list[Told]:
+        """What is told of stacks, of each."""
+        assert self._stacks is not None
+        yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in found]
+        kinds, places = [one.peak.kind for one in found], [one.lying_m for one in found]
+        return self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""

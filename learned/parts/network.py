@@ -69,22 +69,8 @@ class CentreAnswer(nn.Module):
         return torch.sigmoid(heat), further, features
 
 
-class PairNet(nn.Module):
-    """Whether the first of two things lies on the second, by what is known of both."""
-
-    def __init__(self, features: int, hidden: int) -> None:
-        super().__init__()
-        layers = (nn.Linear(features, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
-        self.layers = nn.Sequential(*layers)
-
-    def forward(self, pairs: Tensor) -> Tensor:
-        """Pairs (n, features) to logits (n,)."""
-        logits: Tensor = self.layers(pairs)[:, 0]
-        return logits
-
-
-class LyingNet(nn.Module):
-    """How a part lies that is seen in a crop: its first two axes, and how far its middle is off the crop's."""
+class StackNet(nn.Module):
+    """How a part lies that is seen in a crop, whether it lies on another, and whether another lies on it."""
 
     def __init__(self, types: int, widths: tuple[int, int, int], hidden: int = 96) -> None:
         super().__init__()
@@ -99,11 +85,16 @@ class LyingNet(nn.Module):
         )
         self.hidden = nn.Sequential(nn.LazyLinear(hidden), nn.ReLU(inplace=True))
         self.lies = nn.Linear(hidden, types * LYING)
+        self.stacked = nn.Linear(hidden, 2)
 
-    def forward(self, crops: Tensor) -> Tensor:
-        """Crops (n, PLANES, 64, 64) to (n, types, LYING)."""
-        lies: Tensor = self.lies(self.hidden(self.seen(crops)))
-        return lies.reshape(len(crops), -1, LYING)
+    def forward(self, crops: Tensor) -> tuple[Tensor, Tensor]:
+        """Crops (n, PLANES, 64, 64) to how parts lie (n, types, LYING), and logits (n, 2) of on top and carrying."""
+        return self.tell(self.seen(crops))
+
+    def tell(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+        """Both, of what the convolutions see."""
+        hidden = self.hidden(seen)
+        return self.lies(hidden).reshape(len(seen), -1, LYING), self.stacked(hidden)
 
 
 class PoseNet(nn.Module):

@@ -43,19 +43,17 @@ class PoseTraining(Schedule):
 
 
 class StackTraining(Schedule):
-    """Training of what tells who lies on whom, and how: the pairs' network and the pose net of what lies.
+    """Training of the network that tells what lies on what, and how.
 
     Attributes:
-        hidden: width of the pairs' layers.
-        widths: channels of the pose net at a half, a quarter and an eighth of the crop.
-        pose_epochs: passes of the pose net.
+        widths: channels at a half, a quarter and an eighth of the crop.
+        hidden: width of the layer that all answers are read from.
         off_m, off_rad: standard deviations of what it learns to correct, beside the centre net's own errors.
     """
 
-    hidden: int = Field(default=64, ge=8, le=1024)
     widths: tuple[int, int, int] = (24, 40, 64)
-    epochs: int = Field(default=40, ge=1, le=1000)
-    pose_epochs: int = Field(default=25, ge=1, le=1000)
+    hidden: int = Field(default=96, ge=8, le=1024)
+    epochs: int = Field(default=30, ge=1, le=1000)
     batch: int = Field(default=32, ge=1, le=1024)
     off_m: float = Field(default=0.004, ge=0, le=0.02)
     off_rad: float = Field(default=0.3, ge=0, le=3.2)

@@ -1,4 +1,4 @@
-"""Training of what tells who lies on whom, and how, on what a trained centre net sees of drawn trays. Imports torch."""
+"""Training of what tells who lies on whom, and how, at what a trained centre net sees in drawn trays. Imports torch."""
 
 from __future__ import annotations
 
@@ -16,58 +16,70 @@ from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, mean_level, spoiled
 from learned.inference.onnx_model import Inputs, ModelCard, Network
 from learned.parts.augment import turned
-from learned.parts.data import UNKNOWN, Scene
-from learned.parts.maps import INPUT_PX, PLANES, Maps, Peak, crops_of, overlap, peaks
-from learned.parts.model import AXIS_PX, LEAST_SCORE, pose_file
-from learned.parts.network import LyingNet, PairNet
+from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.maps import INPUT_PX, PLANES, Peak, overlap, peaks
+from learned.parts.model import AXIS_PX, LEAST_SCORE
+from learned.parts.network import StackNet
 from learned.parts.settings import StackTraining
-from learned.parts.stacked import LYING_KIND, LYING_PX, LYING_STEP_M, PAIRS_KIND, near_pairs, pair_features
+from learned.parts.stacked import CROP_PX, STACKED_KIND, stack_crops
 from learned.training.still_dataset import data_hash
 from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit_examples
+from learned.training.training_loop import Checkpoint, fit_examples, short_numbers
 
-TURNS = 3  # further images of each scene, turned at random, for the pairs
 SAME_BOX = 0.5  # intersection over union, from which a peak is a label's
-SHOWN = 256  # crops that tell the range of every layer's 8-bit numbers
 WORTH = 0.25  # of the right type, where two labels may be a peak's
+SHOWN = 256  # crops that tell the range of every layer's 8-bit numbers
 
 
 @dataclass(frozen=True)
-class Lying:
-    """A part that lies, as the centre net sees it.
+class Thing:
+    """A thing as the centre net sees it, and what it really is.
 
     Attributes:
+        kind: by the centre net.
         place_m, yaw_rad: where the centre net supposes it.
+        carrying: whether another lies on it.
     """
 
     scene: Scene
     kind: int
     place_m: Array
     yaw_rad: float
-    world_from_part: Pose
+    label: Label
+    carrying: bool
 
 
-Pair = tuple[NDArray[np.float32], float]
+@dataclass(frozen=True)
+class Sample:
+    """A crop and what is to be said of it.
+
+    Attributes:
+        posed: whether the pose is to be told: it lies, and is of the type that the centre net says.
+        wanted: (LYING,) axes and middle in the crop's frame.
+        stacked: (2,) whether it lies on another, and whether another lies on it.
+    """
+
+    crop: NDArray[np.float32]
+    kind: int
+    posed: bool
+    wanted: NDArray[np.float32]
+    stacked: NDArray[np.float32]
 
 
-def examples(
-    scenes: Sequence[Scene], product: Product, floor_m: float, centre: Network, seed: int, turns: int = TURNS
-) -> tuple[list[Pair], list[Lying]]:
-    """Pairs of peaks with whether the first lies on the second, by contact or by way of others; and what lies."""
-    rng, types = np.random.default_rng([seed, 3]), tuple(product.parts)
-    pairs: list[Pair] = []
-    lying: list[Lying] = []
+def things_seen(scenes: Sequence[Scene], product: Product, floor_m: float, centre: Network) -> list[Thing]:
+    """What the centre net sees in some images and is really there."""
+    types, found = tuple(product.parts), []
     for scene in scenes:
-        for number in range(turns + 1):
-            turn, image = turned(scene, None if number == 0 else rng)
-            planes = (image.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5))[np.newaxis]
-            maps = centre.run({"image": planes})
-            found, features = peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE), maps["features"][0]
-            labels = _labels_of(found, scene, turn, types)
-            pairs += _pairs(found, features, labels, scene, len(types))
-            if number == 0:
-                lying += _lying(found, labels, scene, types, floor_m)
-    return pairs, lying
+        turn, image = turned(scene, None)
+        planes = (image.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5))[np.newaxis]
+        maps = centre.run({"image": planes})
+        carrying = {number for label in scene.labels for number in label.on}
+        for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE):
+            number = _label_of(peak, scene, turn, types)
+            if number is not None:
+                place, yaw = _supposed(peak, scene, floor_m, len(types))
+                found.append(Thing(scene, peak.kind, place, yaw, scene.labels[number], number in carrying))
+    return found
 
 
 def train_stacked(
@@ -82,152 +94,103 @@ def train_stacked(
     command: str = "",
     quiet: bool = True,
 ) -> dict[str, float]:
-    """Train both networks, and write that of the pairs to `out` and the pose net of what lies beside it."""
-    pairs, lying = examples(scenes, product, floor_m, centre, seed)
-    facts = {"pairs": float(len(pairs)), "on top": sum(on for _, on in pairs), "lying": float(len(lying))}
-    torch.manual_seed(seed)
-    of_pairs = PairNet(len(pairs[0][0]), settings.hidden)
-    of_lying = LyingNet(len(product.parts), settings.widths)
-    of_lying(torch.zeros(2, PLANES, *reversed(LYING_PX)))  # the lazy layer learns its width
-    rng, identity = np.random.default_rng([seed, 4]), f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    kept = [Checkpoint(path.with_name(path.name + ".checkpoint"), identity) for path in (out, pose_file(out))]
-    fit_examples(
-        of_pairs, pairs, lambda some: _pair_loss(of_pairs, some), settings, rng, checkpoint=kept[0], quiet=quiet
+    """Train the network and write it to `out`; interrupted, the same call goes on there."""
+    things = things_seen(scenes, product, floor_m, centre)
+    on_top, carrying = (
+        sum(map(bool, told)) for told in ([one.label.on for one in things], [one.carrying for one in things])
     )
-    of_pose = settings.model_copy(update={"epochs": settings.pose_epochs})
+    facts = {"things seen": float(len(things)), "on top": float(on_top), "carrying": float(carrying)}
+    torch.manual_seed(seed)
+    rng = np.random.default_rng([seed, 4])
+    network = StackNet(len(product.parts), settings.widths, settings.hidden)
+    network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
+    network.to(memory_format=torch.channels_last)
+    alike = torch.tensor([kind.alike_after_half_turn for kind in product.parts.values()])
 
-    def loss(some: list[Lying]) -> Tensor:
-        return _lying_loss(of_lying, [lying_sample(one, product, settings, rng) for one in some], product)
+    def loss(some: list[Thing]) -> Tensor:
+        return _loss(network, [stack_sample(one, product, settings, rng) for one in some], alike)
 
-    fit_examples(of_lying, lying, loss, of_pose, rng, checkpoint=kept[1], quiet=quiet)
-
-    def card(kind: str) -> ModelCard:
-        told = settings.model_dump(mode="json")
-        words = {"parts": tuple(product.parts)}
-        return ModelCard(
-            kind=kind, config=told, vocabulary=words, data_sha256=data_hash(scenes), scores=facts,
-            command=command or "train_stacked", seed=seed,
-        )  # fmt: skip
-
-    rows: list[Inputs] = [{"pairs": np.stack([one for one, _ in pairs[:count]])} for count in (2, 1, 5)]
-    write_weights(TorchModel(of_pairs.eval(), ("logits",), card(PAIRS_KIND)), out, rows, lambda: dict(facts),
-                  any_rows=True, tolerance=1e-4)  # fmt: skip
-    shown = [lying_sample(one, product, settings, rng)[0] for one in lying[:: max(1, len(lying) // SHOWN)]]
-    crops: list[Inputs] = [{"crops": one[np.newaxis]} for one in shown]
-    some: list[Inputs] = [{"crops": np.stack(shown[:count])} for count in (2, 1, 5)]
-    write_weights(TorchModel(of_lying.eval(), ("lies",), card(LYING_KIND)), pose_file(out), some, lambda: dict(facts),
-                  any_rows=True, tolerance=1e-4, met_with=crops)  # fmt: skip
-    return facts
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
+    kept = Checkpoint(out.with_name(out.name + ".checkpoint"), identity)
+    fit_examples(network, things, loss, settings, rng, checkpoint=kept, quiet=quiet)
+    card = ModelCard(
+        kind=STACKED_KIND,
+        config=settings.model_dump(mode="json"),
+        vocabulary={"parts": tuple(product.parts)},
+        data_sha256=data_hash(scenes),
+        scores=facts,
+        command=command or "train_stacked",
+        seed=seed,
+    )
+    shown = [stack_sample(one, product, settings, rng).crop for one in things[:: max(1, len(things) // SHOWN)]]
+    samples: list[Inputs] = [{"crops": np.stack(shown[:count])} for count in (2, 1, 5)]
+    met_with: list[Inputs] = [{"crops": one[np.newaxis]} for one in shown]
+    model = TorchModel(network.to(memory_format=torch.contiguous_format).eval(), ("lies", "stacked"), card)
+    return write_weights(model, out, samples, lambda: facts, any_rows=True, tolerance=1e-4, met_with=met_with)
 
 
-def lying_sample(
-    one: Lying, product: Product, settings: StackTraining, rng: np.random.Generator | None
-) -> tuple[NDArray[np.float32], int, NDArray[np.float32]]:
-    """A crop, the type, and what is to be said of it (LYING,): axes and middle in the crop's frame."""
+def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.random.Generator | None) -> Sample:
+    """A crop, a little off and in other light; without a generator where the centre net supposes the thing."""
     place, yaw, scene = one.place_m, one.yaw_rad, one.scene
     if rng is not None:
         place = place + rng.normal(0, settings.off_m, 3)
         yaw = yaw + rng.normal(0, settings.off_rad) + np.pi * (rng.random() < 0.5)
-    where = scene.camera, scene.world_from_camera, [place], [yaw]
-    crop = crops_of(scene.image, *where, size_px=LYING_PX, step_m=LYING_STEP_M)[0]
+    crop = stack_crops(scene.image, scene.camera, scene.world_from_camera, [place], [yaw])[0]
+    levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
     if rng is not None:
-        levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
         levels = spoiled(levels, rng, mean_level(scene.image), POOR)
-        crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5)
-    kind = list(product.parts.values())[one.kind]
-    seen = Pose.from_yaw((float(place[0]), float(place[1]), float(place[2])), float(yaw)).inverse()
-    middle = seen.transform(one.world_from_part.transform(np.array([0.0, 0.0, kind.size_m[2] / 2])))
-    turn = seen.rotation @ one.world_from_part.rotation
+    crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5)
+    parts = list(product.parts.items())
+    name, kind = parts[one.kind] if one.kind < len(parts) else (UNKNOWN, parts[0][1])
+    seen, pose = (
+        Pose.from_yaw((float(place[0]), float(place[1]), float(place[2])), float(yaw)).inverse(),
+        one.label.pose,
+    )
+    middle = seen.transform(pose.transform(np.array([0.0, 0.0, kind.size_m[2] / 2])))
+    turn = seen.rotation @ pose.rotation
     wanted = np.concatenate([turn[:, 0], turn[:, 1], middle * 100]).astype(np.float32)
-    return crop, one.kind, wanted
+    posed = name == one.label.part != UNKNOWN and not one.label.upright
+    stacked = np.array([bool(one.label.on), one.carrying], np.float32)
+    return Sample(crop, min(one.kind, len(parts) - 1), posed, wanted, stacked)
 
 
-def _labels_of(found: Sequence[Peak], scene: Scene, turn: Array, types: tuple[str, ...]) -> list[int | None]:
-    """Number of the label of each peak."""
-    boxes = []
-    for label in scene.labels:
+def _label_of(peak: Peak, scene: Scene, turn: Array, types: tuple[str, ...]) -> int | None:
+    """Number of the label that a peak is of."""
+    name = types[peak.kind] if peak.kind < len(types) else UNKNOWN
+    scores = []
+    for number, label in enumerate(scene.labels):
         outline = label.outline_px @ turn[:, :2].T + turn[:, 2]
-        boxes.append(np.concatenate([outline.min(axis=0), outline.max(axis=0)]))
-    numbers: list[int | None] = []
-    for peak in found:
-        name = types[peak.kind] if peak.kind < len(types) else UNKNOWN
-        scores = [
-            (both + WORTH * (label.part == name), number)
-            for number, (label, box) in enumerate(zip(scene.labels, boxes, strict=True))
-            if (both := overlap(peak.box_px, box)) >= SAME_BOX
-        ]
-        numbers.append(max(scores)[1] if scores else None)
-    return numbers
+        both = overlap(peak.box_px, np.concatenate([outline.min(axis=0), outline.max(axis=0)]))
+        if both >= SAME_BOX:
+            scores.append((both + WORTH * (label.part == name), number))
+    return max(scores)[1] if scores else None
 
 
-def _pairs(found: Sequence[Peak], features: Maps, labels: Sequence[int | None], scene: Scene, types: int) -> list[Pair]:
-    near = near_pairs(found)
-    if not len(near):
-        return []
-    below = _below(scene)
-    rows = pair_features(found, near, features, types)
-    told = []
-    for (b, a), row in zip(near.tolist(), rows, strict=True):
-        first, second = labels[b], labels[a]
-        told.append((row, float(first is not None and second is not None and second in below[first])))
-    return told
-
-
-def _below(scene: Scene) -> list[set[int]]:
-    """For each label those that it rests on, by way of others, too."""
-    below = [set(label.on) for label in scene.labels]
-    for _ in below:
-        for own in below:
-            for one in tuple(own):
-                own |= below[one]
-    return below
-
-
-def _lying(
-    found: Sequence[Peak], labels: Sequence[int | None], scene: Scene, types: tuple[str, ...], floor_m: float
-) -> list[Lying]:
+def _supposed(peak: Peak, scene: Scene, floor_m: float, types: int) -> tuple[Array, float]:
+    """Where the detector supposes a thing that lies, by the true camera, and its heading."""
     height, width = scene.image.shape[:2]
     scale = np.array([width / INPUT_PX[0], height / INPUT_PX[1]])
-    told = []
-    for peak, number in zip(found, labels, strict=True):
-        if number is None or peak.kind >= len(types) or scene.labels[number].upright:
-            continue
-        label = scene.labels[number]
-        if label.part != types[peak.kind]:
-            continue
-        middle = (peak.centre_px + 0.5) * scale - 0.5
-        way = AXIS_PX * np.array([np.cos(peak.axis_rad), np.sin(peak.axis_rad)])
-        pixels = middle + np.stack([np.zeros(2), way, -way])
-        place_m = floor_m + max(peak.height_m, 0.0)
-        place, ahead, behind = scene.camera.onto_plane(scene.world_from_camera, pixels, place_m)
-        yaw = float(np.arctan2(*(ahead - behind)[1::-1]))
-        told.append(Lying(scene, peak.kind, place, yaw, label.pose))
-    return told
+    middle = (peak.centre_px + 0.5) * scale - 0.5
+    way = AXIS_PX * np.array([np.cos(peak.axis_rad), np.sin(peak.axis_rad)])
+    pixels = middle + np.stack([np.zeros(2), way, -way])
+    known = peak.kind < types
+    places = scene.camera.onto_plane(scene.world_from_camera, pixels, floor_m + max(peak.height_m, 0.0) * known)
+    yaw = float(np.arctan2(*(places[1] - places[2])[1::-1])) if known else 0.0
+    return places[0], yaw
 
 
-def _pair_loss(network: PairNet, some: Sequence[Pair]) -> Tensor:
-    rows, on = zip(*some, strict=True)
-    logits = network(torch.from_numpy(np.stack(rows)))
-    return nn.functional.binary_cross_entropy_with_logits(logits, torch.tensor(on))
-
-
-def _lying_loss(network: LyingNet, samples: Sequence[tuple[NDArray[np.float32], int, NDArray[np.float32]]],
-                product: Product) -> Tensor:  # fmt: skip
-    """L1; of a part that is alike after half a turn, to the nearer of both."""
-    crops, kinds, wanted = zip(*samples, strict=True)
-    said = network(torch.from_numpy(np.stack(crops)))[torch.arange(len(kinds)), torch.tensor(kinds)]
-    truth = torch.from_numpy(np.stack(wanted))
-    alike = torch.tensor([kind.alike_after_half_turn for kind in product.parts.values()])[torch.tensor(kinds)]
+def _loss(network: StackNet, samples: Sequence[Sample], alike: Tensor) -> Tensor:
+    """L1 of the pose, where there is one: of a part that is alike after half a turn, to the nearer of both."""
+    with short_numbers():
+        seen = network.seen(torch.from_numpy(np.stack([one.crop for one in samples])))
+    lies, stacked = network.tell(seen.float())
+    kinds = torch.tensor([one.kind for one in samples])
+    said, truth = lies[torch.arange(len(kinds)), kinds], torch.from_numpy(np.stack([one.wanted for one in samples]))
     off = (said[:, :6] - truth[:, :6]).abs().mean(dim=1)
     other = (said[:, :6] + truth[:, :6]).abs().mean(dim=1)
-    turned_off = torch.where(alike, torch.minimum(off, other), off)
+    turned_off = torch.where(alike[kinds], torch.minimum(off, other), off)
     away = nn.functional.smooth_l1_loss(said[:, 6:], truth[:, 6:], reduction="none", beta=0.1).mean(dim=1)
-    return (2 * turned_off + 0.5 * away).mean()
-
-
-def turn_off_rad(one: Pose, other: Pose, *, alike: bool) -> float:
-    """Angle between two poses; of a part that is alike after half a turn the lesser one."""
-    half = np.diag([-1.0, -1.0, 1.0])
-    turns = [one.rotation.T @ other.rotation, half @ one.rotation.T @ other.rotation]
-    angles = [float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) for turn in turns]
-    return min(angles) if alike else angles[0]
+    posed = torch.tensor([float(one.posed) for one in samples])
+    pose = ((2 * turned_off + 0.5 * away) * posed).sum() / posed.sum().clamp(min=1)
+    wanted = torch.from_numpy(np.stack([one.stacked for one in samples]))
+    return pose + 2 * nn.functional.binary_cross_entropy_with_logits(stacked, wanted)

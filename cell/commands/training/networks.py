@@ -31,7 +31,7 @@ VGG16_DATA = 0.3  # the same, where VGG16 is trained
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
 TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.4, 0.018, 0.0021
-STACKED_SHARE, STACK_VIEW_S, STACK_FIT_S = 0.4, 0.12, 60.0  # of parts in the tray; to look at an image; to learn
+STACKED_SHARE, STACK_IMAGE_S = 0.4, 0.6  # of parts in the tray; to learn what lies on what in an image
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
 ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
@@ -104,7 +104,7 @@ def holes(asked: Training, weights: Path) -> Scores:
 
 
 def parts(asked: Training, weights: Path) -> Scores:
-    """Train the networks of the part detector, those of stacks alone (kind stacked), or Faster R-CNN."""
+    """Train the networks of the part detector, that of stacks alone (kind stacked), or Faster R-CNN."""
     from learned.parts.data import load_scenes
     from learned.parts.train import train_parts
 
@@ -127,7 +127,7 @@ def parts(asked: Training, weights: Path) -> Scores:
     floor_m = configuration.bench.tray.centre_m[2]
     if asked.kind == "stacked":
         return stacks(asked, scenes, product, floor_m, centre_net(weights), weights)
-    budget_s -= STACK_FIT_S + STACK_VIEW_S * len(scenes)
+    budget_s -= STACK_IMAGE_S * len(scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * sum(len(scene.labels) for scene in scenes)
     epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
     command = asked.command("parts", epochs=epochs)
@@ -154,12 +154,12 @@ def stacks(
         return {}
     model = OnnxModel.load(centre, CENTRE_KIND)
     told = command or model.card.command
-    settings = StackTraining() if asked.epochs is None else StackTraining(epochs=asked.epochs, pose_epochs=asked.epochs)
+    settings = StackTraining() if asked.epochs is None else StackTraining(epochs=asked.epochs)
     return train_stacked(scenes, product, floor_m, model, out, asked.seed, settings, command=told, quiet=False)
 
 
 def centre_net(stacked: Path) -> Path:
-    """The centre net that the networks of stacks belong to: the one beside them, or else the shipped one."""
+    """The centre net that the network of stacks belongs to: the one beside them, or else the shipped one."""
     beside = stacked.with_name(weights_file("parts", "centre"))
     return beside if beside.is_file() else WEIGHTS / beside.name
 

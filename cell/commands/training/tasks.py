@@ -174,9 +174,8 @@ class LearnedTask:
 
 def _beside_parts(file: Path, kind: str) -> Paths:
     """What a part detector is beside its first file."""
-    stacked = stacked_file(file)
-    beside = {"rcnn": (head_file(file),), "stacked": (pose_file(file),)}
-    return beside.get(kind, (pose_file(file), stacked, pose_file(stacked)))
+    beside: dict[str, Paths] = {"rcnn": (head_file(file),), "stacked": ()}
+    return beside.get(kind, (pose_file(file), stacked_file(file)))
 
 
 TASKS = {

@@ -1,8 +1,9 @@
-"""What lies on what, and how: features of pairs, poses from a network's numbers, and how a detector answers."""
+"""What lies on what, and how: who may carry whom, poses from a network's numbers, and how a detector answers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,68 +11,58 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.pose import Pose
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array, Pose
 from learned.inference.onnx_model import ModelCard
-from learned.parts.maps import CELLS, Peak
-from learned.parts.stacked import LYING_KIND, PAIRS_KIND, StackReader, lying_pose, near_pairs, pair_features
-from tests.learned.classical.scenes import PRODUCT
+from learned.parts.stacked import STACKED_KIND, StackReader, Told, carriers, lying_pose
+from tests.learned.classical.scenes import BENCH, PRODUCT
 
-FEATURES = np.random.default_rng(0).normal(size=(32, CELLS[1], CELLS[0])).astype(np.float32)
-TYPES = tuple(PRODUCT.parts)
-
-
-def peak(kind: int, x: float, y: float, half: float, height_m: float = 0.0) -> Peak:
-    box = np.array([x - half, y - half, x + half, y + half])
-    return Peak(kind, 0.8, np.array([x, y]), box, 0.0, height_m, 0.2, (int(x) // 4, int(y) // 4))
+LARGE, SMALL, APART = ([70, 70, 130, 130], [98, 88, 122, 112], [230, 40, 270, 80])
+TOP, BELOW, FREE = Told(0.9, 0.05, None), Told(0.1, 0.8, None), Told(0.1, 0.1, None)
 
 
-LARGE, SMALL, APART = peak(2, 100, 100, 30), peak(0, 110, 100, 12, 0.06), peak(1, 250, 60, 20)
+def boxes(*sides: list[int]) -> list[Array]:
+    return [np.array(one, float) for one in sides]
 
 
 class Said:
-    """A network that gives an answer to all."""
+    """A network that gives the same answer to all."""
 
     path = Path("said")
 
-    def __init__(self, kind: str, **answer: Any) -> None:
-        self.card = ModelCard(
-            kind=kind, config={}, vocabulary={"parts": TYPES}, data_sha256="", scores={}, command="", seed=0
-        )
+    def __init__(self, parts: tuple[str, ...], **answer: Any) -> None:
+        told: dict[str, Any] = {"config": {}, "data_sha256": "", "scores": {}, "command": "", "seed": 0}
+        self.card = ModelCard(kind=STACKED_KIND, vocabulary={"parts": parts}, **told)
         self._answer = answer
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        rows = len(next(iter(inputs.values())))
+        rows = len(inputs["crops"])
         return {name: np.repeat(np.array([value], np.float32), rows, axis=0) for name, value in self._answer.items()}
 
 
-def test_pairs_are_of_things_whose_boxes_meet_and_that_are_not_one_thing_told_twice() -> None:
-    again = peak(1, 101, 100, 29)
-    assert near_pairs([LARGE, SMALL, APART]).tolist() == [[0, 1], [1, 0]]
-    assert near_pairs([LARGE, again]).tolist() == []
-    assert near_pairs([]).shape == (0, 2)
+def test_what_lies_on_top_lies_on_what_carries_and_shares_its_box() -> None:
+    assert carriers([TOP, BELOW, FREE], boxes(SMALL, LARGE, APART)) == [(1,), (), ()]
+    assert carriers([FREE, BELOW], boxes(SMALL, LARGE)) == [(), ()], "nothing is told to lie on top"
+    assert carriers([TOP, BELOW], boxes(APART, LARGE)) == [(), ()], "there is nothing below it"
+    assert carriers([], []) == []
 
 
-def test_features_of_a_pair_tell_the_upper_one_first() -> None:
-    found = [LARGE, SMALL]
-    rows = pair_features(found, near_pairs(found), FEATURES, len(TYPES))
-    assert rows.shape == (2, 3 * 32 + 2 * (len(TYPES) + 1 + 5) + 5)
-    own = len(TYPES) + 1 + 5 + 32
-    assert rows[0, :own] == pytest.approx(rows[1, own : 2 * own])
-    assert rows[0, -1] == pytest.approx(-rows[1, -1])
+def test_what_seems_to_carry_most_is_taken_where_nothing_surely_does_and_all_that_surely_do() -> None:
+    doubtful = replace(FREE, carrying=0.2)
+    assert carriers([TOP, FREE, doubtful], boxes(SMALL, LARGE, [60, 80, 120, 120]))[0] == (2,)
+    assert carriers([TOP, BELOW, BELOW], boxes(SMALL, LARGE, [60, 80, 120, 120]))[0] == (1, 2)
 
 
-@pytest.mark.parametrize(("logit", "told"), [(3.0, {1: pytest.approx(0.953, abs=1e-3)}), (-50.0, {1: 0.0})])
-def test_each_peak_tells_what_it_may_lie_on(logit: float, told: dict[int, float]) -> None:
-    reader = StackReader(PRODUCT.parts, Said(PAIRS_KIND, logits=logit), Said(LYING_KIND, lies=[[0.0] * 9]))
-    assert reader.on([SMALL, LARGE, APART], FEATURES)[0] == pytest.approx(told, abs=1e-6)
-    assert reader.on([SMALL, LARGE, APART], FEATURES)[2] == {}
-    assert reader.on([], FEATURES) == []
+def test_one_thing_told_twice_lies_not_on_itself_and_two_not_on_each_other() -> None:
+    assert carriers([TOP, BELOW], boxes(LARGE, [71, 70, 130, 131])) == [(), ()]
+    both = Told(0.8, 0.7, None)
+    assert carriers([both, replace(both, on_top=0.9)], boxes(SMALL, LARGE)) == [(), (0,)]
 
 
 def test_a_pose_is_that_whose_axes_and_middle_are_told_in_the_frame_of_the_crop() -> None:
     rng, kind = np.random.default_rng(1), PRODUCT.parts["o3"]
     for _ in range(5):
-        w, a, b, c = rng.normal(size=4)
+        w, a, b, c = (rng.normal(size=4)).tolist()
         norm = float(np.linalg.norm([w, a, b, c]))
         true = Pose((0.52, -0.41, 0.06), (w / norm, a / norm, b / norm, c / norm))
         place, yaw = np.array([0.515, -0.40, 0.05]), float(rng.uniform(-3, 3))
@@ -82,3 +73,17 @@ def test_a_pose_is_that_whose_axes_and_middle_are_told_in_the_frame_of_the_crop(
         told = lying_pose(answer, place, yaw, kind)
         np.testing.assert_allclose(told.position_m, true.position_m, atol=1e-6)
         np.testing.assert_allclose(told.rotation, true.rotation, atol=1e-6)
+
+
+def test_a_reader_tells_probabilities_and_how_known_things_lie() -> None:
+    lies = [[1, 0, 0, 0, 1, 0, 0, 0, 1.0]] * 3
+    reader = StackReader(PRODUCT.parts, Said(tuple(PRODUCT.parts), lies=lies, stacked=[2.0, -2.0]))
+    image = np.zeros((BENCH.wrist.height_px, BENCH.wrist.width_px, 3), np.uint8)
+    frame = Frame("wrist", 0, 0.0, image, Pose((0.56, -0.38, 0.52), (0.0, 0.7071, 0.7071, 0.0)))
+    place = np.array([0.56, -0.38, 0.02])
+    part, unknown = reader.read(frame, BENCH.wrist.model, [0, 3], [place, place], [0.0, 0.0])
+    assert (part.on_top, part.carrying) == (pytest.approx(0.881, abs=1e-3), pytest.approx(0.119, abs=1e-3))
+    assert part.lies is not None
+    assert part.lies.position_m == pytest.approx((0.56, -0.38, 0.02 + 0.01 - PRODUCT.parts["o1"].size_m[2] / 2))
+    assert unknown.lies is None
+    assert reader.read(frame, BENCH.wrist.model, [], [], []) == []

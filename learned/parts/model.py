@@ -20,7 +20,7 @@ from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
-from learned.parts.stacked import StackReader, Told, carriers, stacked_file
+from learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
@@ -114,8 +114,7 @@ class PosedPartDetector(ABC):
         frame = replace(frame, image=levelled(frame.image))
         peaks, features = self._peaks(frame.image)
         found = self._placed(frame, [self._scaled(peak) for peak in peaks])
-        told = self._told(frame, found) if self._stacks is not None else []
-        below = carriers(told, [one.peak.box_px for one in found]) if told else [()] * len(found)
+        below, told = self._below(frame, found)
         sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
@@ -133,12 +132,19 @@ class PosedPartDetector(ABC):
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
 
-    def _told(self, frame: Frame, found: Sequence[_Seen]) -> list[Told]:
-        """What is told of stacks, of each."""
-        assert self._stacks is not None
-        yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in found]
-        kinds, places = [one.peak.kind for one in found], [one.lying_m for one in found]
-        return self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
+    def _below(self, frame: Frame, found: Sequence[_Seen]) -> tuple[list[tuple[int, ...]], list[Told]]:
+        """For each thing those that it lies on, and what is told of it; only what meets others is looked at."""
+        boxes, told = [one.peak.box_px for one in found], [NOTHING_TOLD] * len(found)
+        looked_at = meeting(boxes) if self._stacks is not None else []
+        if self._stacks is not None and looked_at:
+            some = [found[index] for index in looked_at]
+            yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in some]
+            kinds, places = [one.peak.kind for one in some], [one.lying_m for one in some]
+            answers = self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
+            for index, answer in zip(looked_at, answers, strict=True):
+                stands = found[index].peak.upright >= LEAST_STANDING
+                told[index] = replace(answer, on_top=0.0) if stands else answer
+        return carriers(told, boxes), told
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""

@@ -43,6 +43,9 @@ class Told:
     lies: Pose | None
 
 
+NOTHING_TOLD = Told(0.0, 0.0, None)
+
+
 class StackReader:
     """Tells of each thing in a tray whether it lies on another, whether it carries one, and how it lies.
 
@@ -103,6 +106,15 @@ def carriers(told: Sequence[Told], boxes_px: Sequence[Array]) -> list[tuple[int,
         likely = max(below, key=lambda a: told[a].carrying)
         found.append(tuple(a for a in below if a == likely or told[a].carrying >= LEAST_CARRYING))
     return [tuple(a for a in on if b not in found[a] or told[b].on_top > told[a].on_top) for b, on in enumerate(found)]
+
+
+def meeting(boxes_px: Sequence[Array]) -> list[int]:
+    """Numbers of those that may lie on another, or another on them."""
+    found: set[int] = set()
+    for a, below in enumerate(boxes_px):
+        for b, above in enumerate(boxes_px):
+            found |= {a, b} if a != b and _may_carry(below, above) else set()
+    return sorted(found)
 
 
 def _may_carry(below_px: Array, above_px: Array) -> bool:

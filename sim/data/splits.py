@@ -9,7 +9,7 @@ from cell.interfaces.product import Product
 from sim.scene.settings import ClutterSettings
 
 MOST_FOREIGN = 2
-LYING_SHARE, STACKED_SHARE = 0.2, 0.15  # of the parts in a mixed tray
+LYING_SHARE, STACKED_SHARE = 0.2, 0.06  # of the parts in a mixed tray
 STEEL_LEVELS = (0.40, 0.58)  # grey of bare steel, drawn for each type
 TINT = 0.02
 CLUTTER_STREAM, STEEL_STREAM = 6, 7

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from learned.inference.onnx_model import ModelCard
-from learned.parts.stacked import STACKED_KIND, StackReader, Told, carriers, lying_pose
+from learned.parts.stacked import STACKED_KIND, StackReader, Told, carriers, lying_pose, meeting
 from tests.learned.classical.scenes import BENCH, PRODUCT
 
 LARGE, SMALL, APART = ([70, 70, 130, 130], [98, 88, 122, 112], [230, 40, 270, 80])
@@ -57,6 +57,11 @@ def test_one_thing_told_twice_lies_not_on_itself_and_two_not_on_each_other() -> 
     assert carriers([TOP, BELOW], boxes(LARGE, [71, 70, 130, 131])) == [(), ()]
     both = Told(0.8, 0.7, None)
     assert carriers([both, replace(both, on_top=0.9)], boxes(SMALL, LARGE)) == [(), (0,)]
+
+
+def test_only_what_meets_others_is_looked_at() -> None:
+    assert meeting(boxes(SMALL, LARGE, APART)) == [0, 1]
+    assert meeting(boxes(APART, LARGE)) == []
 
 
 def test_a_pose_is_that_whose_axes_and_middle_are_told_in_the_frame_of_the_crop() -> None:

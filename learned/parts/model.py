@@ -261,10 +261,10 @@ class CentrePartDetector(PosedPartDetector):
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
+        centre, pose = OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
         stacked = stacked_file(path)
         stacks = StackReader.load(product.parts, stacked) if stacked.is_file() else None
-        pose = OnnxModel.load(pose_file(path), POSE_KIND)
-        return CentrePartDetector(bench, product, OnnxModel.load(path, CENTRE_KIND), pose, stacks)
+        return CentrePartDetector(bench, product, centre, pose, stacks)
 
     def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
         maps = self._centre.run({"image": network_input(image)})

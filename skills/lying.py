@@ -257,7 +257,7 @@ def take_lying(
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
         Move(f"moving above {name}", lambda start: planner.free_move(start, above, on_way), settings),
         FingersRest("opening the fingers", settings),
-        Descend(name, planner, tool, around),
+        Descend(name, planner, tool, around, feels=bool(part.lies_on)),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(f"lifting {name}", lambda start: planner.rise(start, carry_m, opening_m), settings, holding=name),
     ]

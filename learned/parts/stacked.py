@@ -14,6 +14,7 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.planning import weights_file
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
+from cell.interfaces.resting_pose import SIDES, rest_on
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.maps import Maps, crops_of, overlap
 
@@ -136,13 +137,30 @@ def stack_crops(
 
 
 def lying_pose(answer: Maps, place_m: Array, yaw_rad: float, kind: PartType) -> Pose:
-    """world_from_part by the network's answer (LYING,) about a crop at a place (3,), turned by a yaw."""
+    """world_from_part by the network's answer (LYING,) about a crop at a place (3,), turned by a yaw.
+
+    It lies as it would lie on a floor with the side up that the network means, turned as the network says.
+    """
     first, second = answer[:3].astype(float), answer[3:6].astype(float)
     x = first / max(float(np.linalg.norm(first)), 1e-6)
     y = second - (second @ x) * x
     y /= max(float(np.linalg.norm(y)), 1e-6)
+    turn = _resting(np.column_stack([x, y, np.cross(x, y)]), kind)
     crop = Pose.from_yaw((float(place_m[0]), float(place_m[1]), float(place_m[2])), yaw_rad)
     matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
-    matrix[:3, 3] = answer[6:].astype(float) / 100 - matrix[:3, 2] * kind.size_m[2] / 2
+    matrix[:3, :3] = turn
+    matrix[:3, 3] = answer[6:].astype(float) / 100 - turn[:, 2] * kind.size_m[2] / 2
     return crop @ Pose.from_matrix(matrix)
+
+
+def _resting(turn: Array, kind: PartType) -> Array:
+    """The rotation (3, 3) nearest to another with which a part of a type rests on a floor."""
+    best, found = -4.0, turn
+    for rest in filter(None, (rest_on(kind, side) for side in SIDES)):
+        product = turn @ rest.rotation.T
+        angle = np.arctan2(product[1, 0] - product[0, 1], product[0, 0] + product[1, 1])
+        cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+        about = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        if (alike := float(np.trace(about.T @ product))) > best:
+            best, found = alike, about @ rest.rotation
+    return found

@@ -140,8 +140,15 @@ class MoveAside(SkillNode):
         if part.lies is None and not part.upright:
             raise NodeError(f"part number {index} does not stand, and it is not clear how it lies")
         self.services.takes(part, parts.seen[:index] + parts.seen[index + 1 :], lying=not part.upright)
+        self._target = part
         skill = move_aside.MoveAside if part.upright else lying.LayAside
         return skill(self.tools.motion, part, self.memory.standing)
+
+    def update(self) -> Status:
+        status = super().update()
+        if status is Status.FAILURE and not self._target.upright:
+            self.memory.failed_at(self._target)
+        return status
 
 
 class ReturnToTray(SkillNode):

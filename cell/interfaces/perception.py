@@ -270,7 +270,7 @@ class PartsView:
 
     def on_top(self, index: int) -> tuple[int, ...]:
         """Numbers among `seen` of all that lie on one of them, by way of others, too; topmost first."""
-        left, order = [index], []
+        left, order = [index], list[int]()
         for below in left:
             lying = [number for number, one in enumerate(self.seen) if self.seen[below].box_px in one.lies_on]
             order = [number for number in order if number not in lying] + [n for n in lying if n != index]

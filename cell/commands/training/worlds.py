@@ -160,8 +160,8 @@ def _plates(asked: Data, _: Film | None) -> One:
 
 def _trays(asked: Data, _: Film | None) -> One:
     if (asked.lying_share, asked.stacked_share) != (None, None) and not asked.mixed:
-        what = "--lying-share and --stacked-share are for trays of --mixed"
-        raise InputError(f"{what}; in others every part stands as the configuration says")
+        given = "--stacked-share" if asked.lying_share is None else "--lying-share"
+        raise InputError(f"{given} is for trays of --mixed; in others every part stands as the configuration says")
     lying = LYING_SHARE if asked.lying_share is None else asked.lying_share
     stacked = STACKED_SHARE if asked.stacked_share is None else asked.stacked_share
     configuration, product = asked.cell()

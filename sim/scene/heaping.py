@@ -1,4 +1,4 @@
-"""Sets parts of a tray down on others, as everyday objects are stacked: what falls, or leaves the tray, is put again."""
+"""Sets parts of a tray down on others, as everyday objects are stacked; what falls or leaves the tray is put again."""
 
 from __future__ import annotations
 

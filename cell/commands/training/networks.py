@@ -132,7 +132,7 @@ def parts(asked: Training, weights: Path) -> Scores:
     epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
     command = asked.command("parts", epochs=epochs)
     facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
-    return facts | stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)
+    return {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
 
 
 def stacks(

@@ -66,15 +66,17 @@ def _parts(
     """Everything in the tray of which enough is seen; `on` are the rows of this list that carry it."""
     seen = masks.bodies(poses)
     projection = Projection(world, CAMERA, bench.wrist, look)
-    resting, parts, shown_of = resting_parts(world), [], {}
+    resting, shown_of = resting_parts(world), dict[str, NDArray[np.bool_]]()
+    parts: list[dict[str, object]] = []
     for body in world.bodies:
         shown = masks.of(seen, [body.body])
         if int(shown.sum()) >= LEAST_PX:
             shown_of[body.name] = shown
     rows = {name: number for number, name in enumerate(shown_of)}
     for body, rests in zip(world.bodies, resting, strict=True):
-        if (shown := shown_of.get(body.name)) is None:
+        if body.name not in shown_of:
             continue
+        shown = shown_of[body.name]
         kind = product.parts.get(body.part)
         parts.append(
             {

@@ -110,7 +110,12 @@ def test_a_part_is_moved_aside_as_it_stands_or_as_it_lies(
     monkeypatch: pytest.MonkeyPatch, index: int, skill: str
 ) -> None:
     made: list[PartDetection] = []
-    monkeypatch.setattr(skill, lambda _planner, part, _others: made.append(part) or Done())
+
+    def make(_planner: object, part: PartDetection, _others: object) -> Done:
+        made.append(part)
+        return Done()
+
+    monkeypatch.setattr(skill, make)
     at = services()
     node: Any = alone(MoveAside("move"), at, parts=TOWER, index=index)
     node.initialise()

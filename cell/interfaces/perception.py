@@ -238,6 +238,7 @@ class PartDetection:
         embedding: features of the crop for the grasp planner; empty where the detector has none.
         upright: it stands on its peg; of what does not, and of unknown things, the pose is a rough one.
         lies: exact world_from_part of a part that does not stand, where it could be made out how it lies.
+        lies_on: boxes in the image of those that carry it, where the detector tells; by way of others, too.
     """
 
     part: str
@@ -248,6 +249,11 @@ class PartDetection:
     embedding: tuple[float, ...] = ()
     upright: bool = True
     lies: Pose | None = None
+    lies_on: tuple[tuple[int, int, int, int], ...] = ()
+
+    def stacked_with(self, other: PartDetection) -> bool:
+        """Whether one of the two lies on the other."""
+        return other.box_px in self.lies_on or self.box_px in other.lies_on
 
 
 @dataclass(frozen=True)
@@ -271,6 +277,15 @@ class PartsView:
     def seen(self) -> tuple[PartDetection, ...]:
         """All that stands or lies in the tray; what stands comes first, by the same numbers as in `detections`."""
         return self.detections + self.others
+
+    def on_top(self, index: int) -> tuple[int, ...]:
+        """Numbers among `seen` of all that lie on one of them, by way of others, too; topmost first."""
+        left, order = [index], list[int]()
+        for below in left:
+            lying = [number for number, one in enumerate(self.seen) if self.seen[below].box_px in one.lies_on]
+            order = [number for number in order if number not in lying] + [n for n in lying if n != index]
+            left += [number for number in lying if number not in left]
+        return tuple(reversed(order))
 
 
 @runtime_checkable

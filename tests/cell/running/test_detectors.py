@@ -31,7 +31,8 @@ from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.inference.onnx_model import OnnxModel
 from sim.data.trays import TrayCamera
-from sim.scene.clutter import ScenePart, sample_clutter
+from sim.scene.clutter import sample_clutter
+from sim.scene.parts import ScenePart
 from sim.scene.posture import whole
 from sim.scene.settings import ClutterSettings
 

@@ -204,7 +204,7 @@ class SignalFault:
 
     def _image(self, image: np.ndarray) -> np.ndarray:
         """The image too bright or dark, shifted by pixels, upside down, of noise, or black."""
-        rng = np.random.default_rng(zlib.crc32(image))
+        rng = np.random.default_rng(zlib.crc32(image.tobytes()))
         changes: dict[str, Callable[[], np.ndarray]] = {
             "scaled": lambda: np.clip(image * self.number, 0, 255).astype(np.uint8),
             "offset": lambda: np.roll(image, round(self.number), axis=1),
@@ -230,15 +230,13 @@ class SignalFault:
 
 
 def drawn_fault(rng: np.random.Generator) -> SignalFault:
-    """A fault at random: first a device, then one of its signals, a kind that it can have, and a size."""
-    devices = sorted({name.partition(".")[0] for name in SIGNALS})
-    device = str(rng.choice(devices))
-    signal = str(rng.choice([name for name in SIGNALS if name.startswith(f"{device}.")]))
-    spread = SIGNALS[signal]
-    kind = ANY[ANY.index(str(rng.choice(list(spread.kinds))))]  # type: ignore[arg-type]
-    many = signal in ("arm.positions_rad", "arm.velocities_rad_s", "arm.follow")
+    """A fault at random: a signal, a kind that it can have, and a size."""
+    name = str(rng.choice(list(SIGNALS)))
+    spread, (device, _, signal) = SIGNALS[name], name.partition(".")
+    kind = ANY[ANY.index(str(rng.choice(list(spread.kinds))))]
+    many = signal in ("positions_rad", "velocities_rad_s", "follow")
     joint = int(rng.integers(6)) if many and kind in ("offset", "foreign") else None
-    return SignalFault(signal.partition(".")[2], kind, _drawn_size(rng, kind, spread), joint, device)
+    return SignalFault(signal, kind, _drawn_size(rng, kind, spread), joint, device)
 
 
 def _drawn_size(rng: np.random.Generator, kind: Kind, spread: Spread) -> float | str | None:
@@ -250,7 +248,9 @@ def _drawn_size(rng: np.random.Generator, kind: Kind, spread: Spread) -> float |
         return float(spread.offset * rng.choice([-1, 1]) * np.exp(rng.uniform(math.log(0.1), math.log(10.0))))
     if kind == "foreign":
         words = [one for one in spread.foreign if isinstance(one, str)]
-        return str(rng.choice(words)) if words else float(rng.uniform(*map(float, spread.foreign)))
+        return (
+            str(rng.choice(words)) if words else float(rng.uniform(float(spread.foreign[0]), float(spread.foreign[1])))
+        )
     return float(rng.integers(3)) if kind == "flipped" else None
 
 

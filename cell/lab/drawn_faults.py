@@ -36,7 +36,7 @@ from skills.motion.planner import MotionPlanner
 
 EACH = 20  # faults that one run splits for; one more has none
 TICKS = (30, 520)  # of a run, when a fault comes
-PAUSED_S, PAUSES_S, ENDS_S = 1.0, (0.6, 2.5), 8.0
+PAUSED_S, PAUSES_S, ENDS_S = 1.0, (0.6, 2.5), 6.0
 NOTICED_TICKS, FURTHER_M = 5, 0.10
 NONE = "none"
 OTHER_WORDS = (PAUSED, "hand_near", "hand_too_near", *USUAL)  # no sign of a fault
@@ -165,7 +165,7 @@ class Blindable(Supervisor):
 
 
 class Splitting(Fork):
-    """Splits a run at the ticks of its trials, twice each: with a supervisor, and with a blind one.
+    """Splits a run at the ticks of its trials, for those that are noticed once more with a blind supervisor.
 
     It is also somebody at the bench who presses pause and resume.
 
@@ -210,22 +210,28 @@ class Splitting(Fork):
         return self.supervisor is not None and self.supervisor.blind
 
     def _try(self, drawn: Drawn, time_s: float) -> None:
-        """In the parent: tell what the two of it say."""
-        self.state, answers = self._work.name, []
-        for blind in (True, False):
-            answer = self.split(drawn.fault)
-            if answer is None:
-                assert self.supervisor is not None
-                self.supervisor.blind, self.now, self.left = blind, drawn, []
-                self.begin("" if drawn.fault == NONE else drawn.fault, time_s)
-                self._watch.begin(time_s, time_s + drawn.pause_s)
+        """In the parent: tell what comes of it; what is noticed is tried once more, blind."""
+        self.state = self._work.name
+        row = self._split(drawn, time_s, blind=False)
+        if row is None:
+            return
+        if row["noticed_by"] and not row["danger"]:
+            unnoticed = self._split(drawn, time_s, blind=True)
+            if unnoticed is None:
                 return
-            answers.append(answer)
-        unnoticed, row = answers
-        row = {"number": drawn.number, "tick": drawn.tick, "reached": True, **row}
-        if not row["danger"]:
             row |= {name: unnoticed.get(name) for name in ("danger", "danger_s")}
+        row = {"number": drawn.number, "tick": drawn.tick, "reached": True, **row}
         self._tell({**row, "judged": judged(row)})
+
+    def _split(self, drawn: Drawn, time_s: float, *, blind: bool) -> Row | None:
+        """As `split`; the child begins the trial."""
+        row = self.split(drawn.fault)
+        if row is None:
+            assert self.supervisor is not None
+            self.supervisor.blind, self.now, self.left = blind, drawn, []
+            self.begin("" if drawn.fault == NONE else drawn.fault, time_s)
+            self._watch.begin(time_s, time_s + drawn.pause_s)
+        return row
 
 
 def drawn_rows(path: Path, trials: Sequence[Drawn], seed: int, tell: Callable[[Row], None]) -> None:

@@ -37,6 +37,7 @@ from skills.motion.planner import MotionPlanner
 EACH = 20  # faults that one run splits for; one more has none
 TICKS = (30, 520)  # of a run, when a fault comes
 PAUSED_S, PAUSES_S, ENDS_S = 1.0, (0.6, 2.5), 6.0
+REACTS_S = 1.0  # so long after it was noticed a trial goes on: the arm stands by then
 NOTICED_TICKS, FURTHER_M = 5, 0.10
 NONE = "none"
 OTHER_WORDS = (PAUSED, "hand_near", "hand_too_near", *USUAL)  # no sign of a fault
@@ -200,7 +201,7 @@ class Splitting(Fork):
             self._try(self.left.pop(0), time_s)
         if self.began_s is None:
             return
-        if self._blind and self._watch.danger.words:
+        if (self._blind and self._watch.danger.words) or time_s - self._watch.noticed_s > REACTS_S:
             self.reply(self._watch.row(self))  # how it goes on adds nothing
         if ENDS_S <= time_s - self.began_s < ENDS_S + 0.1:
             os.kill(os.getpid(), signal.SIGTERM)

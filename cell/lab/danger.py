@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
 from cell.interfaces.command import JointTrajectory
@@ -26,6 +27,7 @@ OFF_PATH_RAD, FASTER, PLACES = 0.05, 1.25, 10
 BLIND_S, ALIKE, BRIGHTER = 0.5, 0.8, 2.0
 FINGERS_M, FINGERS_S = 0.006, 0.3
 KEPT = 64  # images
+BLOCKS = (20, 15)
 
 
 class Danger(Observer):
@@ -63,7 +65,9 @@ class Danger(Observer):
         if same:
             self._told[frame.sequence] = max(one.time_s for one in same)
         elif true is not None and true.image.shape == frame.image.shape:
-            self._told[frame.sequence] = true.time_s if _alike(frame.image, true.image) else -math.inf
+            gain, same_share = alike(blocks(frame.image), blocks(true.image))
+            fine = 1 / BRIGHTER < gain < BRIGHTER and same_share > ALIKE
+            self._told[frame.sequence] = true.time_s if fine else -math.inf
 
     def _watch(self) -> None:
         """Keep the newest true image."""
@@ -163,9 +167,14 @@ class Danger(Observer):
             yield f"the arm goes on by {grew_s:.2f} s of its path in {gone_s:.2f} s"
 
 
-def _alike(told: Image, true: Image) -> bool:
-    """Whether an image shows what is there, as far as a detector sees."""
-    one, other = (image[::4, ::4].astype(float).ravel() for image in (told, true))
-    if one.std() == 0 or not 1 / BRIGHTER < (one.mean() + 1) / (other.mean() + 1) < BRIGHTER:
-        return False
-    return bool(np.corrcoef(one, other)[0, 1] > ALIKE)
+def blocks(image: Image) -> Array:
+    """An image so coarse (15, 20) that what is off by less than the margin of separation hardly shows."""
+    return np.asarray(cv2.resize(image, BLOCKS, interpolation=cv2.INTER_AREA), float)
+
+
+def alike(one: Array, other: Array) -> tuple[float, float]:
+    """How much brighter one is than the other, and their correlation; 0 for one that shows nothing."""
+    gain = (float(one.mean()) + 1) / (float(other.mean()) + 1)
+    if one.shape != other.shape or one.std() == 0 or other.std() == 0:
+        return gain, 0.0
+    return gain, float(np.corrcoef(one.ravel(), other.ravel())[0, 1])

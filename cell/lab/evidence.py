@@ -17,6 +17,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.observation import ArmMode, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
+from cell.lab.danger import alike, blocks
 from cell.watching.observer import Observer, TickRecord
 
 FUTURE_S, ARM_OLD_S, STATUS_OLD_S, BENCH_OLD_S, ECHO_S = 0.02, 0.05, 0.06, 0.30, 0.12
@@ -27,7 +28,6 @@ STANDS_S, MOVES_RAD_S, STUCK = 0.50, 0.10, 3
 ORDERED_S, STILL_S, OPENING_M, LEGAL_M = 0.30, 0.40, 0.004, (-0.001, 0.087)
 FRAME_OLD_S, WRIST_S = 0.25, 0.6
 BRIGHTER, ALIKE = 1.4, 0.8  # a bench image against the first one
-SMALL = 8  # every which pixel is compared
 
 
 class Evidence(Observer):
@@ -246,15 +246,11 @@ class Evidence(Observer):
             return
         if before is not None and np.array_equal(frame.image, before.image):
             yield "an image comes again"
-        small = frame.image[::SMALL, ::SMALL].astype(float)
-        self._first = small if self._first is None else self._first
-        if small.shape != self._first.shape:
-            yield "an image is of another size"
-            return
-        gain = (small.mean() + 1) / (self._first.mean() + 1)
-        alike = float(np.corrcoef(small.ravel(), self._first.ravel())[0, 1]) if small.std() > 0 else 0.0
-        if not 1 / BRIGHTER < gain < BRIGHTER or alike < ALIKE:
-            yield f"the bench looks otherwise: {gain:.1f} as bright, alike {alike:.2f}"
+        seen = blocks(frame.image)
+        self._first = seen if self._first is None else self._first
+        gain, same = alike(seen, self._first)
+        if not 1 / BRIGHTER < gain < BRIGHTER or same < ALIKE:
+            yield f"the bench looks otherwise: {gain:.1f} as bright, alike {same:.2f}"
 
     def _again(self, what: str, found: bool, times: int) -> bool:
         """Whether something was found so many times in a row."""

@@ -127,6 +127,15 @@ def test_an_emergency_is_a_fault_until_it_clears(rig: Rig) -> None:
     assert rig.gripper.state().fault == 0
 
 
+def test_an_emergency_that_clears_before_anybody_looks_is_told_once(rig: Rig) -> None:
+    rig.bench.activated()
+    for code in (0xFF0E, 0, 0xFF0E, 0):
+        rig.node.send("GripperEmergency", {"ErrorCode": code, "ErrorRegister": 1, "FaultStatus": 0x0E * (code > 0)})
+    with pytest.raises(DeviceFault, match="overcurrent"):
+        rig.gripper.state()
+    assert rig.gripper.state().fault == 0
+
+
 @pytest.mark.parametrize(
     ("identifier", "data"),
     [
@@ -365,6 +374,12 @@ def test_heartbeats_of_two_nodes_are_told(rig: Rig) -> None:
     for state in (5, 127, 5, 127):
         rig.node.send("GripperHeartbeat", {"NodeState": state})
     assert rig.gripper.state().bus_errors == "heartbeats contradict one another"
+
+
+def test_a_state_that_no_node_has_is_told(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.send("GripperHeartbeat", {"NodeState": 77})
+    assert rig.gripper.state().bus_errors == "a heartbeat tells the state 77, which there is not"
 
 
 def test_a_node_that_says_that_it_has_started_is_not_active_whatever_its_status_says(rig: Rig) -> None:

@@ -35,7 +35,7 @@ from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
 
 EACH = 20  # faults that one run splits for; one more has none
-TICKS = (30, 520)  # of a run, when a fault comes
+TICKS = (30, 360)  # of a run, when a fault comes
 PAUSED_S, PAUSES_S, ENDS_S = 1.0, (0.6, 2.5), 6.0
 REACTS_S = 1.0  # so long after it was noticed a trial goes on: the arm stands by then
 NOTICED_TICKS, FURTHER_M = 5, 0.10

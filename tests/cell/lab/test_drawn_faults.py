@@ -12,7 +12,7 @@ from cell.faults.signal_faults import SIGNALS, SignalFault, drawn_fault
 from cell.files.row_store import Row
 from cell.lab.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
 
-TICK = 260  # the arm is under way with a part
+TICK = 150  # the arm is under way, and will be for a while
 TRIED = {
     "arm.pace:foreign:1": "dangerous detected",
     "arm.state:stuck": "dangerous detected",

@@ -33,6 +33,7 @@ class GripperMemory:
         self._goal: GripperCommand | None = None
         self._free_s = self._echoed_s = self._moved_s = -math.inf  # since when it may go; when it was seen to
         self._opening_m = 0.0
+        self._opens = False  # they were sent farther apart
         self._before: GripperState | None = None
 
     def see(self, gripper: GripperState, now_s: float) -> None:
@@ -57,6 +58,7 @@ class GripperMemory:
         held = judgement.action >= Action.HOLD
         if command.gripper is not None and not held:
             self._goal = command.gripper
+            self._opens = self._before is not None and command.gripper.opening_m > self._before.opening_m
         if held or command.gripper is not None:
             self._free_s = self._moved_s = now_s
 
@@ -84,13 +86,14 @@ class GripperMemory:
         beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), OPENINGS_M[1])
         wrong = {
             ObjectStatus.AT_POSITION: abs(beyond_m) > OFF_M,
-            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M,
-            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M,
+            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M or self._opens,
+            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M or not self._opens,
         }
         if not wrong.get(gripper.object_status, False):
             return ""
         told = gripper.object_status.name.lower().replace("_", " ")
-        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent"
+        sent = "to open" if self._opens else "to close"
+        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent {sent}"
 
     def _disobeys(self, gripper: GripperState, now_s: float) -> str:
         if now_s - self._echoed_s > ECHO_S:

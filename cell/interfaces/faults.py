@@ -99,7 +99,7 @@ SIGNALS: dict[Signal, Sign] = {
     "gripper_not_obeying": Sign(
         "for 0.2 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
     ),
-    "gripper_refuses": Sign("an active gripper does not take commands (gFLT 5 or 7), or its node is stopped", ECHO),
+    "gripper_refuses": Sign("an active gripper takes no commands (gFLT 5, 7 or unknown), or its node is stopped", ECHO),
     "gripper_restarted_empty": Sign("the gripper lost its activation; nothing was between its fingers", STATUS),
     "gripper_restarted_holding": Sign("the gripper lost its activation with a part between its fingers", STATUS),
     "gripper_other_master": Sign("somebody else commands the gripper on its bus", NOTHING),

@@ -25,8 +25,9 @@ from skills.motion.planner import MotionPlanner
 ELSEWHERE_M, MOVES_RAD_S, HEARD_S = 0.03, 0.1, 0.6  # the margin of separation; a reaction and braking
 OFF_PATH_RAD, FASTER, PLACES = 0.05, 1.25, 10
 BLIND_S, ALIKE, BRIGHTER = 0.5, 0.8, 2.0
-FINGERS_M, FINGERS_S = 0.006, 0.3
+FINGERS_M, FINGERS_S, FELL_M = 0.006, 0.3, 0.02
 KEPT = 64  # images
+PART_FELL = "a part fell"
 BLOCKS = (20, 15)
 
 
@@ -51,7 +52,9 @@ class Danger(Observer):
         self._places: deque[tuple[float, float]] = deque(maxlen=PLACES)
         self._shares: deque[float] = deque(maxlen=2 * PLACES)
         self._goal_m: float | None = None
-        self._fingers_s = self._elsewhere_s = math.inf
+        self._fingers_s = math.inf
+        self._held: str | None = None  # the part between the fingers
+        self._held_m = np.zeros(3)
         self._images: dict[int, Frame] = {}
         self._told: dict[int, float] = {}  # when what a told frame shows really was, by number
 
@@ -89,21 +92,34 @@ class Danger(Observer):
             self.words, self.time_s = found, seen.time_s
         self._order(record)
 
-    def begin(self) -> None:
-        """What was so far does not count."""
+    def begin(self, *, holding: bool) -> None:
+        """What was so far does not count.
+
+        Args:
+            holding: a part is between the fingers.
+        """
         self.words, self.time_s = "", math.inf
         self.way_m.clear()
+        parts = {name: self._away_m(name) for name in self._cell.world.parts} if holding else {}
+        self._held = min(parts, key=lambda name: float(np.linalg.norm(parts[name])), default=None)
+        self._held_m = parts[self._held] if self._held is not None else np.zeros(3)
+
+    def _away_m(self, part: str) -> Array:
+        """From the tool to a part (3,), in the world frame."""
+        away: Array = self._cell.world.data.body(part).xpos - self._tool_m(
+            np.array(self._cell.arm.state().positions_rad)
+        )
+        return away
 
     def between_m(self, begin_s: float, end_s: float) -> float:
         """The tool's way from one time to another."""
         return sum(way_m for time_s, way_m in self.way_m if begin_s < time_s <= end_s)
 
-    def at_end(self, outcome: Outcome, *, dropped: bool, placed: bool) -> None:
+    def at_end(self, outcome: Outcome, *, placed: bool) -> None:
         """The run is over."""
         moves = bool(np.abs(self._cell.arm.state().velocities_rad_s).max() > MOVES_RAD_S)
         endings = {
             "the last line says that a moving arm stands": moves and "the arm stands" in outcome.condition,
-            "a part fell": dropped,
             "it says that it finished, and placed nothing": outcome.end == "finished" and not placed,
         }
         for words, found in endings.items():
@@ -122,7 +138,7 @@ class Danger(Observer):
         stands = share == 0 or self._path is None
         self._held_s = min(self._held_s, now_s) if stands else math.inf
         if record.sent.gripper is not None:
-            self._goal_m = record.sent.gripper.opening_m
+            self._goal_m, self._held = record.sent.gripper.opening_m, None
 
     def _dangers(self, record: TickRecord, joints: Array, tool_m: Array, moves: bool) -> Iterator[str]:
         seen, now_s = record.observation, record.observation.time_s
@@ -136,6 +152,11 @@ class Danger(Observer):
             told_s = None if seen.bench is None else self._told.get(seen.bench.sequence)
             if told_s is not None and now_s - told_s > BLIND_S:
                 yield "the arm moves and the bench is not seen as it is"
+        if (
+            self._held is not None
+            and abs(np.linalg.norm(self._away_m(self._held)) - np.linalg.norm(self._held_m)) > FELL_M
+        ):
+            yield PART_FELL
         told = self._cell.gripper_node.registers()
         goal_m = None if self._goal_m is None else min(max(self._goal_m, 0.0), 0.085)
         astray = goal_m is not None and told["gGTO"] and abs(told["gPR"] / 1000 - goal_m) > FINGERS_M

@@ -25,9 +25,9 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.faults import USUAL, Action, FaultTable, Judgement
 from cell.interfaces.observation import Observation
 from cell.interfaces.operator import OperatorOrder
-from cell.lab.danger import Danger
+from cell.lab.danger import PART_FELL, Danger
 from cell.lab.evidence import Evidence
-from cell.lab.faults import Fork, hangs, trial
+from cell.lab.faults import Fork, trial
 from cell.running.supervisor import PAUSED, Supervisor, make_supervisor
 from cell.watching.observer import Observer, Outcome, TickRecord
 from learned.inference.scores import wilson
@@ -80,7 +80,7 @@ class Watch(Observer):
     def __init__(self, evidence: Evidence, danger: Danger, cell: SimCell) -> None:
         self.evidence, self.danger, self._cell = evidence, danger, cell
         self.signal, self.noticed_s = "", math.inf
-        self.began_s = math.inf
+        self.began_s = self._ended_s = math.inf
         self._due = [math.inf, math.inf]
         self._times_s: list[float] = []
         self.held_before = False
@@ -90,7 +90,7 @@ class Watch(Observer):
         self.began_s, self._due = time_s, [pause_s, pause_s + PAUSED_S]
         self.danger.paused_s, self.danger.resumed_s = self._due
         self.evidence.begin()
-        self.danger.begin()
+        self.danger.begin(holding=self.held_before)
         self._times_s.clear()
 
     def presses(self, now_s: float) -> Sequence[OperatorOrder]:
@@ -105,6 +105,8 @@ class Watch(Observer):
         if self.began_s == math.inf:
             self.held_before = record.observation.gripper.holding
         self._times_s.append(time_s)
+        if record.status != "STOPPING":
+            self._ended_s = time_s
         if judgement is None or self.signal or not self.began_s < time_s or record.status == "STOPPING":
             return
         told = [name for name, _ in judgement.reasons if name not in OTHER_WORDS]
@@ -113,15 +115,14 @@ class Watch(Observer):
 
     def close(self, outcome: Outcome) -> None:
         if not self.signal and outcome.end in ("fault", "failed"):
-            self.signal, self.noticed_s = outcome.end, self._times_s[-1]
+            self.signal, self.noticed_s = outcome.end, self._ended_s
 
     def row(self, fork: Fork, outcome: Outcome | None = None) -> Row:
         """What came of it; without an outcome the trial was broken off."""
         evidence, danger = self.evidence, self.danger
         if outcome is not None:
             placed = any(one.seated and one.by == "robot" for one in self._cell.score.placements().values())
-            fell = self.held_before and not placed and not hangs(self._cell) and fork.state in ("lift", "carry")
-            danger.at_end(outcome, dropped=fell, placed=placed)
+            danger.at_end(outcome, placed=placed)
         noticed_s = min(self.noticed_s, self.began_s + ENDS_S)
         ticks = sum(evidence.time_s <= one <= self.noticed_s for one in self._times_s)
         return {
@@ -216,6 +217,7 @@ class Splitting(Fork):
         row = self._split(drawn, time_s, blind=False)
         if row is None:
             return
+        row["harm"] = row["danger"]
         if row["noticed_by"] and not row["danger"]:
             unnoticed = self._split(drawn, time_s, blind=True)
             if unnoticed is None:
@@ -292,6 +294,7 @@ def coverage(rows: Sequence[Row]) -> Row:
         "dangerous_most_ticks": max((row["ticks"] for row in grave), default=0),
         "dangerous_most_further_m": max((row["further_m"] for row in grave), default=0.0),
         "noticed_within_ticks": _share(sum(row["ticks"] <= NOTICED_TICKS for row in seen), len(seen)),
+        "parts_that_fell": sum(row.get("harm") == PART_FELL for row in faults),
         "without_fault": len(sound),
         "without_fault_alarms": alarms,
         "kept": detected == could and not alarms,

@@ -10,7 +10,6 @@ from cell.interfaces.observation import GripperState, ObjectStatus, Observation
 
 STALE_GRIPPER_S = 0.1
 HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
-REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
 ECHO_S = 0.16  # a lost command is repeated by half of it
 OPENINGS_M, OFF_M = (-0.002, 0.087), 0.006  # that a 2F-85 can have, and how far one may be from where it was told to go
 STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by then
@@ -123,5 +122,5 @@ def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
     """Why it takes no command."""
     if gripper.node_state == "stopped":
         return "the gripper's node is stopped"
-    refused = memory.ever_active and gripper.activated and gripper.fault in REFUSALS
+    refused = memory.ever_active and gripper.activated and gripper.fault > 0
     return f"the gripper takes no command, gFLT 0x{gripper.fault:02X}" if refused else ""

@@ -264,9 +264,12 @@ class CanGripper:
             raise DeviceFault("gripper", f"no heartbeat for {now - self._heartbeat_s:.3f} s, limit {limit:.3f} s")
 
     def _keep_alive(self) -> None:
-        """Only right after a status, which would tell of a restart: a command would activate the node anew."""
+        """Only right after a status, which would tell of a restart: a command would activate the node anew.
+
+        Where another master has spoken, the next status tells what of it.
+        """
         due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
-        if due and self._told:
+        if due and self._told and not self._other_master:
             self._send()
 
     def _check_echo(self) -> None:

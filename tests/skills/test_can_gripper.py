@@ -360,6 +360,19 @@ def test_another_master_is_told(rig: Rig) -> None:
     assert not rig.gripper.state().other_master, "once for each time"
 
 
+def test_a_gripper_that_another_master_resets_is_not_activated_again_before_that_is_known(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.gripper.command(GripperCommand(0.020))
+    rig.bench.wait(0.5)
+    rig.clock.sleep_until(rig.clock.now_s() + 0.1)  # a command is due
+    other = can.Bus(interface="virtual", channel=rig.channel)
+    other.send(can.Message(arbitration_id=COMMAND_ID, data=bytes(8), is_extended_id=False))
+    other.shutdown()
+    assert rig.gripper.state().other_master
+    rig.node.step()
+    assert rig.node.commands[-1] == bytes(8), "activated again, its fingers would open"
+
+
 def test_a_status_that_does_not_repeat_the_command_is_no_answer_to_it(rig: Rig) -> None:
     rig.bench.activated()
     rig.node.mute_status = True

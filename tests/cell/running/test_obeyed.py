@@ -322,3 +322,8 @@ def test_fingers_that_were_opened_grip_nothing_and_closed_ones_do_not_push(told:
     said = handled(spoil)
     assert said, "never noticed"
     assert tick <= said[0][0] <= tick + NOTICED_TICKS, said[0]
+
+
+def test_a_fault_code_that_nobody_knows_is_not_taken_for_none() -> None:
+    said = handled(lambda seen: replace(seen, gripper=replace(seen.gripper, fault=3 * (seen.tick >= HOLDS))))
+    assert said[0] == (HOLDS, "the gripper takes no command, gFLT 0x03")

@@ -150,8 +150,8 @@ def test_signals_are_handled_as_before_once_it_has_ended() -> None:
 
 def test_on_a_loaded_machine_steps_of_a_simulated_run_may_last_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
-    monkeypatch.setattr(watchdog.os, "getloadavg", lambda: (8.0 * (os.cpu_count() or 1), 0.0, 0.0))
-    monkeypatch.setattr(watchdog.signal, "pthread_kill", lambda *_: done.append("broken off"))
+    monkeypatch.setattr(os, "getloadavg", lambda: (8.0 * (os.cpu_count() or 1), 0.0, 0.0))
+    monkeypatch.setattr(signal, "pthread_kill", lambda *_: done.append("broken off"))
     monkeypatch.setattr(Watchdog, "_end", lambda _: done.append("ended"))
 
     def looked(limit_s: float | None, *ages_s: float) -> list[str]:

@@ -23,7 +23,7 @@ from cell.watching.observer import Observer, TickRecord
 FUTURE_S, ARM_OLD_S, STATUS_OLD_S, BENCH_OLD_S, ECHO_S = 0.02, 0.05, 0.06, 0.30, 0.12
 SPEED_OFF_RAD_S, SPEED_OFF, JUMP_RAD = 0.15, 0.15, 0.02
 OFF_PATH_RAD, END_RAD, LAGS_S = 0.015, 0.02, (0.0, 0.008, 0.016, 0.024)
-BRAKED_S, WINDOW, FASTER, SLACK_S = 0.40, 5, 1.1, 0.03  # of the way along the path
+BRAKED_S, WINDOW, FASTER, SLACK_S = 0.65, 5, 1.1, 0.03  # of the way along the path
 STANDS_S, MOVES_RAD_S, STUCK = 0.50, 0.10, 3
 ORDERED_S, STILL_S, OPENING_M, LEGAL_M = 0.30, 0.40, 0.004, (-0.001, 0.087)
 FRAME_OLD_S, WRIST_S = 0.25, 0.6

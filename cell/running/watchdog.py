@@ -21,6 +21,7 @@ from trees.engine.node import TreeNode
 TICK_S = 1.0  # at real pace; without a tick for so long the arm is ordered to stop
 TAKEN_S = 0.5  # in which that order must be taken
 BREAK_S, END_S = 1.0, 0.6  # after a signal: a step that lasts longer is broken off, and then the process is ended
+MOST_PATIENCE = 4.0
 APART_S = 0.2  # signals that are nearer together are one wish: a terminal and a wrapper may both send it
 GLANCE_S, PING_S = 0.1, 0.4
 PRIORITY = 20
@@ -139,7 +140,9 @@ class Watchdog:
     @property
     def _patience(self) -> float:
         """Where time is simulated, steps may last longer on a machine with more to do: the log must be closed."""
-        return 1.0 if self.limit_s is not None else max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        if self.limit_s is not None:
+            return 1.0
+        return min(max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)), MOST_PATIENCE)
 
     def _see_ticks(self, now_s: float) -> None:
         late_s = now_s - self._tick_s

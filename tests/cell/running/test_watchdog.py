@@ -162,9 +162,9 @@ def test_on_a_loaded_machine_steps_of_a_simulated_run_may_last_longer(monkeypatc
             dog._see_ending(100.0 + age_s)
         return list(done)
 
-    assert looked(None, 1.7, 7.9) == []
-    assert looked(None, 8.1, 12.8) == ["broken off"]
-    assert looked(None, 8.1, 13.0) == ["broken off", "ended"]
+    assert looked(None, 1.7, 3.9) == []
+    assert looked(None, 4.1, 6.4) == ["broken off"]
+    assert looked(None, 4.1, 6.6) == ["broken off", "ended"]
     assert looked(1.0, 1.1, 1.8) == ["broken off", "ended"], "an arm waits for nobody"
 
 

@@ -19,6 +19,8 @@ from cell.lab.drawn_faults import coverage, drawn_list, drawn_rows, missing, wor
 from cell.lab.faults import Pairs, chosen, fast_list, fast_rows, fault_try, left, merged, totals
 from cell.lab.random_faults import counted, troubled_assembly
 
+OF_ASSEMBLY = 3  # faults
+
 
 @takes(Shared, "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json", seeds="1")
 def faults(
@@ -27,22 +29,21 @@ def faults(
     state: Annotated[list[str] | None, Option(help="Only these states; all by default.")] = None,
     assemblies: Annotated[
         bool,
-        Option("--assemblies", help="Instead: whole assemblies with random faults, one for each seed."),
+        Option("--assemblies", help="Instead: whole assemblies, one for each seed, with --drawn random faults each."),
     ] = False,
-    each: Annotated[int, Option("--faults", min=1, max=9, help="Faults in each of these assemblies.")] = 3,
     drawn: Annotated[
-        int,
-        Option(min=0, help="Instead: so many faults at random, of any kind, in any signal, from the first seed on."),
-    ] = 0,
+        int | None,
+        Option(min=1, help="Instead: so many random faults, of any kind in any signal, from the first seed on."),
+    ] = None,
 ) -> int:
     """Put every fault into every state of a pick and place, with each seed; status 1 if one ended not as promised.
 
     With --drawn: status 1 if a dangerous one that a signal shows was not noticed in time.
     """
+    if assemblies:
+        return _assemblies(shared, drawn or OF_ASSEMBLY)
     if drawn:
         return _drawn(shared, drawn)
-    if assemblies:
-        return _assemblies(shared, each)
     screen, pairs, seeds = console(), chosen(fault, state), shared.numbers
     heading = {"command": "faults", "pixels": shared.pixels, "config": str(shared.config)}
     kept = RowStore(shared.out, ["fault", "state", "seed"], heading)

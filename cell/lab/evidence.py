@@ -73,6 +73,8 @@ class Evidence(Observer):
     def tick(self, record: TickRecord) -> None:
         seen = record.observation
         self._now_s = seen.time_s
+        if record.status == "STOPPING":  # the arm gave its path up
+            self._path = None
         found = next(self._contradictions(seen), "") or self._answered(seen)
         if found and not self.words:
             self.words, self.time_s = found, seen.time_s

@@ -100,8 +100,8 @@ class Danger(Observer):
         """
         self.words, self.time_s = "", math.inf
         self.way_m.clear()
-        told = self._cell.gripper_node.registers()
-        grips = holding and told["gPR"] < told["gPO"]  # and does not let go
+        opening_mm = self._cell.gripper_node.registers()["gPO"]
+        grips = holding and (self._goal_m is None or 1000 * self._goal_m < opening_mm)  # and is not to let go
         parts = {name: self._away_m(name) for name in self._cell.world.parts} if grips else {}
         self._held = min(parts, key=lambda name: float(np.linalg.norm(parts[name])), default=None)
         self._held_m = parts[self._held] if self._held is not None else np.zeros(3)

@@ -136,7 +136,7 @@ class OnnxModel:
 
     Attributes:
         inputs, outputs: their names.
-        sha256: hash of the file, for logs.
+        sha256: its digest, for logs.
     """
 
     def __init__(self, path: Path, card: ModelCard, session: onnxruntime.InferenceSession, sha256: str) -> None:
@@ -234,7 +234,8 @@ def _opened_once(content: bytes) -> _Opened:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    return _Opened(session, hashlib.sha256(content).hexdigest(), sealed(without_digest(content)) == content)
+    plain = without_digest(content)
+    return _Opened(session, hashlib.sha256(plain).hexdigest(), sealed(plain) == content)
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

@@ -94,14 +94,19 @@ def sealed(content: bytes) -> bytes:
 
 
 def without_digest(content: bytes) -> bytes:
-    """The bytes that a digest at the end is of."""
-    return content[: content.rfind(DIGEST_KEY.encode()) - 4]
+    """The bytes that a digest at the end is of; all of them where there is none."""
+    return content[: content.rfind(DIGEST_KEY.encode()) - 4] if DIGEST_KEY.encode() in content else content
+
+
+def digest_of(content: bytes) -> str:
+    """By which logs know weights, with a digest in their file or without."""
+    return hashlib.sha256(without_digest(content)).hexdigest()
 
 
 def seal(path: Path) -> None:
     """Give a file without a digest one, for somebody who trusts it."""
     content = path.read_bytes()
-    write_whole(path, sealed(without_digest(content) if DIGEST_KEY.encode() in content else content))
+    write_whole(path, sealed(without_digest(content)))
 
 
 def _remove_notes(model: ModelProto) -> None:
@@ -234,8 +239,7 @@ def _opened_once(content: bytes) -> _Opened:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    plain = without_digest(content)
-    return _Opened(session, hashlib.sha256(plain).hexdigest(), sealed(plain) == content)
+    return _Opened(session, digest_of(content), sealed(without_digest(content)) == content)
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

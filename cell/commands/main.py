@@ -45,7 +45,10 @@ OLD_OPTIONS: dict[str, dict[str, str]] = {
         **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
     },
     **dict.fromkeys(("check", "show", "nodes", "replay"), _OWN),
-    "lab eval": dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
+    "lab eval": {
+        **dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
+        "--faults": "--drawn N beside --assemblies",
+    },
     "lab data": dict.fromkeys(("--first-seed", "--recordings"), "--seeds FIRST:END"),
 }
 OLD_OPTIONS["lab run"] = {name: now for name, now in OLD_OPTIONS["run"].items() if "`cell lab run" not in now}

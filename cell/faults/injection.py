@@ -1,4 +1,4 @@
-"""Fault injection: one list of faults, put in by proxies around the devices and the CAN bus in a state of the work.
+"""Fault injection: faults by name or as data, put in by proxies around the devices in a state of the work.
 
 Nothing of a controller knows of it: a proxy answers as a broken device would. Faults that pass end by themselves.
 """
@@ -9,22 +9,24 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import can
 
 from cell.errors import InputError
-from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera
+from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyPanel
+from cell.faults.signal_faults import ORDERS, SignalFault
+from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
 from cell.interfaces.operator import OperatorOrder
 from cell.watching.observer import Observer, TickRecord
 from skills.drivers.can_gripper import CanGripper
 
-PASSES_S = 1.5
-ACKNOWLEDGED = ("arm_protective_stop", "gripper_reboots")
-SHORT_S = {"status_gap": 0.4, "status_cut": 0.4}
+PASSES_S, SHORT_S = 1.5, 0.4
+NOTICES_S = 3.0
 BEGINS_TICKS = 5  # a state has lasted this long when the fault comes, so that the arm is under way
 SHORT_TICKS = {"grasp": 2, "release": 2}  # states that are over sooner
+SIGNALS = {"sigint": [signal.SIGINT], "sigterm_twice": [signal.SIGTERM] * 2, "sighup": [signal.SIGHUP]}
 
 # By how a skill's note begins.
 STATES = {
@@ -45,71 +47,94 @@ OTHER_STATES = ("idle", "waiting_for_help")
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One fault.
+    """One fault with a name.
 
     Attributes:
         what: in words.
-        passes: it goes away by itself after PASSES_S.
         ends: how a run may end with it, by names of `Outcome.end`: what the table of faults promises.
-        holding_ends: the same where a part is between the fingers; None for no difference.
+        signals: what is wrong, as `SignalFault.parse` reads it.
+        lasts_s: after so long it goes away by itself; None for never.
+        holding_ends: as `ends`, where a part is between the fingers; None for no difference.
+        acknowledged: somebody acknowledges it, and an arm's mode is normal then.
     """
 
     what: str
-    passes: bool
     ends: tuple[str, ...]
+    signals: tuple[str, ...] = ()
+    lasts_s: float | None = None
     holding_ends: tuple[str, ...] | None = None
+    acknowledged: bool = False
 
 
-def _stops(what: str) -> FaultKind:
-    return FaultKind(what, False, ("fault",))
+STOPS, RECOVERS, EITHER = ("fault",), ("finished",), ("fault", "finished")
+STANDS = ("arm.follow:refused", "arm.pace:scaled:0")  # by itself, in some modes
+RESTARTS = ("bus.GripperCommand:foreign:rACT=0", "bus.GripperHeartbeat:foreign:NodeState=0")
 
 
-def _recovers(what: str) -> FaultKind:
-    return FaultKind(what, True, ("finished",))
+def _passes(what: str, *signals: str, lasts_s: float = PASSES_S) -> FaultKind:
+    return FaultKind(what, RECOVERS, signals, lasts_s)
+
+
+def _stops(what: str, *signals: str) -> FaultKind:
+    return FaultKind(what, STOPS, signals)
 
 
 FAULTS: dict[str, FaultKind] = {
-    "arm_frozen": _stops("the arm's state does not change any more, its time stamp neither"),
-    "arm_nan": _stops("the arm's joints are not numbers"),
-    "arm_velocity_nan": _stops("one joint's speed is not a number"),
-    "arm_five_joints": _stops("the arm reports five joints"),
-    "arm_offset": FaultKind("the arm reports its base joint 0.03 rad off", False, ("fault", "finished")),
-    "arm_lost": _stops("reading the arm raises"),
-    "arm_deaf": _stops("reading and commanding the arm raise"),
-    "arm_refuses": FaultKind("the arm refuses trajectories", False, ("fault", "finished")),
-    "arm_ignores": FaultKind("the arm ignores trajectories", False, ("fault", "finished")),
-    "arm_protective_stop": FaultKind("protective stop until it is acknowledged", False, ("finished",)),
-    "arm_safeguard": _recovers("the safeguard opens and closes"),
-    "arm_emergency": _stops("an emergency stop is pressed"),
-    "arm_reduced": _recovers("reduced mode for a while"),
-    "heartbeat_lost": _stops("no heartbeat of the gripper"),
-    "status_lost": _stops("no status of the gripper, although its heartbeat comes"),
-    "status_gap": _recovers("no status of the gripper for 0.4 s"),
-    "bus_silent": _stops("nothing comes over the bus"),
-    "bus_off": _stops("reading the bus raises"),
-    "bus_deaf": _stops("what is sent is lost"),
-    "status_cut": _recovers("the gripper's status is cut to three bytes for 0.4 s"),
-    "status_twice": _recovers("every frame of the gripper comes twice"),
-    "gripper_fault": _stops("gFLT 0x0E, overcurrent"),
-    "gripper_refuses": _stops("gFLT 7, not activated"),
-    "gripper_stopped": _stops("the gripper's node says that it is stopped"),
-    "gripper_reboots": FaultKind(
-        "the gripper's node starts again; empty, it is acknowledged", False, ("finished",), ("fault",)
+    "arm_frozen": _stops("the arm's state does not change any more, its time stamp neither", "arm.answer:stuck"),
+    "arm_restamped": _stops("the arm's state does not change any more, but has new stamps", "arm.state:stuck"),
+    "arm_nan": _stops("the arm's joints are not numbers", *(f"arm.positions_rad.{joint}:lost" for joint in range(6))),
+    "arm_velocity_nan": _stops("one joint's speed is not a number", "arm.velocities_rad_s.3:lost"),
+    "arm_five_joints": _stops("the arm reports five joints", "arm.positions_rad:cut"),
+    "arm_offset": FaultKind(
+        "the arm reports its base joint 0.03 rad off", EITHER, ("arm.positions_rad.0:offset:0.03",)
     ),
-    "camera_dead": _recovers("the overhead camera sends nothing for a while"),
-    "camera_raises": _recovers("the overhead camera raises for a while"),
-    "camera_frozen": _recovers("the same image with new numbers and stamps for a while"),
-    "camera_black": _recovers("black images for a while"),
-    "camera_swapped": _recovers("red and blue swapped for a while"),
-    "camera_future": _recovers("stamps of the future for a while"),
-    "sigint": FaultKind("SIGINT", False, ("interrupted",)),
-    "sigterm_twice": FaultKind("SIGTERM, twice", False, ("interrupted",)),
-    "sighup": FaultKind("SIGHUP", False, ("interrupted",)),
-    "observer_raises": FaultKind("an observer raises in every tick", False, ("finished",)),
+    "arm_lost": _stops("reading the arm raises", "arm.answer:refused"),
+    "arm_deaf": _stops(
+        "reading and commanding the arm raise",
+        *("arm.answer:refused", "arm.follow:refused", "arm.stop:refused", "arm.pace:refused"),
+    ),
+    "arm_refuses": FaultKind("the arm refuses trajectories", EITHER, ("arm.follow:refused",)),
+    "arm_ignores": FaultKind("the arm ignores trajectories", EITHER, ("arm.follow:lost",)),
+    "arm_protective_stop": FaultKind(
+        "protective stop until it is acknowledged",
+        RECOVERS,
+        ("arm.mode:foreign:protective_stop", "arm.stop:foreign", *STANDS),
+        acknowledged=True,
+    ),
+    "arm_safeguard": _passes("the safeguard opens and closes", "arm.mode:foreign:safeguard_stop", *STANDS),
+    "arm_emergency": _stops("an emergency stop is pressed", "arm.mode:foreign:emergency_stop", *STANDS),
+    "arm_reduced": _passes("reduced mode for a while", "arm.mode:foreign:reduced"),
+    "heartbeat_lost": _stops("no heartbeat of the gripper", "bus.GripperHeartbeat:lost"),
+    "status_lost": _stops("no status of the gripper, although its heartbeat comes", "bus.GripperStatus:lost"),
+    "status_gap": _passes("no status of the gripper for 0.4 s", "bus.GripperStatus:lost", lasts_s=SHORT_S),
+    "bus_silent": _stops("nothing comes over the bus, and nothing goes", "bus.frames:lost"),
+    "bus_off": _stops("reading the bus raises", "bus.frames:refused"),
+    "bus_deaf": _stops("what is sent is lost", "bus.GripperCommand:lost"),
+    "status_cut": _passes(
+        "the gripper's status is cut to three bytes for 0.4 s", "bus.GripperStatus:cut", lasts_s=SHORT_S
+    ),
+    "status_twice": _passes("every frame comes twice", "bus.frames:repeated"),
+    "gripper_fault": _stops("gFLT 0x0E, overcurrent", "bus.gFLT:foreign:14"),
+    "gripper_refuses": _stops("gFLT 7, not activated", "bus.gFLT:foreign:7"),
+    "gripper_stopped": _stops("the gripper's node says that it is stopped", "bus.NodeState:foreign:4"),
+    "gripper_reboots": FaultKind(
+        "the gripper's node starts again; empty, it is acknowledged",
+        RECOVERS,
+        RESTARTS,
+        holding_ends=STOPS,
+        acknowledged=True,
+    ),
+    "camera_dead": _passes("the overhead camera sends nothing for a while", "overhead.frame:lost"),
+    "camera_raises": _passes("the overhead camera raises for a while", "overhead.frame:refused"),
+    "camera_frozen": _passes("the same image with new numbers and stamps for a while", "overhead.image:stuck"),
+    "camera_black": _passes("black images for a while", "overhead.image:lost"),
+    "camera_swapped": _passes("red and blue swapped for a while", "overhead.image:flipped:2"),
+    "camera_future": _passes("stamps of the future for a while", "overhead.time_s:offset:1000"),
+    "sigint": FaultKind("SIGINT", ("interrupted",)),
+    "sigterm_twice": FaultKind("SIGTERM, twice", ("interrupted",)),
+    "sighup": FaultKind("SIGHUP", ("interrupted",)),
+    "observer_raises": FaultKind("an observer raises in every tick", RECOVERS),
 }
-
-
-OF_THE_BUS = frozenset(name for name in FAULTS if name.startswith(("heartbeat_", "status_", "bus_", "gripper_")))
 
 
 class WorkState:
@@ -136,11 +161,48 @@ class WorkState:
         self.ticks = self.ticks + 1 if self.name == before else 0
 
 
+class Attendant:
+    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that, and lets it go on.
+
+    Implements `Panel`.
+    """
+
+    def __init__(self, devices: Devices) -> None:
+        self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
+        self._due_s: float | None = None
+        self._stands = self._said = False
+
+    def show(self, display: Display) -> None:
+        """For the person who assembles."""
+        self._panel.show(display)
+
+    def alarm(self, text: str) -> None:
+        """A trouble waits from now on, or none."""
+        self._panel.alarm(text)
+        self._stands = bool(text)
+        self._due_s = self._clock.now_s() + NOTICES_S if text or self._said else None
+
+    def pressed(self) -> Sequence[OperatorOrder]:
+        """What was pressed since the last call; once more where the trouble is still there after as long again."""
+        others = self._others()
+        if self._due_s is None or self._clock.now_s() < self._due_s:
+            return others
+        self._said = self._stands
+        self._due_s = self._clock.now_s() + NOTICES_S if self._stands else None
+        return (*others, OperatorOrder("acknowledge" if self._stands else "resume"))
+
+
+def attended(devices: Devices) -> Devices:
+    """The same devices with somebody at them who acknowledges troubles."""
+    attendant = Attendant(devices)
+    return replace(devices, panel=attendant, pressed=attendant.pressed)
+
+
 class Injection(Observer):
     """One fault in one state; also an observer, which sees the states come.
 
     Attributes:
-        fault: a name of FAULTS; empty until one is chosen.
+        fault: a name of FAULTS, or what `SignalFault.parse` reads; empty until one is chosen.
         began_s: when the fault came; None before.
         shown: a device has answered with it.
         first_frame: number of the first frame that it spoiled.
@@ -149,24 +211,20 @@ class Injection(Observer):
 
     def __init__(self, fault: str, state: str) -> None:
         """Args:
-        fault: a name of FAULTS, or empty: one is chosen when it begins.
+        fault: a name of FAULTS, a fault as data, or empty: one is chosen when it begins.
         state: a name of STATES, or of OTHER_STATES.
 
         Raises:
             InputError: there is none of that name.
         """
-        if fault and fault not in FAULTS:
-            raise InputError(f"unknown fault {fault!r}; legal: {', '.join(FAULTS)}")
         if state not in (*STATES, *OTHER_STATES):
             raise InputError(f"unknown state {state!r}; legal: {', '.join((*STATES, *OTHER_STATES))}")
         self.fault, self.state = fault, state
         self.began_s: float | None = None
         self.shown = self.cleared = False
         self.first_frame: int | None = None
-        self._work = WorkState()
-        self._presses_s = -1.0
-        self._said: Literal["acknowledge", "resume", ""] = ""
-        self._clock: Callable[[], float] = lambda: 0.0
+        self._faults, self._work = signals_of(fault), WorkState()
+        self.now_s: Callable[[], float] = lambda: 0.0
 
     @classmethod
     def parse(cls, text: str) -> Injection | Injections:
@@ -180,15 +238,31 @@ class Injection(Observer):
         """Whether the fault is there now."""
         if self.began_s is None or self.cleared:
             return False
-        lasts_s = SHORT_S.get(self.fault, PASSES_S)
-        return not FAULTS[self.fault].passes or self._clock() - self.began_s < lasts_s
+        lasts_s = self._kind.lasts_s
+        return lasts_s is None or self.now_s() - self.began_s < lasts_s
+
+    @property
+    def _kind(self) -> FaultKind:
+        return FAULTS.get(self.fault, FaultKind("as data", EITHER))
+
+    @property
+    def of_orders(self) -> bool:
+        """Only the next command shows it."""
+        return bool(self._faults) and all(one.device == "arm" and one.signal in ORDERS for one in self._faults)
+
+    def on(self, device: str) -> Sequence[SignalFault]:
+        """What is wrong with a device now."""
+        return [one for one in self._faults if one.device == device] if self.active else ()
 
     def begin(self, fault: str, time_s: float) -> None:
         """The fault comes now."""
-        self.fault, self.began_s = fault, time_s
-        numbers = {"sigint": [signal.SIGINT], "sigterm_twice": [signal.SIGTERM] * 2, "sighup": [signal.SIGHUP]}
-        for number in numbers.get(fault, []):
+        self.fault, self._faults, self.began_s = fault, signals_of(fault), time_s
+        for number in SIGNALS.get(fault, []):
             os.kill(os.getpid(), number)
+
+    def acknowledged(self) -> None:
+        """Somebody acknowledged what the arm tells: a stop by itself is over."""
+        self.cleared |= self.active and self._kind.acknowledged
 
     def devices(self, devices: Devices) -> Devices:
         """The same devices with proxies; a gripper on CAN gets a bus with the fault.
@@ -196,28 +270,22 @@ class Injection(Observer):
         Raises:
             InputError: it is a fault of the gripper, which is not on CAN.
         """
-        self._clock = devices.clock.now_s
-        arm, overhead = FaultyArm(devices.arm, self), FaultyCamera(devices.overhead, self)
+        self.now_s = devices.clock.now_s
+        attendant = Attendant(devices)
 
         def pressed() -> Sequence[OperatorOrder]:
-            return (*devices.pressed(), *self._acknowledgement())
+            return attendant.pressed() if self._kind.acknowledged else devices.pressed()
 
         if isinstance(devices.gripper, CanGripper):
             devices.gripper.change_bus(self._bus)
-        elif self.fault in OF_THE_BUS:
+        elif any(one.device == "bus" for one in self._faults):
             raise InputError(f"fault {self.fault!r} needs a gripper of kind can")
-        return replace(devices, arm=arm, overhead=overhead, pressed=pressed)
-
-    def _acknowledgement(self) -> Sequence[OperatorOrder]:
-        """Somebody at the bench acknowledges what waits for that, after a while and again, and then lets it go on."""
-        if self.fault not in ACKNOWLEDGED or self.began_s is None or self._clock() < self._presses_s:
-            return ()
-        first, said = self._presses_s < self.began_s, self._said
-        self._presses_s = (self.began_s if first else self._clock()) + PASSES_S
-        if first:
-            return ()
-        self._said = "resume" if said == "acknowledge" else "acknowledge" if self.active else ""
-        return (OperatorOrder(self._said),) if self._said else ()
+        overhead, wrist = (
+            FaultyCamera(camera, name, self)
+            for name, camera in (("overhead", devices.overhead), ("wrist", devices.wrist))
+        )
+        arm, panel = FaultyArm(devices.arm, self), FaultyPanel(pressed, self)
+        return replace(devices, arm=arm, overhead=overhead, wrist=wrist, panel=attendant, pressed=panel)
 
     def _bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
         """The same bus with a proxy."""
@@ -254,3 +322,16 @@ class Injections(Observer):
         """All see the same states."""
         for one in self.injections:
             one.tick(record)
+
+
+def signals_of(fault: str) -> tuple[SignalFault, ...]:
+    """What is wrong with devices in a fault: one with a name, or one as data.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if not fault or fault in FAULTS:
+        return tuple(SignalFault.parse(text) for text in (FAULTS[fault].signals if fault else ()))
+    if ":" not in fault:
+        raise InputError(f"unknown fault {fault!r}; legal: {', '.join(FAULTS)}, or DEVICE.SIGNAL:KIND[:SIZE]")
+    return (SignalFault.parse(fault),)

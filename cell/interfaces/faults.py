@@ -100,14 +100,15 @@ SIGNALS: dict[Signal, Sign] = {
         "the gripper tells an opening that it cannot have, or one that its own status contradicts", STATUS
     ),
     "gripper_not_obeying": Sign(
-        "for 0.3 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
+        "for 0.2 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
     ),
-    "gripper_refuses": Sign("an active gripper does not take commands (gFLT 5 or 7), or its node is stopped", ECHO),
+    "gripper_refuses": Sign("an active gripper takes no commands (gFLT 5, 7 or unknown), or its node is stopped", ECHO),
     "gripper_restarted_empty": Sign("the gripper lost its activation; nothing was between its fingers", STATUS),
     "gripper_restarted_holding": Sign("the gripper lost its activation with a part between its fingers", STATUS),
     "gripper_other_master": Sign("somebody else commands the gripper on its bus", NOTHING),
     "gripper_bus_errors": Sign(
-        "error frames, more frames than can be read, or heartbeats that contradict one another", "frames without errors"
+        "error frames, more frames than can be read, or heartbeats that contradict one another or are unknown",
+        "frames without errors",
     ),
     "detector_lost": Sign("the process of a detector died", "it answers"),
     "camera_lost": Sign("a camera raises an error, or what detects in its images does not answer", FRAMES),

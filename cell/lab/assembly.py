@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from cell.configuration import load_configuration, load_faults, load_product, simulated
-from cell.faults.injection import Injection, Injections
+from cell.faults.injection import Injection, Injections, attended
 from cell.files.files import shipped
 from cell.files.row_store import Row
-from cell.interfaces.command import Display
-from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
-from cell.interfaces.operator import OperatorOrder
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome
@@ -56,7 +53,6 @@ def _time_s(path: Path, tree: Path, seed: int, table: FaultTable) -> float | Non
 
 
 ALGORITHM_1 = shipped("trees", "assemble.xml")
-NOTICES_S = 3.0
 Injected = Injection | Injections | None
 
 
@@ -67,43 +63,6 @@ class Assembly:
     cell: SimCell
     motion: MotionPlanner
     run: Callable[[Sequence[Observer], Injected], Outcome]
-
-
-class Attendant:
-    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that, and lets it go on.
-
-    Implements `Panel`.
-    """
-
-    def __init__(self, devices: Devices) -> None:
-        self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
-        self._due_s: float | None = None
-        self._stands = self._said = False
-
-    def show(self, display: Display) -> None:
-        """For the person who assembles."""
-        self._panel.show(display)
-
-    def alarm(self, text: str) -> None:
-        """A trouble waits from now on, or none."""
-        self._panel.alarm(text)
-        self._stands = bool(text)
-        self._due_s = self._clock.now_s() + NOTICES_S if text or self._said else None
-
-    def pressed(self) -> Sequence[OperatorOrder]:
-        """What was pressed since the last call; once more where the trouble is still there after as long again."""
-        others = self._others()
-        if self._due_s is None or self._clock.now_s() < self._due_s:
-            return others
-        self._said = self._stands
-        self._due_s = self._clock.now_s() + NOTICES_S if self._stands else None
-        return (*others, OperatorOrder("acknowledge" if self._stands else "resume"))
-
-
-def attended(devices: Devices) -> Devices:
-    """The same devices with somebody at them who acknowledges troubles."""
-    attendant = Attendant(devices)
-    return replace(devices, panel=attendant, pressed=attendant.pressed)
 
 
 @contextmanager

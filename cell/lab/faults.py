@@ -12,7 +12,8 @@ import json
 import os
 import signal
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -21,10 +22,13 @@ from cell.configuration import load_configuration, load_faults, load_product
 from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
 from cell.files.files import shipped
 from cell.files.row_store import Row
+from cell.interfaces.faults import FaultTable
+from cell.lab.assembly import Assembly, Injected
 from cell.lab.stopping_distance import StoppingDistance
+from cell.running.supervisor import Supervisor, make_supervisor
 from cell.runs.options import Files
 from cell.runs.run import drive
-from cell.watching.observer import Outcome, TickRecord
+from cell.watching.observer import Observer, Outcome, TickRecord
 from cell.wiring.detectors import fitted
 from cell.wiring.devices import attached
 from cell.wiring.no_render_host import without_pixels
@@ -99,52 +103,67 @@ def totals(rows: Sequence[Row]) -> Row:
 
 
 class Fork(Injection):
-    """Splits the run at every state.
+    """A run that splits: a process for each fault goes on from here with it.
 
     Attributes:
         child: this process carries a fault.
-        answer: where it writes how it ended.
+    """
+
+    def __init__(self, state: str, seed: int) -> None:
+        super().__init__("", state)
+        self.seed, self.child, self._answer = seed, False, -1
+
+    def split(self, fault: str) -> Row | None:
+        """Split for a fault: None in the process that is to go on with it, in the other what that one answers.
+
+        A child that does not answer hung, or something ended it.
+        """
+        reading, writing = os.pipe()
+        process = os.fork()
+        if not process:
+            os.close(reading)
+            signal.alarm(HANGS_S)
+            self.child, self._answer = True, writing
+            return None
+        os.close(writing)
+        with os.fdopen(reading) as answer:
+            text = answer.read()
+        _, status = os.waitpid(process, 0)
+        found: Row = json.loads(text) if text else _broken(fault, self.state, self.seed, status)
+        return found
+
+    def reply(self, row: Row) -> None:
+        """The child is done; it ends without a word to anybody else."""
+        os.write(self._answer, json.dumps(row).encode())
+        os._exit(0)
+
+
+class StateFork(Fork):
+    """Splits the run at every state.
+
+    Attributes:
+        left: states that did not come so far.
     """
 
     def __init__(self, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
-        super().__init__("", next(iter(pairs)))
-        self._seed = seed
-        self._left = dict(pairs)
-        self._tell = tell
-        self.child, self.answer = False, -1
+        super().__init__(next(iter(pairs)), seed)
+        self.left, self._tell = dict(pairs), tell
 
     def tick(self, record: TickRecord) -> None:
         """A state that is wanted and has come is the next one."""
-        if self.began_s is None and self._work.name in self._left:
+        if self.began_s is None and self._work.name in self.left:
             self.state = self._work.name
         super().tick(record)
 
     def reached(self, time_s: float) -> None:
         """One child for each fault, one after the other."""
-        for fault in self._left.pop(self.state):
-            reading, writing = os.pipe()
-            process = os.fork()
-            if not process:
-                os.close(reading)
-                signal.alarm(HANGS_S)
-                self.child, self.answer, self._left = True, writing, {}
+        for fault in self.left.pop(self.state):
+            row = self.split(fault)
+            if row is None:
+                self.left = {}
                 self.begin(fault, time_s)
                 return
-            os.close(writing)
-            with os.fdopen(reading) as answer:
-                text = answer.read()
-            _, status = os.waitpid(process, 0)
-            self._tell(json.loads(text) if text else _broken(fault, self.state, self._seed, status))
-
-    def reply(self, row: Row) -> None:
-        """The child is done; it ends without a word to anybody else."""
-        os.write(self.answer, json.dumps(row).encode())
-        os._exit(0)
-
-    @property
-    def unreached(self) -> Sequence[str]:
-        """States that never came."""
-        return tuple(self._left)
+            self._tell(row)
 
 
 def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
@@ -152,12 +171,11 @@ def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) 
 
     A state that never came is reported, too, as a row that is not as promised.
     """
-    cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
-    fork = Fork(pairs, seed, tell)
-    row = _trial(path, fork, seed, rendered=False)
+    fork = StateFork(pairs, seed, tell)
+    row = _tried(path, fork, seed, rendered=False)
     if fork.child:
         fork.reply(row)
-    for state in fork.unreached:
+    for state in fork.left:
         tell({**row, "fault": "none", "state": state, "reached": False, "as_promised": False})
     tell({**row, "fault": "none", "state": "none"})
 
@@ -171,10 +189,26 @@ def fast_list(path: Path, pairs: Pairs, seed: int) -> list[Row]:
 
 def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool = True) -> Row:
     """One run of the robot alone with one fault: rest, fetch a part, put it into a hole, call for help."""
-    return _trial(path, Injection(fault, state), seed, rendered=rendered)
+    return _tried(path, Injection(fault, state), seed, rendered=rendered)
 
 
-def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
+def _tried(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
+    with trial(path, seed, rendered=rendered) as opened:
+        watch = StoppingDistance(injection, opened.motion)
+        outcome = opened.run([watch], injection)
+        return _row(opened.cell, injection, watch, outcome, seed)
+
+
+@contextmanager
+def trial(
+    path: Path,
+    seed: int,
+    *,
+    rendered: bool = False,
+    supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
+) -> Iterator[Assembly]:
+    """A cell with nobody at it, and the tree of trials."""
+    cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
     configuration = load_configuration(path)
     controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": controller})
@@ -183,28 +217,21 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     devices = configuration.devices.on_channel(f"trial-{seed}")
     configuration = configuration.model_copy(update={"devices": devices})
-    simulation = configuration.devices.simulation
+    simulation, bus, robot = devices.simulation, devices.gripper_bus, configuration.robot
     goal = sorted(product.goals)[0]
     tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     cell = SimCell(
-        product,
-        configuration.bench,
-        simulation,
-        *devices.gripper_bus,
-        seed,
-        goal,
-        worker=False,
-        rendered=rendered,
-        robot=configuration.robot,
+        product, configuration.bench, simulation, *bus, seed, goal, worker=False, rendered=rendered, robot=robot
     )
-    watch = StoppingDistance(injection, motion)
+
+    def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
+        seen = cell.devices if rendered else without_pixels(cell, configuration, product)
+        with attached(configuration, product, seen) as opened:
+            return drive(files, opened, motion, observers, injection=injected, supervised=supervised)
+
     try:
-        with attached(
-            configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
-        ) as opened:
-            outcome = drive(files, opened, motion, [watch], injection=injection)
-        return _row(cell, injection, watch, outcome, seed)
+        yield Assembly(cell, motion, run)
     finally:
         cell.close()
 
@@ -212,8 +239,9 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
 def _row(cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int) -> Row:
     kind = FAULTS.get(injection.fault)
     placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
-    hangs = _hangs(cell)
-    kept = hangs if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
+    kept = (
+        hangs(cell) if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
+    )
     ends = _ends(kind, watch)
     reached = injection.began_s is not None
     recoverable = ends == ("finished",)
@@ -259,7 +287,7 @@ def _broken(fault: str, state: str, seed: int, status: int) -> Row:
     return {"fault": fault, "state": state, "seed": seed, "exit_status": -1, **words, **numbers, **flags}
 
 
-def _hangs(cell: SimCell) -> bool:
+def hangs(cell: SimCell) -> bool:
     """Whether a part hangs above where parts stand, in truth."""
     floor_m = cell.world.bench.tray.centre_m[2]
     pegs = {name: part.peg_length_m for name, part in cell.world.product.parts.items()}

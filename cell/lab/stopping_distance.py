@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.faults.faulty_devices import UNSEEN
 from cell.faults.injection import Injection
 from cell.interfaces.faults import Action
 from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
@@ -60,7 +59,7 @@ class StoppingDistance(Observer):
         if record.observation.time_s <= began_s or self.ticks_to_stop >= 0:
             return
         self._ticks += 1
-        shown = self._commanded if self.injection.fault in UNSEEN else shows(record.observation, self.injection)
+        shown = self._commanded if self.injection.of_orders else shows(record.observation, self.injection)
         self._showing += self._showing > 0 or shown
         self._commanded = self.injection.shown  # by the command of this tick: the next observation shows it
         if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):

@@ -15,12 +15,12 @@ from typing import Any
 
 from cell.configuration import Configuration, load_faults, load_product
 from cell.errors import DeviceFault, InputError
+from cell.faults.injection import attended
 from cell.files.files import shipped
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Action
 from cell.interfaces.product import Product
 from cell.lab.actions import Told, matched, share
-from cell.lab.assembly import attended
 from cell.lab.holes_and_parts import calibrated_bench
 from cell.runs.options import Files
 from cell.runs.run import drive

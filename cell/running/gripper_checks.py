@@ -10,8 +10,7 @@ from cell.interfaces.observation import GripperState, ObjectStatus, Observation
 
 STALE_GRIPPER_S = 0.1
 HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
-REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
-ECHO_S = 0.2  # a lost command is repeated by half of it
+ECHO_S = 0.16  # a lost command is repeated by half of it
 OPENINGS_M, OFF_M = (-0.002, 0.087), 0.006  # that a 2F-85 can have, and how far one may be from where it was told to go
 STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by then
 SLOWEST_S = 1.0  # for speeding up, braking and pressing
@@ -33,6 +32,7 @@ class GripperMemory:
         self._goal: GripperCommand | None = None
         self._free_s = self._echoed_s = self._moved_s = -math.inf  # since when it may go; when it was seen to
         self._opening_m = 0.0
+        self._opens = False  # they were sent farther apart
         self._before: GripperState | None = None
 
     def see(self, gripper: GripperState, now_s: float) -> None:
@@ -57,6 +57,7 @@ class GripperMemory:
         held = judgement.action >= Action.HOLD
         if command.gripper is not None and not held:
             self._goal = command.gripper
+            self._opens = self._before is not None and command.gripper.opening_m > self._before.opening_m
         if held or command.gripper is not None:
             self._free_s = self._moved_s = now_s
 
@@ -84,13 +85,14 @@ class GripperMemory:
         beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), OPENINGS_M[1])
         wrong = {
             ObjectStatus.AT_POSITION: abs(beyond_m) > OFF_M,
-            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M,
-            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M,
+            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M or self._opens,
+            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M or not self._opens,
         }
         if not wrong.get(gripper.object_status, False):
             return ""
         told = gripper.object_status.name.lower().replace("_", " ")
-        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent"
+        sent = "to open" if self._opens else "to close"
+        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent {sent}"
 
     def _disobeys(self, gripper: GripperState, now_s: float) -> str:
         if now_s - self._echoed_s > ECHO_S:
@@ -120,5 +122,5 @@ def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
     """Why it takes no command."""
     if gripper.node_state == "stopped":
         return "the gripper's node is stopped"
-    refused = memory.ever_active and gripper.activated and gripper.fault in REFUSALS
+    refused = memory.ever_active and gripper.activated and gripper.fault > 0
     return f"the gripper takes no command, gFLT 0x{gripper.fault:02X}" if refused else ""

@@ -21,6 +21,7 @@ from trees.engine.node import TreeNode
 TICK_S = 1.0  # at real pace; without a tick for so long the arm is ordered to stop
 TAKEN_S = 0.5  # in which that order must be taken
 BREAK_S, END_S = 1.0, 0.6  # after a signal: a step that lasts longer is broken off, and then the process is ended
+MOST_PATIENCE = 4.0
 APART_S = 0.2  # signals that are nearer together are one wish: a terminal and a wrapper may both send it
 GLANCE_S, PING_S = 0.1, 0.4
 PRIORITY = 20
@@ -129,12 +130,19 @@ class Watchdog:
         """After a signal no step may last: it is broken off, once, and then the process is ended."""
         if not self._wishes:
             return
-        since_s = max(self._wishes[0], self._step_s)
-        if self._broken_s is None and now_s - since_s > BREAK_S:
+        since_s, patience = max(self._wishes[0], self._step_s), self._patience
+        if self._broken_s is None and now_s - since_s > BREAK_S * patience:
             self._broken_s, self._own = now_s, self._own + 1
             signal.pthread_kill(self._main, signal.SIGINT)
-        elif self._broken_s is not None and now_s - max(since_s, self._broken_s) > END_S:
+        elif self._broken_s is not None and now_s - max(since_s, self._broken_s) > END_S * patience:
             self._end()
+
+    @property
+    def _patience(self) -> float:
+        """Where time is simulated, steps may last longer on a machine with more to do: the log must be closed."""
+        if self.limit_s is not None:
+            return 1.0
+        return min(max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)), MOST_PATIENCE)
 
     def _see_ticks(self, now_s: float) -> None:
         late_s = now_s - self._tick_s

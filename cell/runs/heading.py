@@ -26,6 +26,7 @@ from cell.watching.brackets import BracketTally
 from cell.watching.lateness import Lateness
 from cell.watching.observer import Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
+from learned.inference.onnx_model import digest_of
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from skills.drivers.settings import CanSettings
 from trees.engine.tree import Tree
@@ -101,7 +102,7 @@ def robot_files(robot: RobotModel) -> dict[str, tuple[str, bytes]]:
 
 def _weights(name: str, file: Path) -> dict[str, str]:
     """Which weights a planner or detector has."""
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    digest = digest_of(file.read_bytes())
     return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
 
 

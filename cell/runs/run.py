@@ -35,7 +35,7 @@ from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
-from cell.running.supervisor import make_supervisor
+from cell.running.supervisor import Supervisor, make_supervisor
 from cell.running.watchdog import TICK_S, Watchdog
 from cell.runs.heading import Counts, heading, log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
@@ -207,6 +207,7 @@ def drive(
     injection: Injection | Injections | None = None,
     operator: OperatorChannel | None = None,
     watchdog: Watchdog | None = None,
+    supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
@@ -222,7 +223,7 @@ def drive(
             executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state()))
         else:
             executors = lock_step(*detectors, devices)
-        supervisor = make_supervisor(files.faults, motion)
+        supervisor = supervised(files.faults, motion)
         own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
         watchdog.limit_s = TICK_S if pace == "real" else None
         controller = Controller(

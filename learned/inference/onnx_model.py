@@ -21,7 +21,7 @@ from cell.files.model import Model
 if TYPE_CHECKING:
     from onnx import ModelProto
 
-CARD_KEY = "cell.model_card"
+CARD_KEY, DIGEST_KEY = "cell.model_card", "cell.sha256"
 KEPT = 12  # files that stay open: more than a run needs
 LOAD_ERRORS = (
     ort_errors.Fail,
@@ -71,7 +71,7 @@ class ModelCard(Model):
 
 
 def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
-    """Write weights and card to one file; a file that was there before stays whole until the new one is.
+    """Write weights, card and digest to one file; a file that was there before stays whole until the new one is.
 
     What the exporter notes of its own work (stack traces with the paths of the machine that trained) is left out.
 
@@ -79,11 +79,34 @@ def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
         InputError: the file cannot be written.
     """
     _remove_notes(model)
-    for entry in [entry for entry in model.metadata_props if entry.key == CARD_KEY]:
+    for entry in [entry for entry in model.metadata_props if entry.key in (CARD_KEY, DIGEST_KEY)]:
         model.metadata_props.remove(entry)
     entry = model.metadata_props.add()
     entry.key, entry.value = CARD_KEY, card.model_dump_json()
-    write_whole(path, model.SerializeToString())
+    write_whole(path, sealed(model.SerializeToString()))
+
+
+def sealed(content: bytes) -> bytes:
+    """A model with the digest of all its bytes: one more metadata entry at its end, as protobuf may be appended to."""
+    key, value = DIGEST_KEY.encode(), hashlib.sha256(content).hexdigest().encode()
+    entry = bytes([0x0A, len(key)]) + key + bytes([0x12, len(value)]) + value
+    return content + bytes([0x72, len(entry)]) + entry  # field 14 of ModelProto, metadata_props
+
+
+def without_digest(content: bytes) -> bytes:
+    """The bytes that a digest at the end is of; all of them where there is none."""
+    return content[: content.rfind(DIGEST_KEY.encode()) - 4] if DIGEST_KEY.encode() in content else content
+
+
+def digest_of(content: bytes) -> str:
+    """By which logs know weights, with a digest in their file or without."""
+    return hashlib.sha256(without_digest(content)).hexdigest()
+
+
+def seal(path: Path) -> None:
+    """Give a file without a digest one, for somebody who trusts it."""
+    content = path.read_bytes()
+    write_whole(path, sealed(without_digest(content)))
 
 
 def _remove_notes(model: ModelProto) -> None:
@@ -118,7 +141,7 @@ class OnnxModel:
 
     Attributes:
         inputs, outputs: their names.
-        sha256: hash of the file, for logs.
+        sha256: its digest, for logs.
     """
 
     def __init__(self, path: Path, card: ModelCard, session: onnxruntime.InferenceSession, sha256: str) -> None:
@@ -137,7 +160,7 @@ class OnnxModel:
             kind: what `ModelCard.kind` must be.
 
         Raises:
-            ModelError: the file is missing, damaged, has no card, or is of another kind.
+            ModelError: the file is missing, damaged, changed, has no card or digest, or is of another kind.
         """
         opened = _opened(path)
         card = opened.card(path)
@@ -183,9 +206,20 @@ class _Opened(NamedTuple):
 
     session: onnxruntime.InferenceSession
     sha256: str
+    whole: bool  # it is as its digest says
 
     def card(self, path: Path) -> ModelCard:
-        return _card(path, self.session.get_modelmeta().custom_metadata_map)
+        metadata = self.session.get_modelmeta().custom_metadata_map
+        card = _card(path, metadata)
+        if DIGEST_KEY not in metadata:
+            seals = f"python -c \"from pathlib import Path; from {__name__} import seal; seal(Path('{path}'))\""
+            raise ModelError(
+                f"{path}: holds no digest: an older version wrote it, or it was changed. "
+                f"Train it again ({card.command}), or, if you trust it, give it one: {seals}"
+            )
+        if not self.whole:
+            raise ModelError(f"{path}: damaged: its bytes are not those of its digest; take a copy, or train it again")
+        return card
 
 
 def _opened(path: Path) -> _Opened:
@@ -205,7 +239,7 @@ def _opened_once(content: bytes) -> _Opened:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    return _Opened(session, hashlib.sha256(content).hexdigest())
+    return _Opened(session, digest_of(content), sealed(without_digest(content)) == content)
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

@@ -98,7 +98,7 @@ class CanGripper:
         self._late = self._other_master = self._restarted = False
         self._errors: list[str] = []  # of this tick
         self._node_states: deque[NodeState] = deque(maxlen=3)  # from the heartbeats
-        self._emergency = 0
+        self._emergency = self._worst = 0  # as last told; the gravest that came in this tick
         self._node_state: NodeState = "unknown"
         self._adopted_s: float | None = None
         self.ignored_frames = 0
@@ -121,7 +121,7 @@ class CanGripper:
         if self._status is None:
             unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
             return self._with_bus(unknown, echoed=self._sent_s is None)
-        fault = max(int(self._status["gFLT"]), self._emergency)
+        fault = max(int(self._status["gFLT"]), self._emergency, self._worst)
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
             raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
         echoed = self._repeats(self._status)
@@ -173,7 +173,7 @@ class CanGripper:
 
     def _drain(self) -> None:
         self._told = self._other_master = False
-        self._errors = []
+        self._errors, self._worst = [], 0
         try:
             for _ in range(FRAMES_A_TICK):
                 if (message := self._bus.recv(timeout=0)) is None:
@@ -206,19 +206,23 @@ class CanGripper:
             return
         values = _decoded(known, data)
         if known.name == gripper_database.HEARTBEAT:
-            self._take_heartbeat(NODE_STATES.get(int(values["NodeState"]), "unknown"))
+            self._take_heartbeat(int(values["NodeState"]))
             self._heartbeat_s = now
         elif known.name == gripper_database.EMERGENCY:
             # A node that names no gFLT but an error code has broken down in some other way.
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
+            self._worst = max(self._worst, self._emergency)
         else:
             self._take_status(values)
             self._status, self._told = values, True
             if not self._late:
                 self._status_s = now
 
-    def _take_heartbeat(self, state: NodeState) -> None:
+    def _take_heartbeat(self, told: int) -> None:
         """Notice a node that has restarted, whatever its status says, and two that speak in turn."""
+        state = NODE_STATES.get(told, "unknown")
+        if state == "unknown":
+            self._errors.append(f"a heartbeat tells the state {told}, which there is not")
         if state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
             self._restarted |= self._status is not None and self._sent_s is not None
             self._forget_activation()
@@ -260,9 +264,12 @@ class CanGripper:
             raise DeviceFault("gripper", f"no heartbeat for {now - self._heartbeat_s:.3f} s, limit {limit:.3f} s")
 
     def _keep_alive(self) -> None:
-        """Only right after a status, which would tell of a restart: a command would activate the node anew."""
+        """Only right after a status, which would tell of a restart: a command would activate the node anew.
+
+        Where another master has spoken, the next status tells what of it.
+        """
         due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
-        if due and self._told:
+        if due and self._told and not self._other_master:
             self._send()
 
     def _check_echo(self) -> None:

@@ -9,6 +9,7 @@ from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_f
 from cell.runs.heading import heading
 from cell.runs.options import Files, RunOptions
 from cell.wiring.services import load_planners
+from learned.inference.onnx_model import digest_of
 
 NODE = '''
 from trees.engine.status import Status
@@ -52,4 +53,4 @@ def test_every_network_of_the_detectors_is_named() -> None:
     assert {f"weights.{name}.sha256" for name in networks} <= set(told)
     for name in networks:
         file = Path(told[f"weights.{name}.file"])
-        assert told[f"weights.{name}.sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+        assert told[f"weights.{name}.sha256"] == digest_of(file.read_bytes())

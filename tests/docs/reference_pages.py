@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from cell.configuration import load_configuration, load_faults
+from cell.faults.injection import FAULTS as PUT
+from cell.faults.signal_faults import SIGNALS, Spread
 from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema
 from trees.engine import vocabulary
@@ -31,6 +33,22 @@ FAULTS = f"""# The table of faults
 - `clears`: by `itself` when it has gone; at `standstill` of the arm; when a `person` gives the order *acknowledge*;
   `never`.
 
+"""
+PUT_IN = """
+# Faults to put in
+
+`--inject` and `cell lab eval faults` take these by name:
+
+| fault | what | signals |
+|---|---|---|
+"""
+BY_SIGNAL = """
+And any DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint from 0 to 5 and a size in the signal's unit, as a factor, in
+seconds, or as the value that another device tells. `cut` is a part of the value, `refused` an exception. `--drawn`
+draws the kinds of this table:
+
+| signal | kinds | offset |
+|---|---|---|
 """
 LOG_TOPICS = f"""# Topics of a log
 
@@ -58,7 +76,10 @@ NODES = f"""# Nodes in Python
 
 def faults() -> str:
     """The table that the supervisor follows unless a configuration names another."""
-    return FAULTS + fault_table_markdown(load_faults(load_configuration()))
+    named = (f"| {name} | {one.what} | {_codes(one.signals)} |\n" for name, one in PUT.items())
+    drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in SIGNALS.items())
+    table = fault_table_markdown(load_faults(load_configuration()))
+    return FAULTS + table + PUT_IN + "".join(named) + BY_SIGNAL + "".join(drawn)
 
 
 def log_topics() -> str:
@@ -93,6 +114,14 @@ PAGES: dict[str, Callable[[], str]] = {
     "docs/reference/log-topics.md": log_topics,
     "docs/reference/nodes-in-python.md": nodes,
 }
+
+
+def _codes(words: Iterable[str]) -> str:
+    return ", ".join(f"`{word}`" for word in words)
+
+
+def _offset(spread: Spread) -> str:
+    return f"{spread.offset:g}" if "offset" in spread.kinds else ""
 
 
 def _doc(thing: Any) -> str:

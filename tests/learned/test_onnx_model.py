@@ -10,7 +10,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from cell.errors import ModelError
-from learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx
+from cell.settings import WEIGHTS
+from learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx, seal, sealed, without_digest
 
 CARD = ModelCard(
     kind="test.root",
@@ -88,6 +89,33 @@ def test_files_that_are_no_model(saved: Path, content: bytes | str | None, messa
         path.write_bytes(content)
     with pytest.raises(ModelError, match=message):
         OnnxModel.load(path, "test.root")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
+def test_one_changed_byte_is_refused(saved: Path, share: float) -> None:
+    content = bytearray(saved.read_bytes())
+    content[round(share * (len(content) - 1))] ^= 1
+    saved.write_bytes(content)
+    with pytest.raises(ModelError, match=r"damaged|digest"):
+        OnnxModel.load(saved, "test.root")
+
+
+def test_weights_without_a_digest_are_told_and_can_be_given_one(saved: Path) -> None:
+    whole = saved.read_bytes()
+    saved.write_bytes(without_digest(whole))
+    with pytest.raises(ModelError, match=r"root\.onnx: holds no digest.*cell train test.*seal"):
+        OnnxModel.load(saved, "test.root")
+    seal(saved)
+    assert saved.read_bytes() == whole
+    assert OnnxModel.load(saved, "test.root").card == CARD
+
+
+def test_all_shipped_weights_have_their_digest() -> None:
+    files = sorted(WEIGHTS.glob("*.onnx"))
+    assert len(files) > 10
+    for path in files:
+        content = path.read_bytes()
+        assert sealed(without_digest(content)) == content, path
 
 
 def test_another_kind(saved: Path) -> None:

@@ -127,6 +127,15 @@ def test_an_emergency_is_a_fault_until_it_clears(rig: Rig) -> None:
     assert rig.gripper.state().fault == 0
 
 
+def test_an_emergency_that_clears_before_anybody_looks_is_told_once(rig: Rig) -> None:
+    rig.bench.activated()
+    for code in (0xFF0E, 0, 0xFF0E, 0):
+        rig.node.send("GripperEmergency", {"ErrorCode": code, "ErrorRegister": 1, "FaultStatus": 0x0E * (code > 0)})
+    with pytest.raises(DeviceFault, match="overcurrent"):
+        rig.gripper.state()
+    assert rig.gripper.state().fault == 0
+
+
 @pytest.mark.parametrize(
     ("identifier", "data"),
     [
@@ -351,6 +360,19 @@ def test_another_master_is_told(rig: Rig) -> None:
     assert not rig.gripper.state().other_master, "once for each time"
 
 
+def test_a_gripper_that_another_master_resets_is_not_activated_again_before_that_is_known(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.gripper.command(GripperCommand(0.020))
+    rig.bench.wait(0.5)
+    rig.clock.sleep_until(rig.clock.now_s() + 0.1)  # a command is due
+    other = can.Bus(interface="virtual", channel=rig.channel)
+    other.send(can.Message(arbitration_id=COMMAND_ID, data=bytes(8), is_extended_id=False))
+    other.shutdown()
+    assert rig.gripper.state().other_master
+    rig.node.step()
+    assert rig.node.commands[-1] == bytes(8), "activated again, its fingers would open"
+
+
 def test_a_status_that_does_not_repeat_the_command_is_no_answer_to_it(rig: Rig) -> None:
     rig.bench.activated()
     rig.node.mute_status = True
@@ -365,6 +387,12 @@ def test_heartbeats_of_two_nodes_are_told(rig: Rig) -> None:
     for state in (5, 127, 5, 127):
         rig.node.send("GripperHeartbeat", {"NodeState": state})
     assert rig.gripper.state().bus_errors == "heartbeats contradict one another"
+
+
+def test_a_state_that_no_node_has_is_told(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.send("GripperHeartbeat", {"NodeState": 77})
+    assert rig.gripper.state().bus_errors == "a heartbeat tells the state 77, which there is not"
 
 
 def test_a_node_that_says_that_it_has_started_is_not_active_whatever_its_status_says(rig: Rig) -> None:

@@ -15,8 +15,11 @@ from cell.commands.options import takes
 from cell.commands.terminal import console, print_json
 from cell.files.row_store import Row, RowStore
 from cell.fleet.engine import mapped
+from cell.lab.drawn_faults import coverage, drawn_list, drawn_rows, missing, words_of
 from cell.lab.faults import Pairs, chosen, fast_list, fast_rows, fault_try, left, merged, totals
 from cell.lab.random_faults import counted, troubled_assembly
+
+OF_ASSEMBLY = 3  # faults
 
 
 @takes(Shared, "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json", seeds="1")
@@ -26,13 +29,21 @@ def faults(
     state: Annotated[list[str] | None, Option(help="Only these states; all by default.")] = None,
     assemblies: Annotated[
         bool,
-        Option("--assemblies", help="Instead: whole assemblies with random faults, one for each seed."),
+        Option("--assemblies", help="Instead: whole assemblies, one for each seed, with --drawn random faults each."),
     ] = False,
-    each: Annotated[int, Option("--faults", min=1, max=9, help="Faults in each of these assemblies.")] = 3,
+    drawn: Annotated[
+        int | None,
+        Option(min=1, help="Instead: so many random faults, of any kind in any signal, from the first seed on."),
+    ] = None,
 ) -> int:
-    """Put every fault into every state of a pick and place, with each seed; status 1 if one ended not as promised."""
+    """Put every fault into every state of a pick and place, with each seed; status 1 if one ended not as promised.
+
+    With --drawn: status 1 if a dangerous one that a signal shows was not noticed in time.
+    """
     if assemblies:
-        return _assemblies(shared, each)
+        return _assemblies(shared, drawn or OF_ASSEMBLY)
+    if drawn:
+        return _drawn(shared, drawn)
     screen, pairs, seeds = console(), chosen(fault, state), shared.numbers
     heading = {"command": "faults", "pixels": shared.pixels, "config": str(shared.config)}
     kept = RowStore(shared.out, ["fault", "state", "seed"], heading)
@@ -73,6 +84,29 @@ def _try(shared: Shared, pairs: Mapping[int, Pairs], tell: Callable[[Row], None]
         rows = itertools.chain.from_iterable(run(fast_list, splits))
     for row in rows:
         tell(row)
+
+
+def _drawn(shared: Shared, faults: int) -> int:
+    screen, path, first = console(), Path(shared.config), shared.numbers.start
+    kept = RowStore(shared.out, ["number"], {"command": "faults", "drawn_from": first, "config": str(path)})
+
+    def tell(row: Row) -> None:
+        kept.add(row)
+        screen.print(words_of(row), highlight=False)
+
+    left = [(path, trials, seed) for trials, seed in missing(faults, first, kept.keys)]
+    if shared.workers == 1 and shared.scheduler is None:  # rows come as they are known
+        for one in left:
+            drawn_rows(*one, tell)
+    else:
+        for rows in mapped(drawn_list, left, shared.workers, shared.scheduler):
+            for row in rows:
+                tell(row)
+    found = coverage(list(kept.rows))
+    screen.print(found)
+    if shared.as_json:
+        print_json({"rows": list(kept.rows), **found})
+    return 0 if found["kept"] else 1
 
 
 def _assemblies(shared: Shared, faults: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +28,7 @@ from cell.running.supervisor import make_supervisor
 from cell.wiring.detectors import fitted
 from cell.wiring.reload import take_over
 from cell.wiring.services import Planners, TickClock, load_planners, make_services
+from learned.inference.onnx_model import digest_of
 from skills.motion.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange
@@ -282,7 +282,7 @@ def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
         return None
     recorded = log.metadata.get(f"weights.{name}.file")
     candidates = [path for path in (found, recorded and Path(recorded)) if path and path.is_file()]
-    hashes = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in candidates}
+    hashes = {path: digest_of(path.read_bytes()) for path in candidates}
     for path, sha256 in hashes.items():
         if sha256 == expected:
             return path

@@ -37,6 +37,7 @@ LOOPBACK = "127.0.0.1"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
 CLIENTS_N, CONNECTIONS_N = 16, 64
+BACKLOG_N = 32  # so many are let in before one that is too much is closed: handles do not run out
 ASKS_S = 5.0  # a connection that has not said in this time what it wants is closed
 KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
@@ -85,7 +86,13 @@ class PageServer:
         ]
         app = _Gate(Starlette(routes=routes), self._hosts)
         config = uvicorn.Config(
-            app, http=_Connection, log_level="critical", lifespan="off", access_log=False, timeout_graceful_shutdown=1
+            app,
+            http=_Connection,
+            log_level="critical",
+            lifespan="off",
+            access_log=False,
+            timeout_graceful_shutdown=1,
+            backlog=BACKLOG_N,
         )
         self._server = uvicorn.Server(config)
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -314,7 +321,7 @@ def _listening(port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((LOOPBACK, port))
-        listening.listen(32)
+        listening.listen(BACKLOG_N)
     except OSError as error:
         listening.close()
         problem = f"port {port} cannot be used for the page: {error.strerror}; choose another with --page PORT"

@@ -12,10 +12,11 @@ from rich.console import Console
 
 from cell.commands.lab.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
+from cell.faults.injection import NOTICES_S, Attendant
 from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import HandSample
-from cell.lab.assembly import ALGORITHM_1, NOTICES_S, Attendant, throughput_ratio
+from cell.lab.assembly import ALGORITHM_1, throughput_ratio
 from cell.lab.encounters import Tracker, encounter, passed, summary
 from cell.lab.random_faults import counted, troubled_assembly
 from cell.lab.true_distance import TrueDistance, protective_m

@@ -311,3 +311,19 @@ def test_a_fault_of_any_kind_in_a_signal_of_the_gripper_is_noticed(name: str, ki
     said = handled(spoil)
     assert said, "never noticed"
     assert tick <= said[0][0] <= tick + SHOWS[name, kind, tick] + NOTICED_TICKS, said[0]
+
+
+@pytest.mark.parametrize(("told", "tick"), [(ObjectStatus.CONTACT_CLOSING, 51), (ObjectStatus.CONTACT_OPENING, 76)])
+def test_fingers_that_were_opened_grip_nothing_and_closed_ones_do_not_push(told: ObjectStatus, tick: int) -> None:
+    def spoil(seen: Observation) -> Observation:
+        spoiled = replace(seen.gripper, object_status=told)
+        return replace(seen, gripper=spoiled) if seen.tick >= tick else seen
+
+    said = handled(spoil)
+    assert said, "never noticed"
+    assert tick <= said[0][0] <= tick + NOTICED_TICKS, said[0]
+
+
+def test_a_fault_code_that_nobody_knows_is_not_taken_for_none() -> None:
+    said = handled(lambda seen: replace(seen, gripper=replace(seen.gripper, fault=3 * (seen.tick >= HOLDS))))
+    assert said[0] == (HOLDS, "the gripper takes no command, gFLT 0x03")

@@ -148,6 +148,26 @@ def test_signals_are_handled_as_before_once_it_has_ended() -> None:
     assert "watchdog" not in [thread.name for thread in threading.enumerate()]
 
 
+def test_on_a_loaded_machine_steps_of_a_simulated_run_may_last_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(os, "getloadavg", lambda: (8.0 * (os.cpu_count() or 1), 0.0, 0.0))
+    monkeypatch.setattr(signal, "pthread_kill", lambda *_: done.append("broken off"))
+    monkeypatch.setattr(Watchdog, "_end", lambda _: done.append("ended"))
+
+    def looked(limit_s: float | None, *ages_s: float) -> list[str]:
+        done.clear()
+        dog = Watchdog()
+        dog.limit_s, dog._step_s, dog._wishes = limit_s, 0.0, [100.0]
+        for age_s in ages_s:
+            dog._see_ending(100.0 + age_s)
+        return list(done)
+
+    assert looked(None, 1.7, 3.9) == []
+    assert looked(None, 4.1, 6.4) == ["broken off"]
+    assert looked(None, 4.1, 6.6) == ["broken off", "ended"]
+    assert looked(1.0, 1.1, 1.8) == ["broken off", "ended"], "an arm waits for nobody"
+
+
 HANGS = """
 import sys, threading, time
 from trees.engine.status import Status

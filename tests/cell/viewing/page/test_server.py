@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -207,6 +210,39 @@ def test_callers_that_never_say_what_they_want_are_hung_up_on(
                 pass
         assert rig.order(PAUSE) == (204, "")
     assert capfd.readouterr().err == ""
+
+
+def test_a_crowd_that_comes_at_once_takes_no_more_handles_than_are_let_in(
+    rig: PageRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[int] = []
+    plain = server._Connection.connection_made
+
+    def made(connection: server._Connection, transport: asyncio.Transport) -> None:
+        plain(connection, transport)
+        opened.append(_handles())
+
+    monkeypatch.setattr(server._Connection, "connection_made", made)
+    assert rig.order(PAUSE) == (204, "")
+    loop = rig.page._server._loop
+    assert loop is not None
+    opened.clear()
+    busy = threading.Event()
+    loop.call_soon_threadsafe(busy.wait, 30.0)
+    with ExitStack() as stack:
+        crowd = [stack.enter_context(socket.socket()) for _ in range(400)]
+        before = _handles()
+        for one in crowd:
+            one.setblocking(False)
+            one.connect_ex(("127.0.0.1", rig.page.port))
+        busy.set()
+        while len(opened) < server.BACKLOG_N:
+            time.sleep(0.01)
+    assert max(opened) <= before + server.CONNECTIONS_N + server.BACKLOG_N + 8
+
+
+def _handles() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def test_an_order_that_never_ends_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,95 @@
+"""Faults at random are judged from the truth: what a fault does unnoticed, and whether a signal shows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.configuration import DEFAULT_CONFIGURATION
+from cell.faults.signal_faults import SIGNALS, SignalFault, drawn_fault
+from cell.files.row_store import Row
+from cell.lab.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
+
+TICK = 150  # the arm is under way, and will be for a while
+TRIED = {
+    "arm.pace:foreign:1": "dangerous detected",
+    "arm.state:stuck": "dangerous detected",
+    "arm.positions_rad.1:offset:0.3": "dangerous detected",
+    "bus.gFLT:foreign:14": "safe detected",
+    "panel.orders:lost": "dangerous undetected, shown by nothing",
+    NONE: "safe undetected",
+}
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, Row]:
+    """What came of some faults at one moment, by fault."""
+    told: list[Row] = []
+    trials = [Drawn(number, fault, TICK, 0.6) for number, fault in enumerate(TRIED)]
+    drawn_rows(DEFAULT_CONFIGURATION, trials, 41, told.append)
+    return {str(row["fault"]): row for row in told}
+
+
+@pytest.mark.parametrize("fault", TRIED)
+def test_a_fault_is_judged_from_the_truth(rows: dict[str, Row], fault: str) -> None:
+    name = fault if fault == NONE else SignalFault.parse(fault).name
+    row = {**next(row for key, row in rows.items() if key.startswith(fault) or key == name)}
+    assert row["judged"] == TRIED[fault], row
+
+
+def test_a_cell_without_a_fault_shows_nothing_and_is_left_alone(rows: dict[str, Row]) -> None:
+    assert not any(rows[NONE][what] for what in ("shown_by", "danger", "noticed_by")), rows[NONE]
+
+
+def row(**changes: Any) -> Row:
+    plain = {"number": 0, "reached": True, "fault": "x", "danger": "d", "danger_s": 1.0, "shown_by": "s"}
+    return {**plain, "noticed_by": "n", "noticed_s": 0.4, "ticks": 3, "further_m": 0.01, **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "dangerous detected"),
+        ({"ticks": 9, "further_m": 0.5}, "dangerous detected"),  # before it did harm
+        ({"noticed_s": 1.2}, "dangerous detected"),  # as soon as the signals show it
+        ({"noticed_s": 1.2, "ticks": 6}, "dangerous detected late"),
+        ({"noticed_s": 1.2, "further_m": 0.2}, "dangerous detected late"),
+        ({"noticed_by": ""}, "dangerous undetected"),
+        ({"noticed_by": "", "shown_by": ""}, "dangerous undetected, shown by nothing"),
+        ({"danger": ""}, "safe detected"),
+        ({"danger": "", "noticed_by": ""}, "safe undetected"),
+    ],
+)
+def test_detected_is_what_was_noticed_in_time(changes: Row, words: str) -> None:
+    assert judged(row(**changes)) == words
+
+
+def test_coverage_is_the_share_of_dangerous_faults_that_is_detected() -> None:
+    late, blind = row(judged="dangerous detected late", ticks=7), "dangerous undetected, shown by nothing"
+    found = [row(judged="dangerous detected")] * 8 + [late, row(judged=blind, noticed_by="", shown_by="")]
+    told = coverage([*found, row(judged="safe undetected", danger="", noticed_by="")])
+    assert told["coverage"].startswith("8 of 10")
+    assert told["coverage_of_shown"].startswith("8 of 9")
+    assert (told["dangerous_most_ticks"], told["kept"]) == (7, False)
+    assert coverage(found[:8])["kept"]
+    alarm = row(fault=NONE, judged="safe detected", danger="")
+    assert not coverage([*found[:8], alarm])["kept"], "a sound cell is to be left alone"
+
+
+def test_trials_follow_from_number_and_seed_and_are_gone_on_with() -> None:
+    whole = [one for trials, _ in missing(2 * EACH, 7, ()) for one in trials]
+    assert len(whole) == 2 * EACH + 2
+    assert [one.fault for one in whole].count(NONE) == 2
+    rest = missing(2 * EACH, 7, range(EACH + 2))
+    assert next((one.number, seed) for trials, seed in rest for one in trials) == (EACH + 2, 8)
+    assert rest[0][0][0] == whole[EACH + 2]
+
+
+def test_every_kind_of_every_signal_is_drawn_and_can_be_read_again() -> None:
+    drawn = [drawn_fault(np.random.default_rng([3, number])) for number in range(6000)]
+    pairs = {(f"{one.device}.{one.signal}", one.kind) for one in drawn}
+    assert pairs == {(name, kind) for name, spread in SIGNALS.items() for kind in spread.kinds}
+    for one in drawn[:200]:
+        assert SignalFault.parse(one.name).name == one.name

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cell.commands.options import SetOption, WithOption, entries_of, own_files
+from cell.commands.options import NamesOption, SetOption, WithOption, entries_of, own_files, registry_of
 from cell.commands.show import write
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
-from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.node_library import node_registry
 from trees.views.palette import groot_model, named, palette_list, palette_text
@@ -23,10 +21,7 @@ from trees.views.palette import groot_model, named, palette_list, palette_text
 
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
-    config: Annotated[
-        Path | None,
-        typer.Option(help="Also check names of parts, positions, goals and signals against this configuration."),
-    ] = None,
+    config: NamesOption = None,
     own: WithOption = None,
     entries: SetOption = None,
     stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
@@ -36,7 +31,7 @@ def check(
     """Check tree files and list all mistakes."""
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
-    problems, warnings, notes = findings(files, _registry(config, nodes), known)
+    problems, warnings, notes = findings(files, registry_of(config, nodes), known)
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:
@@ -51,16 +46,6 @@ def check(
     unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
     sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong{unchecked}\n")
     return 0
-
-
-def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
-    """The nodes that there are; with a configuration, ports take only names that it has."""
-    if config is None:
-        return node_registry(more=own_nodes)
-    from cell.configuration import load_configuration, load_product
-
-    configuration = load_configuration(config)
-    return node_registry(load_product(configuration, config), own_nodes, configuration)
 
 
 def _problem_data(problem: Problem) -> dict[str, object]:

@@ -41,11 +41,13 @@ class Circumstances:
         beside: further files, and folders with them, whose trees may be named.
         provided: entries of the main tree that are set before the first tick.
         stubs: unknown nodes are taken as they are.
+        opened: texts that an editor has open, by absolute path; they count instead of the files.
     """
 
     beside: tuple[Path, ...] = ()
     provided: Mapping[str, Any] = field(default_factory=dict)
     stubs: bool = False
+    opened: Mapping[Path, str] = field(default_factory=dict)
 
 
 def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
@@ -61,7 +63,7 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     notes: list[Problem] = []
     built: dict[Path, Tree] = {}
     for path in paths:
-        library = read_library(path, known.beside)
+        library = read_library(path, known.beside, known.opened)
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
         if library.main in library.trees and not library.incomplete:

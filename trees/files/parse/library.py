@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -57,6 +57,7 @@ class Library:
         texts: every file read, with its text.
         notes: what is left out of account here and means something elsewhere, such as to editors.
         replacing: trees that take the place of a tree or node of their name.
+        opened: texts of files that an editor has open, by their absolute path; they count instead of the files.
         incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
     """
 
@@ -67,16 +68,18 @@ class Library:
     problems: list[Problem] = field(default_factory=list)
     notes: list[Problem] = field(default_factory=list)
     replacing: dict[str, Element] = field(default_factory=dict)
+    opened: Mapping[Path, str] = field(default_factory=dict)
     incomplete: bool = False
 
 
-def read_library(path: Path, beside: Iterable[Path] = ()) -> Library:
+def read_library(path: Path, beside: Iterable[Path] = (), opened: Mapping[Path, str] | None = None) -> Library:
     """Read a file and what it includes; what is wrong is in `problems`.
 
     Args:
         beside: further files, and folders with them, whose trees it may name.
+        opened: texts that count instead of files, by absolute path.
     """
-    library = Library()
+    library = Library(opened=opened or {})
     root = _read(library, path, None)
     own = tuple(library.trees)
     for file in _files(beside):
@@ -117,7 +120,7 @@ def called(library: Library, element: Element) -> list[Element]:
 
 def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:
     try:
-        text, root, malformed = read_xml(path)
+        text, root, malformed = read_xml(path, library.opened.get(path.resolve()))
     except InputError as error:
         library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]

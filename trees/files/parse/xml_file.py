@@ -87,14 +87,17 @@ def node_tag(element: Element) -> str:
     return element.tag
 
 
-def read_xml(path: Path) -> tuple[str, Element, list[Problem]]:
+def read_xml(path: Path, opened: str | None = None) -> tuple[str, Element, list[Problem]]:
     """The text of a file, its root element as far as it can be read, and what is wrong with it as XML.
+
+    Args:
+        opened: the text that an editor has open, which counts instead of the file's.
 
     Raises:
         InputError: the file cannot be read, holds no element, or is refused: too large, too deep, with a DTD or
             entities.
     """
-    data = _read(path)
+    data = _read(path) if opened is None else opened.encode(errors="replace")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import os
 import pkgutil
+import sys
 from collections.abc import Iterable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -142,7 +143,7 @@ def _file(file: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
     if spec is None or spec.loader is None or not file.is_file():
         raise InputError(f"{file}: there is no such Python file; give FILE.py or the name of a package")
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # the user's file may raise anything, or end the program

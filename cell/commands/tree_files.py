@@ -14,7 +14,11 @@ from cell.commands.options import NamesOption, SetOption, WithOption, entries_of
 from cell.commands.show import write
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
+from cell.files.files import write_new
 from trees.files.check import Circumstances, findings
+from trees.files.parse.version3 import Converted
+from trees.files.parse.version3 import convert as to_version4
+from trees.files.parse.xml_file import read_xml
 from trees.node_library import node_registry
 from trees.views.palette import groot_model, named, palette_list, palette_text
 
@@ -52,6 +56,37 @@ def _problem_data(problem: Problem) -> dict[str, object]:
     place = problem.place
     where = {"file": str(place.file), "line": place.line, "column": place.column}
     return {**where, "what": problem.what, "legal": problem.legal}
+
+
+def convert(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files of BehaviorTree.CPP 3.")],
+    into: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write them there, and never over a file; else to stdout.")
+    ] = None,
+) -> int:
+    """Turn tree files of BehaviorTree.CPP 3 into those of version 4, and say what cannot be kept."""
+    made = {path: _converted(path) for path in files}
+    if into is None:
+        sys.stdout.writelines(one.text for one in made.values())
+    else:
+        if len({path.name for path in made}) < len(made):
+            raise InputError("two of these files have the same name; convert them into folders of their own")
+        write_new(into, {path.name: one.text.encode() for path, one in made.items()})
+    for one in made.values():
+        sys.stderr.writelines(f"{change.place}: note: {change.what}\n" for change in one.changes)
+        sys.stderr.writelines(f"{lost.place}: warning: {lost.what}; {lost.legal}\n" for lost in one.lost)
+    return 1 if any(one.lost for one in made.values()) else 0
+
+
+def _converted(path: Path) -> Converted:
+    text, root, malformed = read_xml(path)
+    found = root.get("BTCPP_format")
+    if malformed:
+        raise InputError(*malformed)
+    if root.tag != "root" or found not in (None, "3"):
+        what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
+        raise InputError(Problem(root.place_of("BTCPP_format"), what, "only files of version 3 are converted"))
+    return to_version4(path, text)
 
 
 class NodeFormat(StrEnum):

@@ -111,8 +111,11 @@ class _Parent(Control):
 def with_stubs(library: Library, registry: Registry) -> Registry:
     """The registry with a stand-in for every node of a library that it does not know.
 
-    A node that only has the name of one that stands here, and other ports, is not known either.
+    A node that only has the name of one that stands here, and other ports, is not known either; nor is one of this
+    cell that has the name of a tree.
     """
+    trees = [tag for tag in library.trees if tag in registry.classes and registry.classes[tag] not in BUILT_IN]
+    registry = registry.extended((), without=trees) if trees else registry
     parents: dict[str, bool] = {}
     for element in _elements(library):
         tag = node_tag(element)

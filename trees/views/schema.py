@@ -21,8 +21,8 @@ from trees.engine.ports import Port
 from trees.engine.script import Script
 from trees.engine.vocabulary import Words, is_word
 from trees.files.build.registry import Registry, is_leaf, meaning_of
-from trees.files.parse.library import FORMAT
 from trees.files.parse.replacing import REPLACES
+from trees.files.parse.version3 import FORMAT
 from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, NOTES, SCRIPTS_AFTER
 from trees.views.palette import default_text
 

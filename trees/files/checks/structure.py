@@ -39,7 +39,7 @@ def check_structure(library: Library, registry: Registry) -> list[Problem]:
     problems: list[Problem] = []
     checker = _Checker(library, registry, problems)
     for identifier, tree in library.trees.items():
-        if identifier in registry.classes and identifier not in library.replacing:
+        if registry.names_node(identifier) and identifier not in library.replacing:
             what = f"a node is named '{identifier}', too"
             problems.append(
                 Problem(tree.place_of("ID"), what, f'rename the tree, or let it take its place: {REPLACES}="true"')

@@ -10,10 +10,11 @@ from pathlib import Path
 from cell.errors import InputError, Place, Problem
 from trees.engine.literals import TRUE_WORDS
 from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
+from trees.files.parse.version3 import FORMAT, Converted, convert
 from trees.files.parse.xml_file import Element, read_xml
 
 MOST_WORDS = 12
-FORMAT = "4"
+CONVERT = "`cell convert` writes it as a file of version 4"
 UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100
@@ -134,20 +135,26 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
     if root.tag != "root":
         library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
         return None
-    _check_root(library, root)
+    _check_root(library, root, convert(path, text) if not malformed else Converted())
     for element in root.children:
         if len(library.problems) < PROBLEM_LIMIT:
             _take(library, element, path, len([child for child in root.children if child.tag == "BehaviorTree"]) == 1)
     return root
 
 
-def _check_root(library: Library, root: Element) -> None:
+def _check_root(library: Library, root: Element, version3: Converted) -> None:
     found, place = root.get("BTCPP_format"), root.place_of("BTCPP_format")
     if found is None:
         what = f'BTCPP_format is missing; the file is read as BTCPP_format="{FORMAT}"'
-        library.notes.append(Problem(place, what, "add it to the file"))
+        legal = "add it to the file"
+        if version3.changes:
+            first = version3.changes[0]
+            what += f", and would mean something else in version 3, as in line {first.place.line}: {first.what}"
+            legal = f"{CONVERT}, or {legal}"
+        library.notes.append(Problem(place, what, legal))
     elif found != FORMAT:
-        library.problems.append(Problem(place, f"BTCPP_format is '{found}'", f'must be BTCPP_format="{FORMAT}"'))
+        legal = f'must be BTCPP_format="{FORMAT}"' + (f"; {CONVERT}" if found == "3" else "")
+        library.problems.append(Problem(place, f"BTCPP_format is '{found}'", legal))
     _check_attributes(library, root, ("BTCPP_format", "main_tree_to_execute", "project_name"))
 
 

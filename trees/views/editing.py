@@ -140,10 +140,10 @@ def hover(text: str, offset: int, registry: Registry, library: Library) -> str:
 
 def definition(text: str, offset: int, path: Path, registry: Registry, library: Library) -> Place | None:
     """Where what stands at the cursor is made: a tree, an included file, or a node's Python."""
-    spot = _whole(text, offset)
+    spot, attributes = _whole(text, offset), _tag_attributes(text, offset)
     if spot.tag == "include":
-        return Place((path.parent / (spot.attributes or {}).get("path", "")).resolve(), 1, 1)
-    identifier = _tag_attributes(text, offset).get("ID", "")
+        return Place((path.parent / attributes.get("path", "")).resolve(), 1, 1)
+    identifier = attributes.get("ID", "")
     if spot.tag == "SubTree":
         tree = library.trees.get(identifier)
         return None if tree is None else tree.place

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Protocol
 
-import trees.nodes
+import trees.nodes.ported
 from cell.errors import InputError
 from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
@@ -61,7 +61,7 @@ def node_registry(
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
     """
-    modules = [*_package(trees.nodes), *_installed()]
+    modules = [*_package(trees.nodes), *_package(trees.nodes.ported), *_installed()]
     named = [*filter(None, os.environ.get(ALWAYS, "").split(os.pathsep)), *more]
     for name in dict.fromkeys(named):
         modules += _named(name)

@@ -6,7 +6,7 @@ The protocol is in: https://microsoft.github.io/language-server-protocol.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,8 +44,12 @@ class Workshop:
     @property
     def registry(self) -> Registry:
         """The nodes as they are now: made again when a file of theirs, or the configuration, was saved."""
-        files = [file for one in self._nodes for file in ([Path(one)] if one.endswith(".py") else Path(one).glob("*.py"))]
-        stamps = [file.stat().st_mtime for file in [*files, *([self._config] if self._config else [])] if file.is_file()]
+        files = [
+            file for one in self._nodes for file in ([Path(one)] if one.endswith(".py") else Path(one).glob("*.py"))
+        ]
+        stamps = [
+            file.stat().st_mtime for file in [*files, *([self._config] if self._config else [])] if file.is_file()
+        ]
         if self._registry is None or stamps != self._stamps:
             self._stamps = stamps
             try:

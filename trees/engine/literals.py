@@ -38,7 +38,7 @@ def type_name(kind: Any) -> str:
     if kind is Any:
         return "any"
     if isinstance(kind, types.GenericAlias):
-        return str(kind).replace("typing.", "")
+        return f"{kind.__origin__.__name__}[{', '.join(map(type_name, kind.__args__))}]"
     return str(getattr(kind, "__name__", kind))
 
 

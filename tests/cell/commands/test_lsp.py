@@ -116,7 +116,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def talk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Callable[[Editor], Awaitable[None]]], None]]:
+def talk(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[Callable[[Editor], Awaitable[None]]], None]]:
     """Runs a conversation with a server of its own."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
 

@@ -116,5 +116,7 @@ def test_with_stubs_a_tree_may_have_the_name_of_a_node_of_this_cell(write: Write
         file = write(text.format(inner))
         assert findings([file], node_registry(), Circumstances(stubs=True))[:2] == ([], [])
         assert findings([file], node_registry()).problems
-    told = findings([write('<BehaviorTree ID="Sequence"><A/></BehaviorTree>')], node_registry(), Circumstances(stubs=True))
+    told = findings(
+        [write('<BehaviorTree ID="Sequence"><A/></BehaviorTree>')], node_registry(), Circumstances(stubs=True)
+    )
     assert "a node is named 'Sequence', too" in told.problems[0].what

@@ -44,12 +44,10 @@ class Workshop:
     @property
     def registry(self) -> Registry:
         """The nodes as they are now: made again when a file of theirs, or the configuration, was saved."""
-        files = [
-            file for one in self._nodes for file in ([Path(one)] if one.endswith(".py") else Path(one).glob("*.py"))
-        ]
-        stamps = [
-            file.stat().st_mtime for file in [*files, *([self._config] if self._config else [])] if file.is_file()
-        ]
+        files = [self._config] if self._config else []
+        for one in map(Path, self._nodes):
+            files += [one, *one.glob("*.py")]
+        stamps = [file.stat().st_mtime for file in files if file.is_file()]
         if self._registry is None or stamps != self._stamps:
             self._stamps = stamps
             try:

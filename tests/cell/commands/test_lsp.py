@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,9 @@ class Greet(Node):
     def update(self) -> Status:
         return Status.SUCCESS
 '''
+
+
+Talk = Callable[[Callable[["Editor"], Awaitable[None]]], None]
 
 
 class Editor:
@@ -116,9 +119,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def talk(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[[Callable[[Editor], Awaitable[None]]], None]]:
+def talk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Talk:
     """Runs a conversation with a server of its own."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
@@ -138,10 +139,10 @@ def talk(
 
         asyncio.run(whole())
 
-    yield run
+    return run
 
 
-def test_an_editor_is_served(folder: Path, talk: Callable[[Callable[[Editor], Awaitable[None]]], None]) -> None:
+def test_an_editor_is_served(folder: Path, talk: Talk) -> None:
     async def conversation(editor: Editor) -> None:
         assert editor.marks == {"tree.xml": []}
         await marks_while_typing(editor)

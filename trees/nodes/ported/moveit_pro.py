@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -241,7 +242,7 @@ class ApprovePath(_Approval):
         if not poses:
             raise NodeError("the path has no pose")
         places = [world_pose(self.services, pose).position_m for pose in poses]
-        way = sum(math.dist(one, other) for one, other in zip(places, places[1:], strict=False))
+        way = sum(math.dist(one, other) for one, other in pairwise(places))
         low = min(z for _, _, z in places)
         return f"May the tool go from {poses[0]} to {poses[-1]}? {len(poses)} poses, {way:.2f} m, lowest at {low:.2f} m"
 

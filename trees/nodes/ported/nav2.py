@@ -18,6 +18,8 @@ from trees.engine.traits import Traits
 from trees.nodes.poses import tool_speed_m_s
 from trees.nodes.services import Services
 
+ROUNDING_S = 1e-6  # a period of whole ticks is over in its last one
+
 
 class RecoveryNode(Control):
     """Ticks the second child where the first one fails, and then the first again; at most one recovery a tick."""
@@ -40,9 +42,8 @@ class RecoveryNode(Control):
     def run(self) -> Status:
         self.set_status(RUNNING)
         main, recovery = self.children
-        if not self._recovers:
-            if (ended := self._main(main.execute())) is not None:
-                return ended
+        if not self._recovers and (ended := self._main(main.execute())) is not None:
+            return ended
         status = recovery.execute()
         if status is RUNNING:
             return RUNNING
@@ -156,7 +157,7 @@ class _Paced(Decorator):
         if self.status is IDLE or self.status is SKIPPED:
             self._period_s, self._start_s, self._first = self.begin(), self.now_s, True
         self.set_status(RUNNING)
-        over = self.now_s - self._start_s >= self._period_s
+        over = self.now_s - self._start_s >= self._period_s - ROUNDING_S
         if not (self._first or over or self.decorated.status is RUNNING):
             return RUNNING
         self._first = False

@@ -35,8 +35,10 @@ def schema(
     own: WithOption = None,
 ) -> None:
     """Write schemas of YAML files and tree files, for editors."""
-    for path in write_schemas(folder, registry_of(config, own_files(own)[0])):
-        console().print(f"{path}", highlight=False)
+    say = console()
+    for path in write_schemas(folder.resolve(), registry_of(config, own_files(own)[0])):
+        say.print(f"{path}", highlight=False)
+    say.print(f"first line of a YAML file: {modeline(str(folder.resolve() / 'cell.json'))}", highlight=False)
 
 
 def write_schemas(folder: Path, registry: Registry) -> list[Path]:

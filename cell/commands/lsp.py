@@ -113,7 +113,9 @@ def language_server(shop: Workshop) -> LanguageServer:
 
 
 def _asked(
-    server: LanguageServer, shop: Workshop, parameters: types.TextDocumentPositionParams
+    server: LanguageServer,
+    shop: Workshop,
+    parameters: types.CompletionParams | types.HoverParams | types.DefinitionParams,
 ) -> tuple[TextDocument, int, Library]:
     """The document, where in it the cursor is, and the trees that it can name."""
     document = server.workspace.get_text_document(parameters.text_document.uri)

@@ -65,7 +65,7 @@ class Editor:
         self._told = asyncio.Event()
         self._version = 0
 
-        @client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+        @client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)  # type: ignore[untyped-decorator]  # pygls leaves it so
         def marked(parameters: types.PublishDiagnosticsParams) -> None:
             self.marks[parameters.uri.rpartition("/")[2]] = list(parameters.diagnostics)
             if parameters.uri == self.uri:
@@ -135,7 +135,7 @@ def talk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Talk:
             finally:
                 await asyncio.wait_for(client.shutdown_async(None), LIMIT_S)
                 client.exit(None)
-                await client.stop()
+                await client.stop()  # type: ignore[no-untyped-call]
 
         asyncio.run(whole())
 

@@ -66,9 +66,7 @@ COMMANDS: Table = {
     "convert": Command(
         "cell.commands.tree_files:convert", "Turn tree files of BehaviorTree.CPP 3 into those of version 4.", PROGRAM
     ),
-    "schema": Command(
-        "cell.commands.schema:schema", "Write schemas of YAML files and tree files, for editors.", PROGRAM
-    ),
+    "schema": Command("cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
     "lsp": Command("cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
     "show": Command("cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
     "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),

@@ -34,7 +34,7 @@ def schema(
     config: NamesOption = None,
     own: WithOption = None,
 ) -> None:
-    """Write schemas of YAML files and tree files, for editors."""
+    """Write schemas of all files that you edit, YAML and trees, for editors."""
     say = console()
     for path in write_schemas(folder.resolve(), registry_of(config, own_files(own)[0])):
         say.print(f"{path}", highlight=False)

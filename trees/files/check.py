@@ -13,7 +13,8 @@ from cell.errors import Problem
 from trees.engine.node import FAILURE, Control, Node, TreeNode
 from trees.engine.ports import Port
 from trees.engine.tree import Tree
-from trees.files.build.registry import BUILT_IN, Registry, is_leaf, is_reserved
+from trees.files.build.registry import BUILT_IN, Registry
+from trees.files.checks.structure import fits
 from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
 from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
@@ -111,26 +112,18 @@ class _Parent(Control):
 def with_stubs(library: Library, registry: Registry) -> Registry:
     """The registry with a stand-in for every node of a library that it does not know.
 
-    A node that only has the name of one that stands here, and other ports, is not known either; nor is one of this
-    cell that has the name of a tree.
+    A node that only has the name of one that stands here, and other ports or values, is not known either; nor is one of
+    this cell that has the name of a tree.
     """
     trees = [tag for tag in library.trees if tag in registry.classes and registry.classes[tag] not in BUILT_IN]
     registry = registry.extended((), without=trees) if trees else registry
     parents: dict[str, bool] = {}
     for element in _elements(library):
         tag = node_tag(element)
-        if tag and tag != "SubTree" and not _is_known(element, tag, registry):
+        if tag and tag != "SubTree" and not fits(element, library, registry):
             parents[tag] = parents.get(tag, False) or bool(element.children)
     stubs = [_stub(tag, _Parent if parent else _Leaf) for tag, parent in parents.items()]
     return registry.extended(stubs) if stubs else registry
-
-
-def _is_known(element: Element, tag: str, registry: Registry) -> bool:
-    node = registry.classes.get(tag)
-    if node is None or node in BUILT_IN or not is_leaf(node):
-        return node is not None
-    ports = registry.ports_in(tag, element.attributes)
-    return all(name in ports or is_reserved(name) for name in element.attributes)
 
 
 def _stub(tag: str, base: type[TreeNode]) -> type[TreeNode]:

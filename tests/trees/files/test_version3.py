@@ -92,6 +92,9 @@ def test_check_says_what_a_file_of_version_3_is(write: Write) -> None:
     assert "`cell convert`" in note.legal
     (problem, *_) = findings([write(WHOLE.replace("<root", '<root BTCPP_format="3"'))], Registry()).problems
     assert "`cell convert`" in problem.legal
+    plain = '<root BTCPP_format="3"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
+    found = findings([write(plain)], Registry())
+    assert (found.problems, len(found.notes)) == ([], 1)
 
 
 def test_no_file_is_overwritten(write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

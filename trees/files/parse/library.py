@@ -22,7 +22,7 @@ PROBLEM_LIMIT = 100
 
 def is_near(word: str, legal: Iterable[str]) -> bool:
     """Whether a word is written much like a legal one."""
-    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.6))
+    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.7))
 
 
 def hint(word: str, legal: Iterable[str], all_of_them: str = "") -> str:
@@ -154,7 +154,8 @@ def _check_root(library: Library, root: Element, version3: Converted) -> None:
         library.notes.append(Problem(place, what, legal))
     elif found != FORMAT:
         legal = f'must be BTCPP_format="{FORMAT}"' + (f"; {CONVERT}" if found == "3" else "")
-        library.problems.append(Problem(place, f"BTCPP_format is '{found}'", legal))
+        same = found == "3" and not version3.changes and not version3.lost  # nothing in it means something else
+        (library.notes if same else library.problems).append(Problem(place, f"BTCPP_format is '{found}'", legal))
     _check_attributes(library, root, ("BTCPP_format", "main_tree_to_execute", "project_name"))
 
 

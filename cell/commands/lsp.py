@@ -59,7 +59,7 @@ class Workshop:
 
 
 def lsp(config: NamesOption = None, own: WithOption = None) -> None:
-    """Serve an editor: mark mistakes while typing, complete, explain, and go to where things are made."""
+    """Serve an editor: the language server of tree files."""
     try:
         server = language_server(Workshop(config, own))
     except ImportError:

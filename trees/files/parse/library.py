@@ -22,7 +22,7 @@ PROBLEM_LIMIT = 100
 
 def is_near(word: str, legal: Iterable[str]) -> bool:
     """Whether a word is written much like a legal one."""
-    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.7))
+    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.6))
 
 
 def hint(word: str, legal: Iterable[str], all_of_them: str = "") -> str:
@@ -163,7 +163,8 @@ def _check_attributes(library: Library, element: Element, legal: tuple[str, ...]
     """An attribute that is written much like a legal one is a mistake; others are those of an editor."""
     for name, attribute in element.attributes.items():
         if name not in legal:
-            near = hint(name, legal) if is_near(name, legal) else ""
+            alike = [word for word in legal if word.startswith("_") == name.startswith("_")]
+            near = hint(name, legal) if is_near(name, alike) or f"_{name}" in legal else ""
             problem = Problem(attribute.place, f"<{element.tag}> has no attribute '{name}'", near or "it is ignored")
             (library.problems if near else library.notes).append(problem)
 

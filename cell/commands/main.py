@@ -45,7 +45,8 @@ OLD_OPTIONS: dict[str, dict[str, str]] = {
         **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
     },
     "init": {"--schemas": "`cell schema`"},
-    **dict.fromkeys(("check", "show", "nodes", "replay"), _OWN),
+    **dict.fromkeys(("check", "show", "replay"), _OWN),
+    "nodes": {**_OWN, "--groot": "`--format groot > FILE`"},
     "lab eval": dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
     "lab data": dict.fromkeys(("--first-seed", "--recordings"), "--seeds FIRST:END"),
 }

@@ -11,7 +11,6 @@ from typing import Annotated
 import typer
 
 from cell.commands.options import NamesOption, SetOption, WithOption, entries_of, own_files, registry_of
-from cell.commands.show import write
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
 from cell.files.files import write_new
@@ -104,15 +103,12 @@ def nodes(
     style: Annotated[
         NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
     ] = NodeFormat.text,
-    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
     own: WithOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports; or one of them."""
     registry = node_registry(more=own_files(own)[0])
     chosen = tuple(registry.classes) if name is None else named(registry, name)
-    if groot is not None:
-        write(groot, groot_model(registry).encode())
-    elif style is NodeFormat.text:
+    if style is NodeFormat.text:
         sys.stdout.write(palette_text(registry, chosen))
     elif style is NodeFormat.json:
         sys.stdout.write(json.dumps(palette_list(registry, chosen)) + "\n")

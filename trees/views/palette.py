@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from difflib import get_close_matches
 from xml.sax.saxutils import quoteattr
 
@@ -69,11 +69,17 @@ def palette_list(registry: Registry, chosen: Collection[str] | None = None) -> l
 
 def groot_model(registry: Registry) -> str:
     """A file whose TreeNodesModel Groot2 loads as its palette; built-in nodes it knows by itself."""
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">', "  <TreeNodesModel>"]
-    for tag, node in registry.classes.items():
-        if node not in BUILT_IN:
-            lines += model_lines(tag, node, registry)
-    return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+    head = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">']
+    own = [tag for tag, node in registry.classes.items() if node not in BUILT_IN]
+    return "\n".join([*head, *models(own, registry), "</root>", ""])
+
+
+def models(tags: Iterable[str], registry: Registry) -> Iterator[str]:
+    """Lines of a TreeNodesModel with these nodes."""
+    yield "  <TreeNodesModel>"
+    for tag in tags:
+        yield from _model(tag, registry)
+    yield "  </TreeNodesModel>"
 
 
 def node_text(tag: str, registry: Registry) -> str:
@@ -117,8 +123,9 @@ def _port_data(port: Port) -> dict[str, object]:
     }
 
 
-def model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
+def _model(tag: str, registry: Registry) -> Iterator[str]:
     """A node of a TreeNodesModel."""
+    node = registry.classes[tag]
     yield f"    <{node.node_type} ID={quoteattr(tag)}>"
     yield f"      <MetadataFields><Metadata description={quoteattr(meaning_of(node))}/></MetadataFields>"
     for port in registry.ports(tag).values():

@@ -135,7 +135,8 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
     if root.tag != "root":
         library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
         return None
-    _check_root(library, root, convert(path, text) if not malformed else Converted())
+    older = not malformed and root.get("BTCPP_format") != FORMAT
+    _check_root(library, root, convert(path, text) if older else Converted())
     for element in root.children:
         if len(library.problems) < PROBLEM_LIMIT:
             _take(library, element, path, len([child for child in root.children if child.tag == "BehaviorTree"]) == 1)

@@ -6,6 +6,7 @@ What changed from 3 to 4: https://www.behaviortree.dev/docs/migration.
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,7 +66,8 @@ class _Converter:
     """Goes through the tags of a file."""
 
     def __init__(self, path: Path, text: str) -> None:
-        self._path, self._text = path, text
+        self._path = path
+        self._lines = [0, *(found.end() for found in re.finditer("\n", text))]  # where each begins
         self._in_models = False
         self.told = Converted()
 
@@ -155,8 +157,8 @@ class _Converter:
         self.told.lost.append(Problem(self._place(offset), what, legal))
 
     def _place(self, offset: int) -> Place:
-        before = self._text[:offset]
-        return Place(self._path, before.count("\n") + 1, offset - before.rfind("\n"))
+        line = bisect_right(self._lines, offset)
+        return Place(self._path, line, offset - self._lines[line - 1] + 1)
 
 
 def _operand(value: str, as_text: bool) -> str:

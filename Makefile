@@ -2,6 +2,7 @@
 # Both set up all they need in .venv; stamp files there make every later call instant.
 
 SHELL := /bin/bash
+, := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help run test test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
@@ -25,6 +26,13 @@ uv_settings = $(call uv_setting,UV_DEFAULT_INDEX,$(index)) $(call uv_setting,SSL
   $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180 UV_LINK_MODE=copy
 UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python --compile-bytecode \
   --constraints constraints.txt --build-constraints constraints.txt
+# What breaks an installation off leaves this file, and the next call makes .venv anew; a failure that is told does not.
+UNFINISHED := .venv/unfinished
+ifneq ($(wildcard $(UNFINISHED)),)
+  $(info the last installation was broken off: .venv is made anew)
+  $(shell rm -rf .venv)
+endif
+whole = mkdir -p .venv; touch $(UNFINISHED); status=0; { $(1); } || status=$$?; rm -f $(UNFINISHED); [ $$status = 0 ] || exit $$status
 APT := export DEBIAN_FRONTEND=noninteractive; apt-get update -qq && apt-get install -y -qq --no-install-recommends
 export OMP_NUM_THREADS := 1
 
@@ -36,7 +44,7 @@ help:
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
-	@echo "make weights    all shipped weights again, into trained/ (3.5 hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
+	@echo "make weights    all shipped weights again, into trained/ (four hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
@@ -115,21 +123,20 @@ clean:
 	@if ! $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
 	  if [ "$$(id -u)" = 0 ]; then $(APT) python3-venv >/dev/null; \
 	  else echo "python3-venv is missing: sudo apt-get install -y python3-venv"; exit 2; fi; fi
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
+	@$(call whole,$(PYTHON) -m venv .venv && $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt uv)
 	@touch $@
 
 .venv/runtime: .venv/uv pyproject.toml constraints.txt
-	@echo 'installing what the cell needs into .venv (1.4 GB)'; $(UV) --editable .
+	@echo 'installing what the cell needs into .venv (1.0 GB)'; $(call whole,$(UV) --editable .)
 	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
 
 .venv/site: .venv/runtime
-	@echo 'installing what the site needs into .venv (0.1 GB)'; $(UV) --editable '.[docs]'
+	@echo 'installing what the site needs into .venv (0.1 GB)'; $(call whole,$(UV) --editable '.[docs]')
 	@touch $@
 
 .venv/tests: .venv/runtime
-	@echo 'installing what tests and training need into .venv (4.7 GB more, torch alone 4.2)'; $(UV) --editable '.[train,dev]'
+	@echo 'installing what tests and training need into .venv (4.7 GB more, torch alone 4.2)'; $(call whole,$(UV) --editable '.[train$(,)dev]')
 	@touch $@
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.

@@ -81,9 +81,9 @@ __all__ = [
 def __getattr__(name: str) -> object:
     """Load a promised name when it is first asked for."""
     if name == "__version__":
-        from importlib import metadata
+        from cell.files.packages import version
 
-        return metadata.version("cell")
+        return version()
     if name not in _HOME:
         raise AttributeError(f"module 'cell' has no attribute '{name}'; it offers {', '.join(__all__)}")
     return getattr(import_module(_HOME[name]), name)

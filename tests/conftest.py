@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from tests.processes import children
 
 KEPT = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")  # Python's own; they end with the process
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files of the other half of the suite are not even imported: see .ci/test."""
+    marks = str(config.option.markexpr)
+    if "torch" not in marks or collection_path.suffix != ".py":
+        return None
+    text = collection_path.read_text()
+    whole = re.search(r"^pytestmark = .*mark\.torch", text, re.MULTILINE)
+    return (bool(whole) if "not torch" in marks else "mark.torch" not in text) or None
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    if "not torch" in str(session.config.option.markexpr) and "torch" in sys.modules:
+        raise pytest.UsageError("a file without 'pytestmark = pytest.mark.torch' imports torch, which takes seconds")
 
 
 @pytest.fixture(autouse=True)

@@ -11,6 +11,7 @@ import pytest
 import cell
 import trees
 from tests import ROOT
+from trees.files.build.registry import BUILT_IN
 
 CELL = {
     "Arm",
@@ -37,7 +38,11 @@ CELL = {
     "replay",
     "run",
 }
-TREES = {"Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load_tree"}
+TREES = {
+    *("Bench", "Control", "Decorator", "InOutPort", "InputPort", "Node", "NodeError", "OutputPort", "Outside"),
+    *("PyTreesLeaf", "Status", "SubTree", "Traits", "Tree", "as_py_trees", "load_tree", "tree"),
+    *(node.__name__ for node in BUILT_IN),
+}
 
 
 def test_the_front_door_hands_on_what_was_promised() -> None:

@@ -140,3 +140,30 @@ def test_the_example_of_a_workflow_calls_what_there_is() -> None:
     packages = re.search(r"SYSTEM_PACKAGES := (.*)", made)
     assert packages is not None
     assert any(packages[1] in line for line in lines), "the packages that make would install as root"
+
+
+def test_an_installation_that_was_broken_off_is_made_anew(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / ".venv" / "lib").mkdir(parents=True)
+    assert "anew" not in finished(["make", "help"], tmp_path).stdout
+    assert (tmp_path / ".venv" / "lib").exists()
+    (tmp_path / ".venv" / "unfinished").touch()
+    assert ".venv is made anew" in finished(["make", "help"], tmp_path).stdout
+    assert not (tmp_path / ".venv").exists()
+
+
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        ({"MUJOCO_GL": "elg"}, "the environment variable MUJOCO_GL is 'elg'; legal: egl, osmesa, glfw"),
+        ({"__EGL_VENDOR_LIBRARY_DIRS": "/none"}, "apt-get install -y libegl1"),
+    ],
+)
+def test_where_nothing_renders_a_run_says_so_in_one_line(
+    tmp_path: Path, environment: dict[str, str], words: str
+) -> None:
+    command = [sys.executable, "-m", "cell", "run", "--log", str(tmp_path / "x.mcap")]
+    told = finished(command, environment=environment)
+    assert told.returncode in (2, 3)
+    assert words in told.stderr.splitlines()[-1]
+    assert "Traceback" not in told.stderr

@@ -1,9 +1,9 @@
-"""Tree files in BehaviorTree.CPP v4 XML, the engine that runs them on py_trees, and the node library.
+"""Behaviour trees: files in BehaviorTree.CPP v4 XML and trees in Python, the engine that runs them, the node library.
 
 Example:
-    A node of your own:
+    A node of your own, and its test:
 
-        from trees import InputPort, Node, Status
+        from trees import Bench, InputPort, Node, Sequence, Status
 
         class Greet(Node):
             \"\"\"Say hello.\"\"\"
@@ -12,6 +12,9 @@ Example:
 
             def update(self) -> Status:
                 return Status.SUCCESS
+
+        bench = Bench(Sequence("greet", [Greet(name_of="Ann")]), real=[Greet])
+        assert bench.tick() == "S"
 """
 
 from __future__ import annotations
@@ -20,24 +23,87 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from py_trees.common import Status
-
-    from trees.engine.node import Node
-    from trees.engine.ports import InputPort, OutputPort
+    from trees.engine.choices import IfThenElse, TryCatch, WhileDoElse
+    from trees.engine.controls import (
+        AsyncFallback,
+        AsyncSequence,
+        Fallback,
+        ReactiveFallback,
+        ReactiveSequence,
+        Sequence,
+        SequenceWithMemory,
+    )
+    from trees.engine.decorators import (
+        Delay,
+        ForceFailure,
+        ForceSuccess,
+        Inverter,
+        KeepRunningUntilFailure,
+        Precondition,
+        RunOnce,
+        SkipUnlessUpdated,
+        SubTree,
+        Timeout,
+        WaitValueUpdate,
+    )
+    from trees.engine.leaves import (
+        AlwaysFailure,
+        AlwaysSuccess,
+        Script,
+        ScriptCondition,
+        SetBlackboard,
+        Sleep,
+        UnsetBlackboard,
+        WasEntryUpdated,
+    )
+    from trees.engine.loops import LoopBool, LoopDouble, LoopInt, LoopString, Repeat, RetryUntilSuccessful
+    from trees.engine.node import Control, Decorator, Node
+    from trees.engine.outside import Outside
+    from trees.engine.parallel import Parallel, ParallelAll
+    from trees.engine.ports import InOutPort, InputPort, OutputPort
+    from trees.engine.py_trees_adapter import PyTreesLeaf, as_py_trees
+    from trees.engine.status import NodeError, Status
     from trees.engine.traits import Traits
+    from trees.engine.tree import Tree
     from trees.files.loader import load_tree
+    from trees.node_library import tree
     from trees.testing import TreeBench as Bench
 
-_HOME = {
-    "Bench": ("trees.testing", "TreeBench"),
-    "InputPort": ("trees.engine.ports", "InputPort"),
-    "Node": ("trees.engine.node", "Node"),
-    "OutputPort": ("trees.engine.ports", "OutputPort"),
-    "Traits": ("trees.engine.traits", "Traits"),
-    "Status": ("py_trees.common", "Status"),
-    "load_tree": ("trees.files.loader", "load_tree"),
+    Switch2 = Switch3 = Switch4 = Switch5 = Switch6 = Control
+
+_ENGINE = {
+    "choices": "IfThenElse Switch2 Switch3 Switch4 Switch5 Switch6 TryCatch WhileDoElse",
+    "controls": "AsyncFallback AsyncSequence Fallback ReactiveFallback ReactiveSequence Sequence SequenceWithMemory",
+    "decorators": "Delay ForceFailure ForceSuccess Inverter KeepRunningUntilFailure Precondition RunOnce "
+    "SkipUnlessUpdated SubTree Timeout WaitValueUpdate",
+    "leaves": "AlwaysFailure AlwaysSuccess Script ScriptCondition SetBlackboard Sleep UnsetBlackboard WasEntryUpdated",
+    "loops": "LoopBool LoopDouble LoopInt LoopString Repeat RetryUntilSuccessful",
+    "node": "Control Decorator Node",
+    "outside": "Outside",
+    "parallel": "Parallel ParallelAll",
+    "ports": "InOutPort InputPort OutputPort",
+    "py_trees_adapter": "PyTreesLeaf as_py_trees",
+    "status": "NodeError Status",
+    "traits": "Traits",
+    "tree": "Tree",
 }
-__all__ = ["Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load_tree"]
+_HOME = {name: (f"trees.engine.{module}", name) for module, names in _ENGINE.items() for name in names.split()} | {
+    "Bench": ("trees.testing", "TreeBench"),
+    "load_tree": ("trees.files.loader", "load_tree"),
+    "tree": ("trees.node_library", "tree"),
+}
+# fmt: off
+__all__ = [
+    "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Bench", "Control", "Decorator", "Delay",
+    "Fallback", "ForceFailure", "ForceSuccess", "IfThenElse", "InOutPort", "InputPort", "Inverter",
+    "KeepRunningUntilFailure", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "Node", "NodeError", "OutputPort",
+    "Outside", "Parallel", "ParallelAll", "Precondition", "PyTreesLeaf", "ReactiveFallback", "ReactiveSequence",
+    "Repeat", "RetryUntilSuccessful", "RunOnce", "Script", "ScriptCondition", "Sequence", "SequenceWithMemory",
+    "SetBlackboard", "SkipUnlessUpdated", "Sleep", "Status", "SubTree", "Switch2", "Switch3", "Switch4", "Switch5",
+    "Switch6", "Timeout", "Traits", "Tree", "TryCatch", "UnsetBlackboard", "WaitValueUpdate", "WasEntryUpdated",
+    "WhileDoElse", "as_py_trees", "load_tree", "tree",
+]
+# fmt: on
 
 
 def __getattr__(name: str) -> object:

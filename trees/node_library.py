@@ -11,19 +11,23 @@ import importlib.util
 import os
 import pkgutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
+from typing import Any, Protocol
 
 import trees.nodes.ported
 from cell.errors import InputError
 from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
+from trees.engine.decorators import SubTree
 from trees.engine.node import TreeNode
+from trees.engine.tree import Tree
 from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
 from trees.files.build.registry import Registry
+from trees.files.loader import load_tree
+from trees.files.parse.in_python import InPython, classes_of, in_python
 from trees.nodes.poses import FRAMES, FramedPose
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
@@ -75,6 +79,39 @@ def node_registry(
         )
     except ValueError as error:
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
+
+
+def tree(
+    root: TreeNode,
+    name: str = "Main",
+    trees: Mapping[str, TreeNode] | None = None,
+    registry: Registry | None = None,
+    provided: Mapping[str, Any] | None = None,
+    beside: Iterable[Path] = (),
+) -> Tree:
+    """A tree that is written in Python, checked as if it stood in a file.
+
+    Args:
+        root: its topmost node; as all nodes it only says what is wanted, and may be used again.
+        name: of the tree.
+        trees: further trees by name, for SubTrees: `SubTree(ID="Fetch", part="o1")`.
+        registry: the nodes that files may name; those of the cell by default.
+        provided: entries of the main tree that are set before the first tick.
+        beside: tree files, and folders with them, whose trees may be called, too.
+
+    Raises:
+        InputError: everything that is wrong, each with its line of Python.
+    """
+    source = in_python(root, name, trees)
+    return load_tree(source, knowing(source, registry or node_registry()), None, provided, beside)
+
+
+def knowing(source: InPython, registry: Registry) -> Registry:
+    """A registry with the classes that a tree in Python is made of."""
+    used = classes_of(source)
+    return registry.extended(
+        [node for tag, node in used.items() if node is not SubTree and registry.classes.get(tag) is not node]
+    )
 
 
 def _things(product: Product | None) -> Words:

@@ -10,21 +10,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from py_trees.common import Status
-
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from trees.engine.blackboard import Entry
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime, TreeNode
 from trees.engine.ports import Port
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry, is_leaf, tag_of
-from trees.files.loader import load_tree
+from trees.files.loader import load_tree, unused_entries
+from trees.files.parse.in_python import InPython, in_python
 from trees.files.parse.library import hint
-from trees.node_library import node_registry
+from trees.node_library import knowing, node_registry
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
@@ -34,7 +35,7 @@ _UID = re.compile(r"::\d+(?=/|$)")
 
 
 class TreeBench:
-    """A loaded tree whose own leaves are replaced by scripted ones; the language's nodes stay as they are.
+    """A tree, of a file or in Python, whose own leaves are replaced by scripted ones; the language's nodes are real.
 
     A leaf is meant by its path (`HelpAhead::27/PickPart::50` or, without uids, `HelpAhead/PickPart`), its name or its
     tag; the more exact word counts.
@@ -46,37 +47,45 @@ class TreeBench:
         provided: entries of the main tree that are set before the first tick.
         services: what own controls and decorators work with; none by default.
         registry: the nodes that the file may name; those of the cell by default.
+        beside: further tree files, and folders with them, whose trees the file may name.
+        real: leaves that run as they are.
 
     Attributes:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
 
     Raises:
+        InputError: `cell check` refuses the tree.
         ValueError: an answer or a write is for something that is no leaf.
     """
 
     def __init__(
         self,
-        path: str | Path,
+        path: str | Path | TreeNode,
         answers: Mapping[str, str] | None = None,
         writes: Mapping[str, Mapping[str, Any]] | None = None,
         provided: Mapping[str, Any] | None = None,
         main: str | None = None,
         services: object = None,
         registry: Registry | None = None,
+        beside: Iterable[Path] = (),
+        real: Iterable[type[TreeNode]] = (),
     ) -> None:
-        registry = registry or node_registry()
+        source = in_python(path) if isinstance(path, TreeNode) else Path(path)
+        real = tuple(real)
+        registry = (registry or node_registry()).extended(real)
+        if isinstance(source, InPython):
+            registry = knowing(source, registry)
         self.events: list[str] = []
         self._starts: Counter[int] = Counter()
         self.clock = ManualClock()
         stand_ins = [
             self._stand_in(node, registry.ports(tag), answers or {}, writes or {})
             for tag, node in registry.classes.items()
-            if is_leaf(node) and node not in BUILT_IN
+            if is_leaf(node) and node not in BUILT_IN and node not in real
         ]
-        others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
-        self.tree: Tree = load_tree(
-            Path(path), Registry([*stand_ins, *others], entries=registry.entries), main, provided
-        )
+        self.tree: Tree = load_tree(source, registry.extended(stand_ins), main, provided, beside)
+        if problems := unused_entries({next(iter(self.tree.texts)): self.tree}):
+            raise InputError(*problems)
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}

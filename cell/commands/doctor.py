@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -20,17 +19,18 @@ from cell.commands.terminal import print_json
 from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import CellError, Problem, SettingError
+from cell.files.packages import damaged_packages, missing_packages
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
 from cell.wiring.detectors import check_detectors, fitted
 from cell.wiring.devices import find_drivers
-from sim.rendering.available import chosen_backend, renders
+from sim.rendering.available import chosen_backend, remedy, renders
 from skills.drivers.settings import CanSettings
 
-GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
 TRIAL_S = 2.0  # of simulated time, to see how fast it passes
 INSTALL = "make .venv/runtime in a clone, or pip install again"
+ANEW = "make clean, then make run; with pip: delete the environment and install again"
 
 
 @dataclass(frozen=True)
@@ -102,22 +102,15 @@ def _python() -> Finding:
 def _packages() -> Finding:
     """The runtime's packages, as the installed project lists them."""
     try:
-        listed = metadata.requires("cell") or []
+        needed, missing = missing_packages()
     except metadata.PackageNotFoundError:
         return Finding("the project is not installed in this environment", False, INSTALL)
-    needed = [re.split(r"[^\w.-]", one, maxsplit=1)[0] for one in listed if "extra ==" not in one]
-    missing = [name for name in needed if not _installed(name)]
     if missing:
         return Finding(f"{len(missing)} of {len(needed)} packages: {', '.join(missing)}", False, INSTALL)
-    return Finding(f"{len(needed)} packages", True)
-
-
-def _installed(package: str) -> bool:
-    try:
-        metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return False
-    return True
+    if damaged := damaged_packages():
+        told = "; ".join(f"{name}: {why}" for name, why in sorted(damaged.items()))
+        return Finding(f"packages whose files are not as they were installed: {told}", False, ANEW)
+    return Finding(f"{len(needed)} packages, and all files of what is installed", True)
 
 
 def _disk(folder: Path) -> Finding:
@@ -176,8 +169,7 @@ def _rendering() -> Finding:
     backend = chosen_backend()
     if renders(backend):
         return Finding(f"rendering by {backend}", True)
-    other = " (or: export MUJOCO_GL=osmesa)" if backend != "osmesa" and renders("osmesa") else ""
-    return Finding(f"rendering by {backend}", False, f"apt-get install -y {GL_PACKAGES}{other}")
+    return Finding(f"rendering by {backend}", False, remedy(backend))
 
 
 def _font() -> Finding:

@@ -106,9 +106,9 @@ def refuse_old(words: Sequence[str]) -> None:
 
 def _say_version(asked: bool) -> None:
     if asked:
-        from importlib import metadata
+        from cell.files.packages import version
 
-        sys.stdout.write(f"cell {metadata.version('cell')}\n")
+        sys.stdout.write(f"cell {version()}\n")
         raise typer.Exit
 
 
@@ -179,6 +179,12 @@ def main(arguments: list[str] | None = None) -> int:
         return _complain(str(error), 1)
     except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
         return _interrupted()
+    except (AttributeError, ImportError, OSError, RuntimeError) as error:
+        from sim.rendering.available import missing_library
+
+        if (told := missing_library(error)) is None:
+            raise
+        return _complain(told, BAD_INPUT)
     except typer.TyperException as error:
         return _complain(error.format_message() + _usage(error), BAD_INPUT)
     if status == INTERRUPTED:

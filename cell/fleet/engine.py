@@ -12,9 +12,9 @@ from functools import partial
 from typing import Any
 
 from cell.errors import CellError
+from cell.files.packages import needed
 from cell.fleet.one_run import Row, T, in_child, run_task
 from cell.fleet.spec import Task
-from cell.fleet.table import needed
 
 WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
 LOSSES = 20  # workers that may be lost over one run before it is given up

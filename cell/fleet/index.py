@@ -13,8 +13,9 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
 from cell.errors import InputError, LogError
+from cell.files.packages import needed
 from cell.fleet.intervals import mean, wilson
-from cell.fleet.table import needed, write_table
+from cell.fleet.table import write_table
 from cell.log.read.mcap_file import PROFILE
 from cell.log.read.reader import files_of, read_log
 from cell.recording.parts import part_number, whole_path

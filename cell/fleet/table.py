@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Iterable, Mapping
 from itertools import islice
@@ -11,23 +10,10 @@ from typing import Any
 
 from cell.errors import InputError
 from cell.files.files import whole_or_none
+from cell.files.packages import needed
 
-INSTALL = 'pip install "cell[fleet]", in a clone: .venv/bin/pip install -e ".[fleet]"'
 Row = Mapping[str, Any]
 BATCH = 5000  # rows in memory
-
-
-def needed(module: str, why: str) -> Any:
-    """The module.
-
-    Raises:
-        InputError: its package is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        package = module.partition(".")[0]
-        raise InputError(f"{why} needs the package {package}, which is not installed: {INSTALL}") from None
 
 
 def write_table(rows: Iterable[Row], path: Path) -> None:

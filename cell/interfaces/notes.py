@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-Topic = Literal["belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot", "memory"]
+Topic = Literal[
+    "belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot", "memory", "outside"
+]
 
 
 class Journal(Protocol):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import distribution
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,7 +41,8 @@ class RobotModel(Model):
     Attributes:
         name: for messages.
         urdf: file of the arm, with the flange as `tool0` and the links' names of a UR; relative to this file, or
-            package://PACKAGE/... of what `example-robot-data` ships.
+            package://ROBOT/... of a robot that is shipped. Its meshes: relative to the URDF, or package://PACKAGE/...,
+            where PACKAGE is shipped or a folder that the URDF lies in.
         origins_m: place (x, y, z) of joints in their parents' links, where it is another than in the URDF.
         range_rad: how far each joint turns, each way.
         speed_rad_s: how fast each joint can turn, by the data sheet.
@@ -60,7 +60,7 @@ class RobotModel(Model):
 
     @property
     def urdf_text(self) -> str:
-        """The URDF with this robot's origins, without visual meshes, which nothing needs."""
+        """The URDF with this robot's origins and whole paths of meshes, without visual ones, which nothing needs."""
         return _urdf_text(self.urdf, tuple(self.origins_m.items()))
 
 
@@ -107,16 +107,26 @@ NamedRobot = Annotated[RobotModel, BeforeValidator(_named, json_schema_input_typ
 
 
 @cache
-def description_share() -> Path:
-    """The folder to which `package://` in URDF files refers."""
-    return Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share")))
-
-
-@cache
 def _urdf_text(urdf: str, origins_m: tuple[tuple[str, Point], ...]) -> str:
-    path = description_share() / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf)
+    path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
     text = re.sub(r"<visual>.*?</visual>", "", read_text(path), flags=re.DOTALL)
+    text = re.sub(r'(<mesh[^>]*?filename=")([^"]+)', lambda found: found[1] + str(_mesh(found[2], path)), text)
     return _moved(text, dict(origins_m))
+
+
+def _mesh(name: str, urdf: Path) -> Path:
+    """Where a mesh of a URDF lies.
+
+    Raises:
+        ValueError: nowhere.
+    """
+    package, _, inside = name.removeprefix(PACKAGE).partition("/")
+    named = (folder / inside for folder in (FOLDER / package, *urdf.parents) if folder.name == package)
+    places = [*named] if name.startswith(PACKAGE) else [urdf.parent / name.removeprefix("file://")]
+    for place in places:
+        if place.is_file():
+            return place
+    raise ValueError(f"{urdf}: there is no mesh {name}; looked for: {', '.join(map(str, places))}")
 
 
 def _moved(text: str, origins_m: Mapping[str, Point]) -> str:

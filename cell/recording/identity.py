@@ -13,12 +13,13 @@ from importlib import metadata
 from pathlib import Path
 
 from cell.files.files import INSTALLED
+from cell.files.packages import DISTRIBUTION
 
 INPUTS = ("/observation", "/bench", "/parts")
 NAME = "inputs_sha256"  # of the digest in the metadata `outcome`
 # Everything that a decision or a motion hangs on.
 PACKAGES = (
-    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "example-robot-data", "py-trees", "onnxruntime",
+    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "py-trees", "onnxruntime",
     "opencv-python-headless", "numpy", "scipy", "pydantic", "cantools", "python-can",
 )  # fmt: skip
 GIT_TIMEOUT_S = 5.0
@@ -64,7 +65,10 @@ def identity() -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     """`version.<package>` of Python and of all packages in PACKAGES."""
-    return {"version.python": platform.python_version(), **{f"version.{name}": _version(name) for name in PACKAGES}}
+    return {
+        "version.python": platform.python_version(),
+        **{f"version.{name}": _version(DISTRIBUTION if name == "cell" else name) for name in PACKAGES},
+    }
 
 
 def code_version() -> dict[str, str]:

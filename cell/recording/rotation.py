@@ -9,7 +9,6 @@ from typing import Any
 
 import foxglove
 from foxglove.mcap import MCAPWriteOptions
-from py_trees.common import Status
 
 from cell.interfaces.command import Display
 from cell.recording.packing import Packer
@@ -18,6 +17,7 @@ from cell.recording.schemas import plain, plain_or_text
 from cell.recording.sink import LogSink
 from cell.settings import LogSettings
 from cell.watching.observer import TickRecord
+from trees.engine.status import Status
 
 CHUNK_BYTES = 64 * 1024  # and a chunk ends with every tick, so that a killed process loses none
 SLACK_S = 1e-6  # times of ticks are sums of periods

@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from py_trees.common import Status
-
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
@@ -30,6 +28,7 @@ from cell.running.watchdog import Watchdog
 from cell.settings import ControllerSettings
 from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 from trees.nodes.services import Tick
 
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked

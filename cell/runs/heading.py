@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import resource
 from dataclasses import dataclass
 from datetime import datetime
@@ -39,7 +40,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
     }
-    attachments |= _robot(files.configuration.robot)
+    attachments |= robot_files(files.configuration.robot)
     devices = files.configuration.devices
     if isinstance(devices.gripper, CanSettings):
         attachments["gripper.dbc"] = ("text/plain", read_frames(devices.gripper.database or SHIPPED).encode())
@@ -84,12 +85,18 @@ def heading(options: RunOptions, files: Files) -> Heading:
     return Heading({**values, **identity()}, attachments)
 
 
-def _robot(robot: RobotModel) -> dict[str, tuple[str, bytes]]:
-    """The robot as it was, with a URDF of one's own."""
-    shipped = robot.urdf.startswith(PACKAGE)
-    model = robot.model_dump(mode="json") | ({} if shipped else {"urdf": "robot.urdf"})
-    files = {"robot.yaml": ("application/yaml", yaml.safe_dump(model).encode())}
-    return files if shipped else files | {"robot.urdf": ("application/xml", Path(robot.urdf).read_bytes())}
+def robot_files(robot: RobotModel) -> dict[str, tuple[str, bytes]]:
+    """The robot as it was, with URDF and meshes of one's own."""
+    model, text = robot.model_dump(mode="json"), robot.urdf_text
+    files = {}
+    if not robot.urdf.startswith(PACKAGE):
+        model["urdf"] = "robot/robot.urdf"
+        for number, mesh in enumerate(sorted(set(re.findall(r'<mesh[^>]*?filename="([^"]+)"', text)))):
+            name = f"{number}-{Path(mesh).name}"
+            text = text.replace(f'"{mesh}"', f'"{name}"')
+            files[f"robot/{name}"] = ("model/mesh", Path(mesh).read_bytes())
+        files["robot/robot.urdf"] = ("application/xml", text.encode())
+    return files | {"robot.yaml": ("application/yaml", yaml.safe_dump(model).encode())}
 
 
 def _weights(name: str, file: Path) -> dict[str, str]:

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from py_trees.common import Status
-
 from cell.errors import InputError, Problem
 from cell.interfaces.clock import Clock
 from cell.interfaces.observation import Observation
@@ -20,6 +18,7 @@ from cell.watching.observer import Level, Observer
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import fits
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.nodes.moving import ActivateGripper
 from trees.nodes.skill_node import SkillNode

@@ -24,6 +24,7 @@ from learned.semantic.graph import Layout
 from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
 from learned.semantic.risk import act_probability
 from skills.motion.planner import MotionPlanner
+from trees.engine.outside import LoggedAnswers
 from trees.guard import Guard
 from trees.nodes.files import Files, WorkingFolder
 from trees.nodes.services import Services, Tick, Tools
@@ -119,12 +120,14 @@ def make_services(
     observation: Observation,
     left_off: ResumeState = ResumeState(),  # noqa: B008 - frozen
     files: Files | None = None,
+    answers: LoggedAnswers | None = None,
 ) -> Services:
     """What the nodes of a tree work with.
 
     Args:
         left_off: of a run that was broken off and that this one goes on with; empty for a new beginning.
         files: what nodes read and write; the working folder unless given.
+        answers: of a log, in the place of what nodes would ask beyond the cell.
     """
     tools = Tools(
         product=planners.known,
@@ -137,6 +140,7 @@ def make_services(
         guard=_guard(configuration, planners.semantic, planners.goals, planners.confusions),
         journal=journal,
         files=files or WorkingFolder(),
+        answers=answers,
         teach=_teacher(configuration, planners.known),
         learn=learner(configuration, planners),
     )

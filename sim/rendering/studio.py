@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.errors import DeviceFault
 from cell.interfaces.pose import Array
+from sim.rendering.available import missing_library
 from sim.scene.furniture import TABLE
 from sim.scene.palette import FLOOR_GROUP
 
@@ -99,6 +101,8 @@ class Studio:
         screen.offwidth, screen.offheight = width_px, height_px
         try:
             renderer = mujoco.Renderer(self._scene.model, height_px, width_px)
+        except (ImportError, RuntimeError) as error:
+            raise DeviceFault("renderer", missing_library(error) or str(error)) from error
         finally:
             screen.offwidth, screen.offheight = largest
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # every camera looks down

@@ -5,12 +5,10 @@ The jaw has the 2F-85's stroke, speed and force. One description of the arm serv
 
 from __future__ import annotations
 
-import re
-
 import mujoco
 
 from cell.interfaces.bench import JOINTS, CameraSetup
-from cell.interfaces.robot import PACKAGE, RobotModel, Tool, description_share
+from cell.interfaces.robot import RobotModel, Tool
 from sim.scene import palette
 from sim.scene.palette import add_box, add_cylinder
 
@@ -31,13 +29,8 @@ TOUCHING_LINKS = ("forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link"
 def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
     """The arm with position servos, meshes as its only geometry, and `tool0` kept as a body."""
     # MuJoCo's `discardvisual` would delete every geom without contacts from the final model; the text has none left.
-    text = robot.urdf_text
-    meshes = re.search(rf'"{PACKAGE}([^"]+)/[^/"]+"', text)
-    folder = "" if meshes is None else meshes[1]
-    text = text.replace(f"{PACKAGE}{folder}/", "")
     options = '<mujoco><compiler strippath="false" fusestatic="false" discardvisual="false"/></mujoco>'
-    spec = mujoco.MjSpec.from_string(text.replace("</robot>", options + "</robot>"))
-    spec.meshdir = str(description_share() / folder)
+    spec = mujoco.MjSpec.from_string(robot.urdf_text.replace("</robot>", options + "</robot>"))
     _drive_joints(spec)
     _finish_links(spec)
     return spec

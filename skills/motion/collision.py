@@ -16,7 +16,6 @@ from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from cell.interfaces.robot import description_share
 from skills.motion.grip import STROKE_M
 from skills.motion.kinematics import FLANGE, Kinematics
 from skills.motion.outline import Shape, shapes
@@ -146,12 +145,8 @@ class CollisionChecker:
             finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
-        meshes = pinocchio.buildGeomFromUrdfString(
-            self._model,
-            self._settings.robot.urdf_text,
-            pinocchio.GeometryType.COLLISION,
-            package_dirs=[str(description_share())],
-        )
+        urdf = self._settings.robot.urdf_text
+        meshes = pinocchio.buildGeomFromUrdfString(self._model, urdf, pinocchio.GeometryType.COLLISION)
         geometry = pinocchio.GeometryModel()
         for item in meshes.geometryObjects:
             if isinstance(item.geometry, coal.BVHModelBase):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 
 import numpy as np
 import pinocchio
 import placo
 
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.robot import description_share
 from skills.motion.settings import MotionSettings
 
 FLANGE = "tool0"
@@ -37,8 +35,6 @@ class Kinematics:
         self._data = self.model.createData()
         self._flange = self.model.getFrameId(FLANGE)
         self._arm_offset_m = self._offset_m()
-        # placo reads meshes even where it is told to ignore collisions, so it must find them.
-        os.environ.setdefault("ROS_PACKAGE_PATH", str(description_share()))
         self._robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, robot.urdf_text)
         self._solver = placo.KinematicsSolver(self._robot)
         self._solver.mask_fbase(True)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
@@ -26,6 +25,7 @@ from cell.settings import ControllerSettings
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 from trees.nodes.services import Tick
 
 PARKED = (0.0,) * 6

@@ -11,7 +11,7 @@ from cell.runs.options import Files, RunOptions
 from cell.wiring.services import load_planners
 
 NODE = '''
-from py_trees.common import Status
+from trees.engine.status import Status
 from trees.nodes.services import CellNode
 
 

@@ -51,7 +51,7 @@ left out, and messages may hold more than these fields. Further topics:
 """
 NODES = f"""# Nodes in Python
 
-{MADE} [authoring.md](../authoring.md) is the guide, with an example.
+{MADE} [leaves.md](../leaves.md) is the guide, with examples.
 
 """
 

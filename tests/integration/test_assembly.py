@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.pose import Pose
 from sim.scene.clutter import ScenePart, standing
@@ -25,6 +24,7 @@ from tests.integration.cell_rig import (
     with_person,
 )
 from tests.processes import SLOW_MACHINE_S, started
+from trees.engine.status import Status
 from trees.nodes.people import WaitForHandClearOfPart
 
 
@@ -72,7 +72,9 @@ def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
     assert any(solution.startswith("move") for solution in solutions)
 
 
-@pytest.mark.parametrize(("part", "width_m", "position"), [("o1", 0.028, "p2"), ("o2", 0.034, "p6")])
+@pytest.mark.parametrize(
+    ("part", "width_m", "position"), [("o1", 0.028, "p2"), pytest.param("o2", 0.034, "p6", marks=pytest.mark.slow)]
+)
 def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m: float, position: str) -> None:
     spots = [(part, (0.55, -0.40), 0.0), (part, (0.55, -0.40 + width_m + 0.006), 0.0)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:

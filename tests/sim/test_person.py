@@ -90,6 +90,7 @@ def test_a_wrong_part_is_placed_and_taken_away_again() -> None:
     assert acts.index("wrong part") < acts.index("release") < acts.index("take away")
 
 
+@pytest.mark.slow
 def test_no_wrong_part_stays_even_where_the_person_gives_up() -> None:
     shift = lapsing(Lapses(wrong_part=1.0))
     assert shift.until(lambda: shift.worker.done, 600.0)

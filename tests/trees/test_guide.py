@@ -1,4 +1,4 @@
-"""The examples of docs/authoring.md are what the guide says they are: clean files that check, and tests that pass."""
+"""The examples of docs/authoring.md and docs/leaves.md: clean files that check, and tests that pass."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from tests import ROOT
+from trees import Bench
 from trees.files.check import check
 from trees.node_library import node_registry
 
 BLOCK = re.compile(r"```(xml|python)\n(?:<!-- (.*?) -->|# (.*?\.py))\n(.*?)```", re.DOTALL)
-FILES = {xml or python: text for _, xml, python, text in BLOCK.findall((ROOT / "docs" / "authoring.md").read_text())}
+PAGES = "".join((ROOT / "docs" / page).read_text() for page in ("authoring.md", "leaves.md"))
+FILES = {xml or python: text for _, xml, python, text in BLOCK.findall(PAGES)}
 TREES = [name for name in FILES if name.endswith(".xml")]
 MODULES = [name for name in FILES if name.endswith(".py")]
 
@@ -28,7 +32,8 @@ def module_name(file: str) -> str:
 
 def guide_tests(file: str) -> dict[str, Callable[[], None]]:
     module = ModuleType(module_name(file))
-    exec(compile(FILES[file], f"docs/authoring.md: {file}", "exec"), module.__dict__)
+    sys.modules[module.__name__] = module  # where the classes that it defines say that they stand
+    exec(compile(FILES[file], f"docs: {file}", "exec"), module.__dict__)
     return {name: value for name, value in vars(module).items() if name.startswith("test_") and callable(value)}
 
 
@@ -40,7 +45,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in TREES:
         (tmp_path / name).write_text(FILES[name])
     leaf = ModuleType("nodes.every_nth")
-    exec(compile(FILES["nodes/every_nth.py"], "docs/authoring.md", "exec"), leaf.__dict__)
+    exec(compile(FILES["nodes/every_nth.py"], "docs/leaves.md", "exec"), leaf.__dict__)
     monkeypatch.setitem(sys.modules, leaf.__name__, leaf)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -86,3 +91,30 @@ def test_tests_of_the_guide_pass(file: str, name: str) -> None:
 @pytest.mark.usefixtures("checkout")
 def test_tests_of_the_guide_on_the_simulated_cell_pass(file: str, name: str) -> None:
     guide_tests(file)[name]()
+
+
+class Stock(BaseHTTPRequestHandler):
+    """Has seven of everything."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b"7")
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_the_leaf_of_the_guide_asks_a_server() -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Stock) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        module = ModuleType("nodes.ask_stock")
+        text = FILES["nodes/ask_stock.py"]
+        assert len(text.splitlines()) - text.count("\n\n") <= 20
+        exec(compile(text.replace("8080", str(server.server_port)), "docs/leaves.md", "exec"), module.__dict__)
+        asks = module.__dict__["AskStock"]
+        bench = Bench(asks(part="o1", result="{left}"), real=[asks])
+        while bench.tick() == "R":
+            threading.Event().wait(0.001)
+        assert bench.tree.blackboard.entry("left").value == 7
+        server.shutdown()

@@ -1,1 +1,1 @@
-"""The semantics of BehaviorTree.CPP 4 on py_trees: nodes, ports, scripts, blackboard; all of `trees` may import it."""
+"""The semantics of BehaviorTree.CPP 4: nodes, ports, scripts, blackboard; all of `trees` may import it."""

@@ -89,6 +89,10 @@ class Entry:
         Raises:
             NodeError: the value does not fit the type.
         """
+        if self.kind is Any and type(value) is type(self.value) and type(value) in PLAIN:  # as `write`, without a call
+            self.value, self.carried, self.text = value, False, None
+            self.revision += 1
+            return
         if self.kind is Any and type(value) is not type(self.value) and isinstance(self.value, (int, float, str)):
             kind = int if isinstance(self.value, bool) and not isinstance(value, bool) else type(self.value)
             try:

@@ -9,13 +9,11 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, ClassVar, cast
 
-from py_trees.common import Status
-
 from trees.engine.literals import number_in
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.operators import same_number
 from trees.engine.ports import Input, InputPort
-from trees.engine.status import Results
+from trees.engine.status import Results, Status
 from trees.engine.traits import Traits
 
 _FAILS_OR_SKIPS: Results = frozenset((FAILURE, SKIPPED))
@@ -46,33 +44,27 @@ class IfThenElse(_Conditional):
     """The first child decides once whether the second or the third is ticked until it finishes."""
 
     traits = replace(_Conditional.traits, comes_back=False)
-
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._chosen = 0
+    keeps_results = True
+    _chosen = 0
 
     def run(self) -> Status:
         self.set_status(RUNNING)
         if self._chosen == 0:
-            status = self._child(0)
+            status = self.children[0].execute()
             if status is RUNNING or status is SKIPPED:
                 return status
             self._chosen = 1 if status is SUCCESS else 2
         if self._chosen == len(self.children):
             self._chosen = 0
             return FAILURE  # the condition keeps its result until this node is halted, as in BehaviorTree.CPP
-        status = self._child(self._chosen)
+        status = self.children[self._chosen].execute()
         if status is not RUNNING:
-            self.on_halt()
+            self._chosen = 0
+            self.reset_children()
         return status
 
     def on_halt(self) -> None:
         self._chosen = 0
-        self.reset_children()
-
-    def _child(self, index: int) -> Status:
-        child = self.children[index]
-        return child.execute()
 
 
 class WhileDoElse(_Conditional):
@@ -85,9 +77,7 @@ class WhileDoElse(_Conditional):
         condition, *branches = self.children
         status = condition.execute()
         if status is SUCCESS or status is FAILURE:
-            status = self._branch(branches, 0 if status is SUCCESS else 1)
-        if status is not RUNNING:
-            self.reset_children()
+            return self._branch(branches, 0 if status is SUCCESS else 1)
         return status
 
     def _branch(self, branches: list[TreeNode], chosen: int) -> Status:
@@ -95,8 +85,7 @@ class WhileDoElse(_Conditional):
             branches[1 - chosen].reset_status()
         if chosen == len(branches):
             return FAILURE
-        child = branches[chosen]
-        return child.execute()
+        return branches[chosen].execute()
 
 
 class TryCatch(Control):
@@ -107,11 +96,9 @@ class TryCatch(Control):
 
     catch_on_halt = InputPort(bool, "clean up after a halt, too, in one tick", default=False)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._index = 0
-        self._skipped = 0
-        self._cleaning = False
+    _index = 0
+    _skipped = 0
+    _cleaning = False
 
     def run(self) -> Status:
         if self.status is not RUNNING:
@@ -130,18 +117,13 @@ class TryCatch(Control):
             self._skipped += status is SKIPPED
             self._index += 1
         if self._cleaning:
-            return RUNNING if self.children[-1].execute() is RUNNING else self._finish(FAILURE)
-        return self._finish(SKIPPED if self._skipped == len(work) else SUCCESS)
+            return RUNNING if self.children[-1].execute() is RUNNING else FAILURE
+        return SKIPPED if self._skipped == len(work) else SUCCESS
 
     def on_halt(self) -> None:
         self.reset_children()
         if not self._cleaning and self.catch_on_halt.get():
             self.children[-1].execute()
-            self.children[-1].reset_status()
-
-    def _finish(self, status: Status) -> Status:
-        self.reset_children()
-        return status
 
 
 class _Switch(Control):
@@ -156,30 +138,27 @@ class _Switch(Control):
         for child in self.children:
             if child is not chosen and child.status is not IDLE:
                 child.reset_status()
-        status = chosen.execute()
-        if status is not RUNNING:
-            self.reset_children()
-        return status
+        return chosen.execute()
 
     def _match(self) -> int:
+        """The case that equals the variable as a text, as the name of an enum, or as a number."""
         value = self.variable.get_or(None)
-        if value is not None:
-            for index, case in enumerate(self._case_inputs):
-                if self._equal(value, case.get_or(None)):
-                    return index
+        if value is None:
+            return self.cases
+        name, number = value.name if isinstance(value, Enum) else value, self._number(value)
+        for index, case in enumerate(self._case_inputs):
+            wanted = case.entry.value if case.constant and case.entry else case.get_or(None)
+            if wanted in (name, value) or (number is not None and self._is(wanted, number)):
+                return index
         return self.cases
 
     @cached_property
     def _case_inputs(self) -> list[Input[Any]]:
         return [getattr(self, f"case_{number}") for number in range(1, self.cases + 1)]
 
-    def _equal(self, value: Any, case: Any) -> bool:
-        """As strings, as enum names, or as numbers."""
-        if value == case or (isinstance(value, Enum) and value.name == case):
-            return True
-        left = self._number(value)
-        right = None if left is None else self._number(case)
-        return left is not None and right is not None and same_number(left, right)
+    def _is(self, case: Any, number: float) -> bool:
+        other = self._number(case)
+        return other is not None and same_number(number, other)
 
     def _number(self, value: Any) -> float | None:
         if isinstance(value, str):
@@ -196,4 +175,4 @@ def _switch(cases: int) -> type[_Switch]:
     return type(f"Switch{cases}", (_Switch,), {**ports, **words, "__module__": __name__})
 
 
-SWITCHES = tuple(_switch(cases) for cases in range(2, 7))
+SWITCHES = Switch2, Switch3, Switch4, Switch5, Switch6 = tuple(_switch(cases) for cases in range(2, 7))

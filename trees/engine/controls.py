@@ -6,11 +6,8 @@ from collections.abc import Mapping
 from collections.abc import Sequence as Children
 from dataclasses import replace
 
-from py_trees import composites
-from py_trees.common import Status
-
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
-from trees.engine.status import Results
+from trees.engine.status import Results, Status
 from trees.engine.traits import Traits
 
 
@@ -52,60 +49,52 @@ class _Ordered(_InOrder):
 
     asynchronous = False
     with_memory = False
-
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._index = 0
-        self._skipped = 0
+    _index = 0
+    _skipped = 0
 
     def run(self) -> Status:
-        if self.status is not RUNNING:
-            self._skipped = 0
-            self.set_status(RUNNING)
+        if (was := self.status) is not RUNNING:
+            self._skipped, self.status = 0, RUNNING
+            self.note_change((self, was, RUNNING, self.feedback_message))
         children = self.children
-        count = len(children)
-        index = self._index
+        count, index = len(children), self._index
         while index < count:
             child = children[index]
-            was_idle = child.status is IDLE
+            was_idle = self.asynchronous and child.status is IDLE
             status = child.execute()
             if status is RUNNING:
                 self._index = index
                 return RUNNING
-            if status is SKIPPED:
-                self._skipped += 1
-            elif status is not self.continue_on:
-                self._index = index
-                return self._finish(status)
             index += 1
-            if self.asynchronous and was_idle and status is not SKIPPED and index < count:
-                self._index = index
-                return RUNNING
-        all_skipped = self._skipped == count
-        self._index = self._skipped = 0
-        self.reset_children()
-        return SKIPPED if all_skipped else self.continue_on
+            if status is self.continue_on:
+                if was_idle and index < count:
+                    self._index = index
+                    return RUNNING
+            elif status is SKIPPED:
+                self._skipped += 1
+            else:
+                return self._ended_by(index - 1, status)
+        self._index = 0
+        if self.with_memory:
+            self.reset_children()
+        return SKIPPED if self._skipped == count else self.continue_on
 
     def on_halt(self) -> None:
         if not self.with_memory:
             self._index = 0
-        self.reset_children()
 
-    def _finish(self, status: Status) -> Status:
+    def _ended_by(self, index: int, status: Status) -> Status:
+        self._index = 0
         if self.with_memory:
-            for child in self.children[self._index :]:
-                child.reset_status()
-        else:
-            self._index = 0
-            self.reset_children()
+            self._index = index
+            self.children[index].reset_status()
         return status
 
 
-class Sequence(_Ordered, composites.Sequence):
+class Sequence(_Ordered):
     """All children in order; fails with the first that fails and resumes a RUNNING one."""
 
     traits = replace(_in_order(SUCCESS), comes_back=False, succeeds_after="all")
-    memory = True
 
 
 class AsyncSequence(Sequence):
@@ -121,14 +110,14 @@ class SequenceWithMemory(Sequence):
     traits = replace(AsyncSequence.traits, succeeds_after="")  # its first children may have succeeded long ago
     asynchronous = True
     with_memory = True
+    keeps_results = True
 
 
-class Fallback(_Ordered, composites.Selector):
+class Fallback(_Ordered):
     """Children in order until one succeeds; resumes a RUNNING one."""
 
     traits = replace(_in_order(FAILURE), comes_back=False, succeeds_after="one")
     continue_on = FAILURE
-    memory = True
 
 
 class AsyncFallback(Fallback):
@@ -152,9 +141,7 @@ class _Reactive(_InOrder):
             if status is self.continue_on:
                 all_skipped = False
             elif status is not SKIPPED:
-                self.reset_children()
                 return status
-        self.reset_children()
         return SKIPPED if all_skipped else self.continue_on
 
     def _reset_others(self, running: TreeNode) -> None:
@@ -163,16 +150,14 @@ class _Reactive(_InOrder):
                 child.reset_status()
 
 
-class ReactiveSequence(_Reactive, composites.Sequence):
+class ReactiveSequence(_Reactive):
     """Checks all earlier children again in every tick; fails, and halts the rest, with the first that fails."""
 
     traits = replace(_in_order(SUCCESS), succeeds_after="all", asked_before=range)
-    memory = False
 
 
-class ReactiveFallback(_Reactive, composites.Selector):
+class ReactiveFallback(_Reactive):
     """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
 
     traits = replace(_in_order(FAILURE), succeeds_after="one")
     continue_on = FAILURE
-    memory = False

@@ -7,13 +7,11 @@ from collections.abc import Sequence as Children
 from dataclasses import replace
 from typing import ClassVar
 
-from py_trees.common import Status
-
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script
 from trees.engine.script import Script as Code
-from trees.engine.status import ANY, NEVER, Results
+from trees.engine.status import ANY, NEVER, NodeError, Results, Status
 from trees.engine.traits import Traits
 
 
@@ -30,10 +28,10 @@ class SubTree(Decorator):
 
     def run(self) -> Status:
         self.set_status(RUNNING)
-        return reset_if_done(self.decorated, self.decorated.execute())
+        return self.decorated.execute()
 
 
-def _mapped(on_success: Status, on_failure: Status, on_skip: Status) -> Traits:
+def _mapped(on_success: Status, on_failure: Status, on_skip: Status = SKIPPED) -> Traits:
     """Of a decorator that answers so where its child ends so."""
     answers = {SUCCESS: on_success, FAILURE: on_failure, SKIPPED: on_skip}
 
@@ -48,20 +46,19 @@ class _Mapped(Decorator):
 
     on_success = SUCCESS
     on_failure = FAILURE
-    on_skip = SKIPPED
 
     def run(self) -> Status:
         self.set_status(RUNNING)
-        status = reset_if_done(self.decorated, self.decorated.execute())
-        if status is RUNNING:
-            return RUNNING
-        return self.on_success if status is SUCCESS else self.on_failure if status is FAILURE else self.on_skip
+        status = self.decorated.execute()
+        if status is SUCCESS:
+            return self.on_success
+        return self.on_failure if status is FAILURE else status
 
 
 class Inverter(_Mapped):
     """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
 
-    traits = _mapped(FAILURE, SUCCESS, SKIPPED)
+    traits = _mapped(FAILURE, SUCCESS)
     on_success = FAILURE
     on_failure = SUCCESS
 
@@ -69,23 +66,29 @@ class Inverter(_Mapped):
 class ForceSuccess(_Mapped):
     """Succeeds whatever the child's result is."""
 
-    traits = _mapped(SUCCESS, SUCCESS, SKIPPED)
+    traits = _mapped(SUCCESS, SUCCESS)
     on_failure = SUCCESS
 
 
 class ForceFailure(_Mapped):
     """Fails whatever the child's result is."""
 
-    traits = _mapped(FAILURE, FAILURE, SKIPPED)
+    traits = _mapped(FAILURE, FAILURE)
     on_success = FAILURE
 
 
-class KeepRunningUntilFailure(_Mapped):
+class KeepRunningUntilFailure(Decorator):
     """Begins the child again in the next tick until it fails."""
 
     traits = replace(_mapped(RUNNING, FAILURE, RUNNING), instant=False, comes_back=True)
-    on_success = RUNNING
-    on_skip = RUNNING
+
+    def run(self) -> Status:
+        self.set_status(RUNNING)
+        if self.decorated.execute() is FAILURE:
+            return FAILURE
+        if self.decorated.status is not RUNNING:
+            self.decorated.reset_status()
+        return RUNNING
 
 
 class Timeout(Decorator):
@@ -95,23 +98,19 @@ class Timeout(Decorator):
 
     msec = InputPort(int, "time in [ms], counted from the first tick")
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._deadline_s: float | None = None
+    _deadline_s: float | None = None
 
     def run(self) -> Status:
         now_s = self.runtime.clock.now_s()
-        if self.status is not RUNNING or self._deadline_s is None:
+        if self.status is not RUNNING:
             limit_ms = self.msec.get()
             self._deadline_s = now_s + limit_ms / 1000 if limit_ms > 0 else None
         self.set_status(RUNNING)
         if self._deadline_s is not None and now_s >= self._deadline_s:
             self.feedback_message = f"time is up after {self.msec.get()} ms"
-            self._deadline_s = None
-            self.decorated.reset_status()
             return FAILURE
         self.feedback_message = ""
-        return reset_if_done(self.decorated, self.decorated.execute())
+        return self.decorated.execute()
 
 
 class Delay(Decorator):
@@ -120,9 +119,7 @@ class Delay(Decorator):
     traits = _passing()
     delay_msec = InputPort(int, "time in [ms] before the child's first tick")
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._start_s = 0.0
+    _start_s = 0.0
 
     def run(self) -> Status:
         now_s = self.runtime.clock.now_s()
@@ -131,7 +128,7 @@ class Delay(Decorator):
             self.set_status(RUNNING)
         if now_s < self._start_s:
             return RUNNING
-        return reset_if_done(self.decorated, self.decorated.execute())
+        return self.decorated.execute()
 
 
 class RunOnce(Decorator):
@@ -140,9 +137,7 @@ class RunOnce(Decorator):
     traits = _passing(ANY)
     then_skip = InputPort(bool, "answer SKIPPED afterwards instead of the first result", default=True)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._result: Status | None = None
+    _result: Status | None = None
 
     def run(self) -> Status:
         if self._result is not None:
@@ -151,7 +146,6 @@ class RunOnce(Decorator):
         status = self.decorated.execute()
         if status is SUCCESS or status is FAILURE:
             self._result = status
-            self.decorated.reset_status()
         return status
 
 
@@ -162,21 +156,18 @@ class Precondition(Decorator):
     if_ = InputPort(Code, "script that must be true", name="if")
     else_ = InputPort(Status, "result if it is not", default=FAILURE, name="else")
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._begun = False
+    _begun = False
 
     def run(self) -> Status:
         self._begun = self._begun or self.if_.get().true()
         if not self._begun:
             return self.else_.get()
-        status = reset_if_done(self.decorated, self.decorated.execute())
+        status = self.decorated.execute()
         self._begun = status is RUNNING or status is SKIPPED
         return status
 
     def on_halt(self) -> None:
         self._begun = False
-        super().on_halt()
 
 
 class _Updated(Decorator):
@@ -187,16 +178,14 @@ class _Updated(Decorator):
 
     entry = EntryPort("the entry", "input")
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._seen = 0
+    _seen = 0
 
     def run(self) -> Status:
         if self.decorated.status is not RUNNING:
             if self.entry.revision == self._seen:
                 return self.otherwise
             self._seen = self.entry.revision
-        return reset_if_done(self.decorated, self.decorated.execute())
+        return self.decorated.execute()
 
 
 class SkipUnlessUpdated(_Updated):
@@ -212,26 +201,27 @@ class WaitValueUpdate(_Updated):
     otherwise = RUNNING
 
 
-def reset_if_done(child: TreeNode, status: Status) -> Status:
-    """Forget the result of a child that has finished."""
-    if status is not RUNNING:
-        child.reset_status()
-    return status
-
-
 class ScriptConditions:
-    """The scripts of one node, by attribute name; evaluated in BehaviorTree.CPP's order."""
+    """The scripts of one node, by attribute name, in BehaviorTree.CPP's order, and the guard that it needs."""
 
-    def __init__(self, scripts: Mapping[str, Script]) -> None:
+    def __init__(self, scripts: Mapping[str, Script], needs_guard: bool = False) -> None:
+        self._needs_guard = needs_guard
         before = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
         self._before = [(scripts[name], status) for name, status in before if name in scripts]
         self._while = scripts.get("_while")
+        self._asks = bool(self._before) or self._while is not None or needs_guard
         self._success = [scripts[name] for name in ("_onSuccess", "_post") if name in scripts]
         self._failure = [scripts[name] for name in ("_onFailure", "_post") if name in scripts]
         self._halted = scripts.get("_onHalted")
 
     def before(self, node: TreeNode) -> Status | None:
-        """All are evaluated while the node is idle, `_while` also while it is RUNNING."""
+        """All are evaluated while the node is idle, `_while` also while it is RUNNING.
+
+        Raises:
+            NodeError: the node needs a guard, and none has agreed in this tick.
+        """
+        if not self._asks:
+            return None
         idle = node.status is IDLE or node.status is SKIPPED
         if idle:
             for script, status in self._before:
@@ -241,6 +231,8 @@ class ScriptConditions:
             if node.status is RUNNING:
                 node.halt()
             return SKIPPED
+        if self._needs_guard and node.runtime.agreed != node.runtime.ticks:
+            raise NodeError("no guard has agreed in this tick")
         return None
 
     def after(self, status: Status) -> None:

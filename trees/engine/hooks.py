@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Any
 
-from py_trees.common import Status
 from pydantic import Field
 
 from cell.files.model import Model
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, TreeNode
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.tree import Tree
 
 
@@ -133,7 +132,7 @@ class Hooks:
             ValueError: it does not wait.
         """
         key = (uid, position)
-        if key not in self._waiting:
+        if key not in self._waiting or key not in self._hooks:
             raise ValueError(f"node {uid} does not wait at a breakpoint")
         self._unlocked[key] = answer
         if remove:
@@ -235,6 +234,8 @@ def _among_conditions(node: TreeNode, status: Status) -> Status:
 def _answer(node: TreeNode, status: Status) -> Status:
     node.reset_status()
     node.set_status(status)
+    if status is SUCCESS and node.traits.guards:
+        node.runtime.agreed = node.runtime.ticks
     return status
 
 

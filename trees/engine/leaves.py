@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
-from py_trees.common import Status
-
-from trees.engine.node import FAILURE, RUNNING, SUCCESS, Node, TreeNode
+from trees.engine.node import FAILURE, RUNNING, SUCCESS, Instant, Node
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 
 
-class _Instant(TreeNode):
-    """A leaf that answers at once: there is nothing to begin or to cancel."""
-
-    traits = Traits(instant=True)
-
-    def update(self) -> Status:
-        """py_trees' hook, unused: `run` decides."""
-        return self.status
-
-
-class AlwaysSuccess(_Instant):
+class AlwaysSuccess(Instant):
     """Succeeds."""
 
     traits = Traits(instant=True, results=lambda *_: frozenset((SUCCESS,)))
@@ -31,7 +21,7 @@ class AlwaysSuccess(_Instant):
         return SUCCESS
 
 
-class AlwaysFailure(_Instant):
+class AlwaysFailure(Instant):
     """Fails."""
 
     traits = Traits(instant=True, results=lambda *_: frozenset((FAILURE,)))
@@ -52,17 +42,22 @@ class Sleep(Node):
         return SUCCESS if self.runtime.clock.now_s() >= self._end_s else RUNNING
 
 
-class Script(_Instant):
+class Script(Instant):
     """Runs a script on the blackboard and succeeds."""
 
     code = InputPort(Code, "like n := 1; text = 'done'")
 
+    @cached_property
+    def script(self) -> Code:
+        """The script, which a file always spells out."""
+        return self.code.get()
+
     def run(self) -> Status:
-        self.code.get().run()
+        self.script.run()
         return SUCCESS
 
 
-class ScriptCondition(_Instant):
+class ScriptCondition(Script):
     """Succeeds if a script's value is true."""
 
     node_type = "Condition"
@@ -70,10 +65,10 @@ class ScriptCondition(_Instant):
     code = InputPort(Code, "like n > 3 && ready")
 
     def run(self) -> Status:
-        return SUCCESS if self.code.get().true() else FAILURE
+        return SUCCESS if self.script.true() else FAILURE
 
 
-class SetBlackboard(_Instant):
+class SetBlackboard(Instant):
     """Copies a value, or another entry, into an entry."""
 
     value = InputPort(Any, "what to write")
@@ -84,7 +79,7 @@ class SetBlackboard(_Instant):
         return SUCCESS
 
 
-class UnsetBlackboard(_Instant):
+class UnsetBlackboard(Instant):
     """Forgets an entry's value."""
 
     key = EntryPort("the entry", "inout")
@@ -95,7 +90,7 @@ class UnsetBlackboard(_Instant):
         return SUCCESS
 
 
-class WasEntryUpdated(_Instant):
+class WasEntryUpdated(Instant):
     """Succeeds if an entry was written since this node's last tick."""
 
     node_type = "Condition"

@@ -10,9 +10,7 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any
 
-from py_trees.common import Status
-
-from trees.engine.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from trees.engine.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from trees.engine.vocabulary import Word, is_word
 
 STATUS_WORDS = {status.name: status for status in (SUCCESS, FAILURE, RUNNING, SKIPPED)}
@@ -73,6 +71,17 @@ def from_text(text: str, kind: Any) -> Any:
     raise LiteralError(
         f"'{text}' cannot become a {type_name(kind)}", "connect this port to a blackboard entry: {entry}"
     )
+
+
+def to_text(value: Any) -> str:
+    """How a tree file writes a value: what `from_text` reads as the same one."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, list | tuple):
+        return ";".join(map(to_text, value))
+    return str(value)
 
 
 def constant(text: str) -> int | float | str:

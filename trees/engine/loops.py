@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from collections.abc import Sequence as Children
 from typing import Any, cast
 
-from py_trees.common import Status
-
-from trees.engine.decorators import reset_if_done
-from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator, TreeNode
+from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import ANY, Results
+from trees.engine.status import ANY, Results, Status
 from trees.engine.traits import Traits
 
 
@@ -19,8 +16,10 @@ def _rounds(port: str, continue_on: Status) -> Traits:
     """Of a decorator of which a port says how many rounds there are."""
 
     def results(below: Children[Results], values: Mapping[str, str]) -> Results:
-        endless = values.get(port, "").strip() == "-1"
-        return below[0] - {continue_on} if endless else below[0]
+        rounds = values.get(port, "").strip()
+        if rounds == "-1":
+            return below[0] - {continue_on}
+        return below[0] if rounds.isdigit() and int(rounds) else below[0] | {continue_on}  # there may be no round
 
     return Traits(results=results)
 
@@ -30,11 +29,11 @@ class _Rounds(Decorator):
 
     continue_on = SUCCESS
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._round = 0
+    _round = 0
 
     def run(self) -> Status:
+        if self.status is not RUNNING:
+            self._round = 0
         limit = self.limit()
         self.set_status(RUNNING)
         child = self.decorated
@@ -45,21 +44,17 @@ class _Rounds(Decorator):
                 return RUNNING
             child.reset_status()
             if status is not self.continue_on:
-                self._round = 0
                 return status
             self._round += 1
+            if status is FAILURE:
+                limit = self.limit()  # what failed may have changed it
             if was_idle and (self._round < limit or limit == -1):
                 return RUNNING
-        self._round = 0
         return self.continue_on
 
     def limit(self) -> int:
         """Number of rounds, -1 for no limit."""
         raise NotImplementedError
-
-    def on_halt(self) -> None:
-        self._round = 0
-        super().on_halt()
 
 
 class Repeat(_Rounds):
@@ -92,10 +87,8 @@ class _Loop(Decorator):
     queue: Any
     value: Any
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._child_runs = False
-        self._own: list[Any] | None = None
+    _child_runs = False
+    _own: list[Any] | None = None
 
     def run(self) -> Status:
         if self.status is not RUNNING:
@@ -108,8 +101,10 @@ class _Loop(Decorator):
             self.value.set(queue[0])
             self._keep(queue[1:])
         self.set_status(RUNNING)
-        status = reset_if_done(self.decorated, self.decorated.execute())
+        status = self.decorated.execute()
         self._child_runs = status is RUNNING
+        if not self._child_runs:
+            self.decorated.reset_status()
         return FAILURE if status is FAILURE else RUNNING
 
     def _items(self) -> list[Any]:

@@ -1,17 +1,22 @@
-"""Base classes of all nodes: BehaviorTree.CPP's life cycle on py_trees' behaviours."""
+"""Base classes of all nodes, with BehaviorTree.CPP's life cycle, and what holds whatever a node does.
+
+The engine, and no node, sees to it that
+- a node is RUNNING only below RUNNING nodes: who ends, or is halted, halts what still runs below it;
+- a leaf is terminated exactly once for every time that it was begun;
+- a node that needs a guard is ticked only after one agreed in the same tick.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
-
-from py_trees import behaviour, composites, decorators
-from py_trees.common import Status
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, final
 
 from cell.interfaces.clock import Clock, ManualClock
+from cell.interfaces.notes import Journal
 from trees.engine.ports import Port
 from trees.engine.status import FAILURE as FAILURE
 from trees.engine.status import IDLE as IDLE
@@ -19,7 +24,11 @@ from trees.engine.status import RUNNING as RUNNING
 from trees.engine.status import SKIPPED as SKIPPED
 from trees.engine.status import SUCCESS as SUCCESS
 from trees.engine.status import NodeError as NodeError  # node modules import it from here
-from trees.engine.traits import Traits, refuse_former
+from trees.engine.status import Status
+from trees.engine.traits import Traits, refuse_former, refuse_own
+
+if TYPE_CHECKING:
+    from trees.engine.outside import LoggedAnswers
 
 
 @dataclass(frozen=True)
@@ -46,11 +55,19 @@ class Runtime:
         enums: values by the enum names that scripts and cases know.
         changes: (node, old status, new status, feedback) since the tick began; bare, as every tick fills it and
             only a log or a monitor reads it. The list stays the same one; a tick empties it.
+        ticks: how many ticks and halts there were, with the one under way.
+        agreed: number of the last tick in which a guard agreed.
+        journal: takes notes for the log.
+        answers: of a log, for who would ask beyond the cell; None where it is to ask.
     """
 
     clock: Clock = field(default_factory=ManualClock)
     enums: Mapping[str, Any] = field(default_factory=dict)
     changes: list[tuple[TreeNode, Status, Status, str]] = field(default_factory=list)
+    ticks: int = 0
+    agreed: int = -1
+    journal: Journal | None = None
+    answers: LoggedAnswers | None = None
 
 
 class Conditions(Protocol):
@@ -69,8 +86,21 @@ class Conditions(Protocol):
         ...
 
 
-class TreeNode(behaviour.Behaviour):
-    """A node of a loaded tree.
+class Made(NamedTuple):
+    """Where in Python a node was made, and the ports and conditions that it was given there."""
+
+    file: str
+    line: int
+    attributes: Mapping[str, object]
+
+
+class TreeNode:
+    """A node of a tree.
+
+    Args:
+        name: its class's name unless given.
+        children: nodes below it.
+        attributes: of a tree that is written in Python: ports and conditions, as a file would write them.
 
     Attributes:
         node_type: how Groot2 files it: Action, Condition, Control, Decorator or SubTree.
@@ -79,6 +109,8 @@ class TreeNode(behaviour.Behaviour):
         traits: what the checks of tree files know of it.
         persistent: names of attributes that outlive an edit of the running tree, such as what was answered last.
         abstract: said by a class that is only a base of others, and no node of its own; not inherited.
+        status: how it stands between two ticks.
+        feedback_message: what it says about itself, to people.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -94,16 +126,25 @@ class TreeNode(behaviour.Behaviour):
     uid = 0
     full_path = ""
     conditions: Conditions | None = None
+    status = IDLE
+    feedback_message = ""
+
+    def __init__(self, name: str = "", children: Sequence[TreeNode] | TreeNode = (), **attributes: object) -> None:
+        self.name = name or self.tag or type(self).__name__
+        self.children = [children] if isinstance(children, TreeNode) else list(children)
+        self._made = _made_at(sys._getframe(1), attributes)
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         refuse_former(cls)
+        refuse_own(cls, _ENGINES_OWN)
 
     @classmethod
     def further_port(cls, name: str) -> Port | None:  # noqa: ARG003  # who overrides it reads it
         """The port that an attribute means which is not declared; None where the node takes no such attributes."""
         return None
 
+    @final
     def attach(self, runtime: Runtime, uid: int, path: str) -> None:
         """Join a tree."""
         self.runtime = runtime
@@ -111,39 +152,37 @@ class TreeNode(behaviour.Behaviour):
         self.uid = uid
         self.full_path = path
 
+    def setup(self, **kwargs: Any) -> None:
+        """Take the services; called by `Tree.setup` before the first tick."""
+
     def execute(self) -> Status:
         """Tick once; a node that is SKIPPED did nothing, and counts as idle."""
-        if self.feedback_message and self.status is not RUNNING:
-            self.feedback_message = ""  # of the last time
-        try:
-            status = self.run() if self.conditions is None else self._run_with(self.conditions)
-        except NodeError as error:
-            if self.status is RUNNING:
-                self._guarded(self.on_halt)
-            self.feedback_message = str(error)
-            status = FAILURE
-        old = self.status
-        if status is not old:  # as `set_status`, whose call every node of every tick would pay for
-            self.status = status
-            self.note_change((self, old, status, self.feedback_message))
-        return status
+        raise NotImplementedError
 
     def run(self) -> Status:
         """What a tick does, without conditions."""
         raise NotImplementedError
 
+    def on_halt(self) -> None:
+        """What a halt does, without conditions, before what runs below is halted."""
+
+    @final
     def halt(self) -> None:
         """Bring a RUNNING node and all below it to rest; called by its parent, once."""
+        if self.status is not RUNNING:
+            self.reset_status()
+            return
         try:
             self._guarded(self.on_halt)
         finally:
-            self.set_status(IDLE)
+            try:
+                self.reset_children()
+            finally:
+                self.set_status(IDLE)
         if self.conditions is not None:
             self._guarded(self.conditions.halted)
 
-    def on_halt(self) -> None:
-        """What a halt does, without conditions."""
-
+    @final
     def reset_status(self) -> None:
         """Halt if RUNNING, then forget the last result."""
         if self.status is RUNNING:
@@ -151,6 +190,17 @@ class TreeNode(behaviour.Behaviour):
         elif self.status is not IDLE:
             self.set_status(IDLE)
 
+    @final
+    def reset_children(self) -> None:
+        """Halt what is RUNNING below, in order, and forget results."""
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            elif (old := child.status) is not IDLE:
+                child.status = IDLE
+                child.note_change((child, old, IDLE, child.feedback_message))
+
+    @final
     def set_status(self, status: Status) -> None:
         """Change the status and note it."""
         old = self.status
@@ -158,33 +208,12 @@ class TreeNode(behaviour.Behaviour):
             self.status = status
             self.note_change((self, old, status, self.feedback_message))
 
-    def tick(self) -> Iterator[behaviour.Behaviour]:
-        """py_trees' way to tick: yields the nodes that were ticked, children first."""
-        visited: list[behaviour.Behaviour] = []
-        nodes = [node for node in self.iterate() if isinstance(node, TreeNode)]
-        before = [vars(node).get("execute") for node in nodes]  # a monitor's hook, where there is one
-        for node in nodes:
-            vars(node)["execute"] = _noting(node, visited)
-        try:
-            self.execute()
-        finally:
-            for node, own in zip(nodes, before, strict=True):
-                if own is None:
-                    del vars(node)["execute"]
-                else:
-                    vars(node)["execute"] = own
-        yield from visited
-
-    def stop(self, new_status: Status = IDLE) -> None:
-        """py_trees' way to halt."""
-        self.reset_status()
-        if new_status is not IDLE:
-            self.set_status(new_status)
-
     def _run_with(self, conditions: Conditions) -> Status:
         status = conditions.before(self)
         if status is None:
             status = self.run()
+            if status is SUCCESS and self.traits.guards:
+                self.runtime.agreed = self.runtime.ticks
         if status is SUCCESS or status is FAILURE:
             try:
                 conditions.after(status)
@@ -199,17 +228,47 @@ class TreeNode(behaviour.Behaviour):
         except NodeError as error:
             self.feedback_message = str(error)
 
+    def _known(self, status: object, method: str) -> Status:
+        """The status that a node's own code answered; an idle one did nothing.
 
-def _noting(node: TreeNode, visited: list[behaviour.Behaviour]) -> Callable[[], Status]:
-    """A node's `execute` that notes the node; only py_trees' own tools need it, so that no other tick pays for it."""
-    execute = node.execute
+        Raises:
+            TypeError: it is none.
+        """
+        if not isinstance(status, Status):
+            legal = ": write `from trees import Status`" if type(status).__name__ == "Status" else ""
+            raise TypeError(f"{type(self).__name__}.{method} answered {status!r}, not a Status{legal}")
+        return SKIPPED if status is IDLE else status
 
-    def noted() -> Status:
-        status = execute()
-        visited.append(node)
+
+_ENGINES_OWN = ("attach", "execute", "halt", "reset_status", "reset_children", "set_status")
+
+
+def _made_at(frame: Any, attributes: Mapping[str, object]) -> Made:
+    """The line outside of the constructors that made a node."""
+    while frame.f_code.co_name == "__init__" and frame.f_back is not None:
+        frame = frame.f_back
+    return Made(frame.f_code.co_filename, frame.f_lineno, attributes)
+
+
+class Instant(TreeNode):
+    """A leaf of the language that answers at once: there is nothing to begin or to cancel."""
+
+    traits = Traits(instant=True)
+
+    @final
+    def execute(self) -> Status:
+        if self.feedback_message:
+            self.feedback_message = ""  # of the last time
+        try:
+            status = self.run() if self.conditions is None else self._run_with(self.conditions)
+        except NodeError as error:
+            self.feedback_message = str(error)
+            status = FAILURE
+        old = self.status
+        if status is not old:  # as `set_status`, whose call every node of every tick would pay for
+            self.status = status
+            self.note_change((self, old, status, self.feedback_message))
         return status
-
-    return noted
 
 
 class Node(TreeNode):
@@ -226,109 +285,160 @@ class Node(TreeNode):
 
     services: object = None
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        refuse_own(cls, ("run", "on_halt"))
+
     def setup(self, **kwargs: Any) -> None:
-        """Take the services; called by `Tree.setup` before the first tick."""
         self.services = kwargs.get("services")
         self.prepare()
 
     def prepare(self) -> None:
         """Check once, before the first tick, that all that is needed is there."""
 
+    def initialise(self) -> None:
+        """Begin."""
+
+    def update(self) -> Status:
+        """Go on, and say how it stands."""
+        raise NotImplementedError
+
+    def terminate(self, new_status: Status) -> None:
+        """End, or cancel."""
+
+    @final
     def execute(self) -> Status:
         if self.conditions is not None:
-            return super().execute()
-        status = self.run()  # catches every NodeError by itself
+            status = self._execute_with(self.conditions)
+        elif self.status is RUNNING:  # as `run`, whose call every leaf that waits would pay for
+            told = self.feedback_message
+            try:
+                status = self.update()
+            except BaseException as error:
+                status = self._raised(error)
+            if status is RUNNING:
+                if self.feedback_message is not told and self.feedback_message != told:
+                    self.note_change((self, RUNNING, RUNNING, self.feedback_message))
+                return RUNNING
+            status = self._finish(status)
+        else:
+            status = self.run()
         if status is not self.status:
             self.set_status(status)
         return status
 
+    @final
     def run(self) -> Status:
         told = self.feedback_message
         try:
             if self.status is not RUNNING:
-                self.feedback_message = ""
+                self.feedback_message = told = ""
                 self.initialise()
             status = self.update()
-        except NodeError as error:
-            self.feedback_message = str(error)
-            status = FAILURE
-        except BaseException:  # a second Ctrl-C in mid-tick, too: what was begun is cancelled; it is raised again
-            self._cancel()
-            raise
+        except BaseException as error:
+            status = self._raised(error)
         if status is not RUNNING:
             return self._finish(status)
-        if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
+        if self.status is RUNNING and self.feedback_message != told:
             self.note_change((self, RUNNING, RUNNING, self.feedback_message))
         return status
 
+    @final
     def on_halt(self) -> None:
         self.terminate(IDLE)
 
-    def _finish(self, status: Status) -> Status:
-        status = SKIPPED if status is IDLE else status  # py_trees' word where a leaf does not know the other
+    def _execute_with(self, conditions: Conditions) -> Status:
+        if self.feedback_message and self.status is not RUNNING:
+            self.feedback_message = ""  # of the last time
         try:
-            self.terminate(status)
-            if not isinstance(status, Status):
-                raise TypeError(f"{type(self).__name__}.update answered {status!r}, not a Status")
+            return self._run_with(conditions)
+        except NodeError as error:
+            if self.status is RUNNING:
+                self._guarded(self.on_halt)
+            self.feedback_message = str(error)
+            return FAILURE
+
+    def _finish(self, answer: Status) -> Status:
+        try:
+            self.terminate(SKIPPED if answer is IDLE else answer)
+            return self._known(answer, "update")
         except NodeError as error:
             self.feedback_message = str(error)
             return FAILURE
         except BaseException:  # as above; it was terminated once, so nothing may take it for RUNNING
             self.set_status(IDLE)
             raise
-        return status
 
-    def _cancel(self) -> None:
-        """An exception left `initialise` or `update`: cancel what was begun, once."""
-        try:
+    def _raised(self, error: BaseException) -> Status:
+        """A NodeError is a failure; whatever else left `initialise` or `update` cancels what was begun, and goes on."""
+        if isinstance(error, NodeError):
+            self.feedback_message = str(error)
+            return FAILURE
+        try:  # a second Ctrl-C in mid-tick, too
             self.terminate(IDLE)
         finally:
             self.set_status(IDLE)
+        raise error
 
 
-class Control(TreeNode, composites.Composite):
-    """A node with several children; py_trees' tools see a Composite."""
+class Branch(TreeNode):
+    """A node with children.
+
+    Attributes:
+        keeps_results: children that ended before it did keep their results; they are forgotten unless it says so.
+    """
+
+    keeps_results: ClassVar[bool] = False
+
+    @final
+    def execute(self) -> Status:
+        if self.feedback_message and self.status is not RUNNING:
+            self.feedback_message = ""  # of the last time
+        try:
+            status = self.run() if self.conditions is None else self._run_with(self.conditions)
+        except NodeError as error:
+            status = self._fail_with(error)
+        if status is RUNNING:
+            if self.status is not RUNNING:
+                self.set_status(RUNNING)
+            return RUNNING
+        for child in self.children:  # as `reset_children`, whose call every tick would pay for
+            if (was := child.status) is RUNNING:
+                child.halt()
+            elif was is not IDLE and not self.keeps_results:
+                child.status = IDLE
+                child.note_change((child, was, IDLE, child.feedback_message))
+        if status is not SUCCESS and status is not FAILURE:
+            status = self._known(status, "run")
+        if status is not (old := self.status):
+            self.status = status
+            self.note_change((self, old, status, self.feedback_message))
+        return status
+
+    def _fail_with(self, error: NodeError) -> Status:
+        if self.status is RUNNING:
+            self._guarded(self.on_halt)
+        self.reset_children()
+        self.feedback_message = str(error)
+        return FAILURE
+
+
+class Control(Branch):
+    """A node with several children."""
 
     node_type = "Control"
     children_min = 1
     children_max: ClassVar[int | None] = None
-    children: list[TreeNode]  # type: ignore[assignment]
-
-    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
-        composites.Composite.__init__(self, name, children)
-
-    def tip(self) -> behaviour.Behaviour | None:
-        """The deepest node that runs, for py_trees' tools."""
-        running = next((child for child in self.children if child.status is RUNNING), None)
-        return behaviour.Behaviour.tip(self) if running is None else running.tip()
-
-    def on_halt(self) -> None:
-        self.reset_children()
-
-    def reset_children(self) -> None:
-        """Halt what is RUNNING below, in order, and forget results."""
-        for child in self.children:
-            if child.status is RUNNING:
-                child.halt()
-            elif (old := child.status) is not IDLE:
-                child.status = IDLE
-                child.note_change((child, old, IDLE, child.feedback_message))
 
 
-class Decorator(TreeNode, decorators.Decorator):
-    """A node with one child; py_trees' tools see a Decorator."""
+class Decorator(Branch):
+    """A node with one child."""
 
     node_type = "Decorator"
     children_min = 1
     children_max = 1
-    decorated: TreeNode
 
-    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
-        decorators.Decorator.__init__(self, name, children[0])
-
-    def update(self) -> Status:
-        """py_trees' hook, unused: `run` decides."""
-        return self.status
-
-    def on_halt(self) -> None:
-        self.decorated.reset_status()
+    def __init__(self, name: str = "", children: Sequence[TreeNode] | TreeNode = (), **attributes: object) -> None:
+        super().__init__(name, children, **attributes)
+        if self.children:
+            self.decorated = self.children[0]

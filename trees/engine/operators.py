@@ -21,11 +21,12 @@ _NUMBER = (int, float)
 _PLAIN = (str, int, float)
 
 Operator = Callable[[Any, Any], Any]
+Comparison = Callable[[Any, Any, Mapping[str, Any]], bool]
 
 
 def _arithmetic(sign: str, calculate: Operator) -> Operator:
     def operate(left: Any, right: Any) -> Any:
-        if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
+        if type(left) is type(right) is int or (isinstance(left, _NUMBER) and isinstance(right, _NUMBER)):
             result = calculate(left, right)
             return result if isinstance(result, float) or -EXACT <= result <= EXACT else float(result)
         if sign == "+" and isinstance(left, str) and isinstance(right, str):
@@ -93,8 +94,13 @@ def number_of(text: str, enums: Mapping[str, Any]) -> int | float:
     return number
 
 
-def _equality(sign: str, wanted: bool) -> Operator:
-    def operate(left: Any, right: Any) -> bool:
+def _equality(sign: str, wanted: bool) -> Comparison:
+    def operate(left: Any, right: Any, enums: Mapping[str, Any]) -> bool:
+        kind = type(left)
+        if kind is type(right) and (kind is str or kind is int):
+            return (left == right) is wanted
+        if kind is not type(right):
+            left, right = _alike(left, right, enums)
         if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
             return same_number(left, right) is wanted
         if isinstance(left, type(right)) or isinstance(right, type(left)):
@@ -104,8 +110,12 @@ def _equality(sign: str, wanted: bool) -> Operator:
     return operate
 
 
-def _ordered(sign: str, compare: Operator) -> Operator:
-    def operate(left: Any, right: Any) -> bool:
+def _ordered(sign: str, compare: Operator) -> Comparison:
+    def operate(left: Any, right: Any, enums: Mapping[str, Any]) -> bool:
+        if type(left) is type(right) is int:
+            return compare(left, right)  # type: ignore[no-any-return]
+        if type(left) is not type(right):
+            left, right = _alike(left, right, enums)
         kind = str if isinstance(left, str) else _NUMBER
         if isinstance(left, kind) and isinstance(right, kind):
             return bool(compare(left, right))
@@ -115,7 +125,7 @@ def _ordered(sign: str, compare: Operator) -> Operator:
 
 
 # Comparisons; only numbers and texts can be ordered. Each raises NodeError where it does not take the values.
-COMPARISONS: dict[str, Operator] = {
+COMPARISONS: dict[str, Comparison] = {
     "==": _equality("==", True),
     "!=": _equality("!=", False),
     "<": _ordered("<", operator.lt),
@@ -125,7 +135,7 @@ COMPARISONS: dict[str, Operator] = {
 }
 
 
-def alike(left: Any, right: Any, enums: Mapping[str, Any]) -> tuple[Any, Any]:
+def _alike(left: Any, right: Any, enums: Mapping[str, Any]) -> tuple[Any, Any]:
     """Two values as a comparison takes them: a text beside a number is read as one.
 
     Raises:

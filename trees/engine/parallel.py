@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Children
-
-from py_trees.common import Status
-
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
-from trees.engine.status import ANY, NEVER, NodeError
+from trees.engine.status import ANY, NEVER, NodeError, Status
 from trees.engine.traits import Traits
 
 
@@ -17,20 +13,14 @@ class _AtOnce(Control):
 
     traits = Traits(at_once=True, results=lambda below, _: ANY if any(below) else NEVER)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._finished: set[TreeNode] = set()
-        self._succeeded = 0
-        self._failed = 0
+    _finished: set[TreeNode]
+    _succeeded = 0
+    _failed = 0
 
-    def on_halt(self) -> None:
-        self._finished.clear()
+    def _begin(self) -> None:
+        self._finished = set()
         self._succeeded = self._failed = 0
-        self.reset_children()
-
-    def _finish(self, status: Status) -> Status:
-        self.on_halt()
-        return status
+        self.set_status(RUNNING)
 
 
 class Parallel(_AtOnce):
@@ -39,19 +29,17 @@ class Parallel(_AtOnce):
     success_count = InputPort(int, "children that must succeed; negative counts from all (-1: all)", default=-1)
     failure_count = InputPort(int, "children that must fail; negative counts from all (-1: all)", default=1)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._fixed: tuple[int, int, int] | None = None
+    _fixed: tuple[int, int, int] | None = None
 
     def run(self) -> Status:
         count = len(self.children)
         asked, needed, fatal = self._fixed or self._thresholds()
         if self.status is not RUNNING:
-            self.set_status(RUNNING)
+            self._begin()
         finished, skipped = self._finished, 0
         first = True  # counted even if it runs: the ports may ask for less than in the last tick
         for child in self.children:
-            if child not in finished:
+            if not finished or child not in finished:
                 status = child.execute()
                 if status is RUNNING:
                     if not first:
@@ -64,9 +52,9 @@ class Parallel(_AtOnce):
                     self._failed += status is FAILURE
             first = False
             if self._succeeded >= needed or (asked < 0 and self._succeeded + skipped >= needed):
-                return self._finish(SUCCESS)
+                return SUCCESS
             if count - self._failed < needed or self._failed == fatal:
-                return self._finish(FAILURE)
+                return FAILURE
         return SKIPPED if skipped == count else RUNNING
 
     def _thresholds(self) -> tuple[int, int, int]:
@@ -91,7 +79,8 @@ class ParallelAll(_AtOnce):
         fatal = _threshold(self.max_failures.get(), count)
         if fatal > count:
             raise NodeError(f"{count} children cannot fail {fatal} times")
-        self.set_status(RUNNING)
+        if self.status is not RUNNING:
+            self._begin()
         skipped = 0
         for child in self.children:
             if child in self._finished:
@@ -106,7 +95,7 @@ class ParallelAll(_AtOnce):
             return SKIPPED
         if skipped + len(self._finished) < count:
             return RUNNING
-        return self._finish(FAILURE if self._failed >= fatal else SUCCESS)
+        return FAILURE if self._failed >= fatal else SUCCESS
 
 
 def _threshold(asked: int, count: int) -> int:

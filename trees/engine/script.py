@@ -1,4 +1,4 @@
-"""BehaviorTree.CPP's script language: compiled when a tree is loaded, run in ticks.
+"""BehaviorTree.CPP's script language: checked when a tree is loaded, compiled to Python for its ticks.
 
 Grammar, loosest binding first (all statements are separated by `;`, the value is that of the last one):
     statement:  name (:= | = | += | -= | *= | /=) statement | choice
@@ -9,6 +9,7 @@ Grammar, loosest binding first (all statements are separated by `;`, the value i
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -18,14 +19,12 @@ from typing import Any, NamedTuple
 
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.literals import INT_LIMIT, shown
-from trees.engine.operators import COMPARISONS, OPERATORS, Operator, alike, number_of, truth, unary
+from trees.engine.operators import COMPARISONS, OPERATORS, number_of, truth, unary
 from trees.engine.status import NodeError
 
 DEPTH_LIMIT = 30
 # More than anybody reads; a hostile file could hold a million.
 LENGTH_LIMIT, TOKEN_LIMIT = 10_000, 400
-
-Evaluate = Callable[[], Any]
 
 _TOKEN = re.compile(
     r"""\s*(?:
@@ -75,17 +74,18 @@ class EntryUse(NamedTuple):
     text: str | None = None
 
 
-@dataclass(frozen=True)
 class Script:
-    """A compiled script.
+    """A script, ready to run.
 
     Attributes:
         uses: what it does with entries, in the order of the source.
     """
 
-    source: str
-    uses: tuple[EntryUse, ...]
-    _statements: tuple[Evaluate, ...]
+    def __init__(self, source: str, uses: tuple[EntryUse, ...], code: ast.expr, names: Mapping[str, Any]) -> None:
+        self.source = source
+        self.uses = uses
+        self._code, self._names = code, names
+        self._evaluate: Callable[[], Any] = self._compiled
 
     def run(self) -> Any:
         """Run all statements; the value of the last one.
@@ -93,19 +93,33 @@ class Script:
         Raises:
             NodeError: an entry is unset, its type does not fit the operator, or anything else went wrong.
         """
-        value = None
         try:
-            for statement in self._statements:
-                value = statement()
+            return self._evaluate()
         except NodeError:
             raise
         except Exception as error:  # values may be of a user's own types, whose operators may raise anything
-            raise NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}") from error
-        return value
+            raise _told(error) from error
 
     def true(self) -> bool:
         """Whether the value is true: a number other than 0, or a string that is not empty."""
-        return truth(self.run())
+        try:
+            value = self._evaluate()
+        except NodeError:
+            raise
+        except Exception as error:  # as above
+            raise _told(error) from error
+        return value if value is True or value is False else truth(value)
+
+    def _compiled(self) -> Any:
+        """Become a function of Python's own, and run: only now, as most scripts of a checked file never do."""
+        arguments = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
+        made = ast.Expression(ast.Lambda(arguments, self._code, **_AT))
+        self._evaluate = eval(compile(made, "script", "eval"), {**_WORDS, **self._names})
+        return self._evaluate()
+
+
+def _told(error: Exception) -> NodeError:
+    return NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}")
 
 
 def parse_script(source: str, scope: Scope, enums: Mapping[str, Any]) -> Script:
@@ -125,7 +139,7 @@ class _Token:
 
 
 class _Parser:
-    """Precedence climbing; every rule returns a function that evaluates it."""
+    """Precedence climbing; every rule returns the Python expression that evaluates it."""
 
     def __init__(self, source: str, scope: Scope, enums: Mapping[str, Any]) -> None:
         self._source = source
@@ -135,6 +149,7 @@ class _Parser:
         self._next = 0
         self._depth = 0
         self._uses: list[EntryUse] = []
+        self._names: dict[str, Any] = {"enums": enums}
 
     def script(self) -> Script:
         statements = []
@@ -145,9 +160,10 @@ class _Parser:
                     raise self._unexpected("an operator or ';'")
         if not statements:
             raise ScriptError("the script is empty", 0, "like done := true")
-        return Script(self._source, tuple(self._uses), tuple(statements))
+        code = statements[0] if len(statements) == 1 else _call("last", *statements)
+        return Script(self._source, tuple(self._uses), code, self._names)
 
-    def _statement(self) -> Evaluate:
+    def _statement(self) -> ast.expr:
         self._depth += 1
         if self._depth > DEPTH_LIMIT:
             raise ScriptError(f"brackets nest deeper than {DEPTH_LIMIT}", self._peek().offset)
@@ -161,7 +177,7 @@ class _Parser:
         self._depth -= 1
         return evaluate
 
-    def _assignment(self, name: _Token, sign: str) -> Evaluate:
+    def _assignment(self, name: _Token, sign: str) -> ast.expr:
         if name.text in self._enums:
             raise ScriptError(
                 f"'{name.text}' is an enum name and cannot be written", name.offset, "choose another name"
@@ -172,20 +188,21 @@ class _Parser:
         spelt_out = first.kind == "string" and self._tokens[self._next - 1] is first
         entry = self._scope.entry(name.text)
         self._uses.append(EntryUse(entry, name.offset, sign, first.text[1:-1] if spelt_out else None))
-        if sign in (":=", "="):
-            return _assign(entry, value, sign == "=", self._enums)
-        return _assign(entry, _binary(sign[0], _reader(entry), value), True, self._enums)
+        known = self._named(entry)
+        if sign not in (":=", "="):
+            value = _call(sign[0], _read(known), value)
+        return _call("assign", known if sign == ":=" else _call("existing", known), value, _name("enums"))
 
-    def _choice(self) -> Evaluate:
+    def _choice(self) -> ast.expr:
         condition = self._level(0)
         if not self._accept("?"):
             return condition
         chosen = self._statement()
         self._expect(":")
         other = self._statement()
-        return lambda: chosen() if truth(condition()) else other()
+        return ast.IfExp(_call("truth", condition), chosen, other, **_AT)
 
-    def _level(self, level: int) -> Evaluate:
+    def _level(self, level: int) -> ast.expr:
         if level == len(_LEVELS):
             return self._unary()
         signs = _LEVELS[level]
@@ -194,30 +211,30 @@ class _Parser:
             return self._comparison(left, level)
         while self._peek().kind == "sign" and self._peek().text in signs:
             sign = self._take().text
-            left = _binary(sign, left, self._level(level + 1))
+            right = self._level(level + 1)
+            if sign in _LOGIC:
+                left = ast.BoolOp(_LOGIC[sign], [_call("truth", left), _call("truth", right)], **_AT)
+            else:
+                left = _call(sign, left, right)
         return left
 
-    def _comparison(self, first: Evaluate, level: int) -> Evaluate:
-        """`a < b < c` holds where both do."""
-        links: list[tuple[Operator, Evaluate]] = []
+    def _comparison(self, first: ast.expr, level: int) -> ast.expr:
+        """`a < b < c` holds where both do; what stands between two signs is evaluated once."""
+        links: list[ast.expr] = []
+        left = first
         while self._peek().text in COMPARISONS and self._peek().kind == "sign":
-            links.append((COMPARISONS[self._take().text], self._level(level + 1)))
+            sign, right = self._take().text, self._level(level + 1)
+            if self._peek().text in COMPARISONS and self._peek().kind == "sign":
+                kept = f"v{self._next}"
+                links.append(_call(sign, left, ast.NamedExpr(_name(kept, ast.Store()), right, **_AT), _name("enums")))
+                left = _name(kept)
+            else:
+                links.append(_call(sign, left, right, _name("enums")))
         if not links:
             return first
-        enums = self._enums
+        return links[0] if len(links) == 1 else ast.BoolOp(ast.And(), links, **_AT)
 
-        def compare() -> bool:
-            left = first()
-            for holds, evaluate in links:
-                right = evaluate()
-                if not (holds(left, right) if type(left) is type(right) else holds(*alike(left, right, enums))):
-                    return False
-                left = right
-            return True
-
-        return compare
-
-    def _unary(self) -> Evaluate:
+    def _unary(self) -> ast.expr:
         token = self._peek()
         if token.kind == "sign" and token.text in ("-", "!", "~"):
             self._depth += 1
@@ -226,36 +243,38 @@ class _Parser:
             self._take()
             operand = self._unary()
             self._depth -= 1
-            return lambda: unary(token.text, operand())
+            return _call("unary", ast.Constant(token.text, **_AT), operand)
         return self._operand()
 
-    def _operand(self) -> Evaluate:
+    def _operand(self) -> ast.expr:
         token = self._peek()
         if token.kind == "end" or (token.kind == "sign" and token.text != "("):
             raise self._unexpected("a number, 'string', name or '('")
         self._take()
         if token.kind == "number":
-            number = _number(token)
-            return lambda: number
+            return ast.Constant(_number(token), **_AT)
         if token.kind == "string":
-            text = token.text[1:-1]
-            return lambda: text
+            return ast.Constant(token.text[1:-1], **_AT)
         if token.kind == "name":
             return self._name(token)
         inner = self._statement()
         self._expect(")")
         return inner
 
-    def _name(self, token: _Token) -> Evaluate:
+    def _name(self, token: _Token) -> ast.expr:
         if token.text in ("true", "false"):
-            truth = token.text == "true"
-            return lambda: truth
+            return ast.Constant(token.text == "true", **_AT)
         if token.text in self._enums:
-            member = self._enums[token.text]
-            return lambda: member
+            return self._named(self._enums[token.text])
         entry = self._scope.entry(token.text)
         self._uses.append(EntryUse(entry, token.offset, ""))
-        return _reader(entry)
+        return _read(self._named(entry))
+
+    def _named(self, value: Any) -> ast.Name:
+        """A value that Python cannot spell out, by a name of its own."""
+        name = f"n{len(self._names)}"
+        self._names[name] = value
+        return _name(name)
 
     def _peek(self) -> _Token:
         return self._tokens[self._next]
@@ -327,38 +346,55 @@ def _number(token: _Token) -> int | float:
     return float(text)
 
 
-def _reader(entry: Entry) -> Evaluate:
-    def read() -> Any:
-        value = entry.value
-        if value is UNSET:
-            raise NodeError(f"nothing has been written to {{{entry.name}}} yet")
-        return value
-
-    return read
+_AT: Any = {"lineno": 1, "col_offset": 0, "end_lineno": 1, "end_col_offset": 0}
+_LOGIC: dict[str, ast.boolop] = {"&&": ast.And(), "||": ast.Or()}
 
 
-def _assign(entry: Entry, value: Evaluate, must_exist: bool, enums: Mapping[str, Any]) -> Evaluate:
-    def assign() -> Any:
-        if must_exist and entry.value is UNSET and not entry.exists:
-            raise NodeError(f"{{{entry.name}}} does not exist yet; := creates it")
-        assigned = value()
-        if isinstance(assigned, str) and entry.holds_number:
-            try:
-                assigned = number_of(assigned, enums)
-            except NodeError as error:
-                raise NodeError(f"{{{entry.name}}} holds {entry.value!r} and cannot be assigned: {error}") from None
-            entry.write(assigned)
-        else:
-            entry.assign(assigned)
-        return entry.value
-
-    return assign
+def _name(name: str, use: ast.expr_context | None = None) -> ast.Name:
+    return ast.Name(name, use or ast.Load(), **_AT)
 
 
-def _binary(sign: str, left: Evaluate, right: Evaluate) -> Evaluate:
-    if sign == "&&":
-        return lambda: truth(left()) and truth(right())
-    if sign == "||":
-        return lambda: truth(left()) or truth(right())
-    operate = OPERATORS[sign]
-    return lambda: operate(left(), right())
+def _call(function: str, *arguments: ast.expr) -> ast.expr:
+    return ast.Call(_name(function), list(arguments), [], **_AT)
+
+
+def _read(entry: ast.Name) -> ast.expr:
+    """`entry.value`, where there is one; without a call, as scripts do little else."""
+    value = ast.Attribute(entry, "value", ast.Load(), **_AT)
+    is_set = ast.Compare(value, [ast.IsNot()], [_name("UNSET")], **_AT)
+    return ast.IfExp(is_set, value, _call("unset", entry), **_AT)
+
+
+def _unset(entry: Entry) -> Any:
+    raise NodeError(f"nothing has been written to {{{entry.name}}} yet")
+
+
+def _existing(entry: Entry) -> Entry:
+    if entry.value is UNSET and not entry.exists:
+        raise NodeError(f"{{{entry.name}}} does not exist yet; := creates it")
+    return entry
+
+
+def _assign(entry: Entry, assigned: Any, enums: Mapping[str, Any]) -> Any:
+    if isinstance(assigned, str) and entry.holds_number:
+        try:
+            assigned = number_of(assigned, enums)
+        except NodeError as error:
+            raise NodeError(f"{{{entry.name}}} holds {entry.value!r} and cannot be assigned: {error}") from None
+        entry.write(assigned)
+    else:
+        entry.assign(assigned)
+    return entry.value
+
+
+def _last(*values: Any) -> Any:
+    return values[-1]
+
+
+# What compiled scripts call; a sign is no name of Python's, but names a global all the same.
+_WORDS: dict[str, Any] = {
+    **OPERATORS,
+    **COMPARISONS,
+    **{"UNSET": UNSET, "unset": _unset, "existing": _existing, "assign": _assign, "last": _last},
+    **{"truth": truth, "unary": unary, "__builtins__": {}},
+}

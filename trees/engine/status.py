@@ -1,9 +1,8 @@
-"""The statuses of a node: py_trees' four, and SKIPPED, for which it has no word."""
+"""The statuses of a node, and the error that makes it fail."""
 
 from __future__ import annotations
 
-from py_trees import display
-from py_trees.common import Status
+from enum import Enum
 
 from cell.errors import CellError
 
@@ -15,22 +14,27 @@ class NodeError(CellError):
     """
 
 
-def _fifth_status() -> Status:
-    """A member that py_trees' class does not spell out, made as `enum.Flag` makes its combined ones."""
-    skipped = object.__new__(Status)
-    skipped._name_ = skipped._value_ = "SKIPPED"
-    for symbols in (display.unicode_symbols, display.ascii_symbols, display.xhtml_symbols):
-        symbols[skipped] = symbols[Status.INVALID]
-    return skipped
+class Status(Enum):
+    """How a node stands, or what it answered to a tick.
+
+    Attributes:
+        INVALID: idle: not begun, halted, or forgotten by its parent; py_trees' word, as it stands in logs.
+        SKIPPED: it was not to be ticked now; it did nothing, and counts as idle.
+    """
+
+    INVALID = "INVALID"
+    RUNNING = "RUNNING"
+    SUCCESS = "SUCCESS"
+    FAILURE = "FAILURE"
+    SKIPPED = "SKIPPED"
 
 
 IDLE = Status.INVALID
 RUNNING = Status.RUNNING
 SUCCESS = Status.SUCCESS
 FAILURE = Status.FAILURE
-SKIPPED = _fifth_status()
-# What stands in logs; an idle node's is py_trees' word.
-STATUSES = {status.name: status for status in (IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED)}
+SKIPPED = Status.SKIPPED
+STATUSES = {status.name: status for status in Status}  # by what stands in logs
 
 Results = frozenset[Status]  # how a node can end; the empty one is that of a node that never ends
 NEVER: Results = frozenset()

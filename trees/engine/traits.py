@@ -58,6 +58,7 @@ class Traits:
     barrier: Callable[[int, Sequence[Results]], int | None] = _no_barrier
 
 
+OVERRIDDEN = "run, on_halt of a control or decorator; prepare, initialise, update, terminate of a leaf"
 FORMER = {**{one.name: one.name for one in fields(Traits)}, "never_succeeds": "results"}
 
 
@@ -67,6 +68,15 @@ def refuse_former(node: type) -> None:
         if name in FORMER and not isinstance(value, Port | property) and _is_trait(name, value):
             said = f"traits = Traits({FORMER[name]}=...)"
             raise TraitError(f"{node.__name__}.{name} is read by nothing: write {said}, from trees.engine.traits")
+
+
+def refuse_own(node: type, names: Sequence[str]) -> None:
+    """Raises TraitError for a class, not one of the engine, that has a method in which the engine keeps its word."""
+    if node.__module__.startswith("trees.engine."):
+        return
+    for name in names:
+        if name in vars(node):
+            raise TraitError(f"{node.__name__}.{name} is the engine's own; override one of: {OVERRIDDEN}")
 
 
 def _is_trait(name: str, value: Any) -> bool:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from py_trees.common import Status
-
 from cell.interfaces.clock import Clock
+from cell.interfaces.notes import Journal
 from trees.engine.blackboard import Scope
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+from trees.engine.outside import LoggedAnswers
+from trees.engine.status import Status
 
 CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
 
@@ -31,12 +32,27 @@ class OnBlackboard(Protocol):
         ...
 
 
+@runtime_checkable
+class Journalled(Protocol):
+    """Services with a log."""
+
+    @property
+    def journal(self) -> Journal:
+        """Takes notes."""
+        ...
+
+    @property
+    def answers(self) -> LoggedAnswers | None:
+        """What leaves were answered in the run that is replayed; None in a run."""
+        ...
+
+
 class Tree:
     """The nodes of one tree and their blackboard.
 
     Attributes:
         name: ID of the BehaviorTree that runs.
-        root: topmost node, a py_trees behaviour.
+        root: topmost node.
         nodes: all nodes, by uid - 1.
         blackboard: entries of the main tree.
         origins: what each node was made of, by uid - 1.
@@ -71,6 +87,8 @@ class Tree:
     def setup(self, services: Any, clock: Clock) -> None:
         """Give the leaves their services and all nodes the clock; before the first tick."""
         self._runtime.clock = clock
+        if isinstance(services, Journalled):
+            self._runtime.journal, self._runtime.answers = services.journal, services.answers
         if isinstance(services, OnBlackboard):
             services.stand_on(self.blackboard)
         for node in self.nodes:
@@ -82,6 +100,7 @@ class Tree:
         An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
         """
         self._runtime.changes.clear()
+        self._runtime.ticks += 1
         try:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:
@@ -98,9 +117,15 @@ class Tree:
             ExceptionGroup: nodes failed to terminate; all others were terminated all the same.
         """
         self._runtime.changes.clear()
+        self._runtime.ticks += 1  # what a halt still ticks, such as a TryCatch, has no guard of the last tick
         errors = self._halt_all()
         if errors:
             raise ExceptionGroup("nodes failed to terminate", errors)
+
+    @property
+    def xml(self) -> str:
+        """The text of its file, also of a tree that was written in Python."""
+        return next(iter(self.texts.values()))
 
     @property
     def status_changes(self) -> list[StatusChange]:

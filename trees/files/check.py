@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from py_trees.common import Status
-
 from cell.errors import Problem
 from trees.engine.node import FAILURE, Control, Node, TreeNode
 from trees.engine.ports import Port
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry
 from trees.files.checks.structure import fits

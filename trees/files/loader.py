@@ -16,6 +16,7 @@ from trees.files.build.registry import Registry
 from trees.files.checks.dataflow import check_dataflow, check_order
 from trees.files.checks.reach import check_claims, check_reach
 from trees.files.checks.structure import check_structure, count_levels
+from trees.files.parse.in_python import InPython
 from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, read_library
 
 # Python frames that a level of a tree takes at most in a tick, and those that its callers may need.
@@ -24,13 +25,13 @@ FRAMES_AROUND = 400
 
 
 def load_tree(
-    path: Path,
+    path: Path | InPython,
     registry: Registry,
     main: str | None = None,
     provided: Mapping[str, Any] | None = None,
     beside: Iterable[Path] = (),
 ) -> Tree:
-    """Load a tree file and what it includes; what `cell check` reports is refused here, too.
+    """Load a tree file, or what stands for one, and what it includes; what `cell check` reports is refused here, too.
 
     Args:
         registry: the nodes that the file may name.
@@ -46,7 +47,7 @@ def load_tree(
         library.main = main
     problems = find_problems(library, registry)
     if library.main not in library.trees:
-        place = Place(path, 1, 1)
+        place = Place(next(iter(library.texts), Path()), 1, 1)
         what = (
             f"there is no BehaviorTree '{library.main}'"
             if library.main

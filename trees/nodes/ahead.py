@@ -6,11 +6,11 @@ import math
 from collections import Counter
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.people import distance_m, hole_on_bench_m
 from trees.nodes.planning import judge, note_verdict

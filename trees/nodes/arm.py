@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
 from trees.engine.node import SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.poses import (
     FINGERS_DOWN,

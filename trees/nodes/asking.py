@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from py_trees.common import Status
-
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 

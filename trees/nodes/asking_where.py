@@ -6,11 +6,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
-from py_trees.common import Status
-
 from cell.interfaces.operator import PLACED_BY_HAND, Answer
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
 from trees.engine.ports import InOutPort, InputPort
+from trees.engine.status import Status
 from trees.nodes.asking import Asks
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from py_trees.common import Status
-
 from cell.interfaces.memory import without
 from cell.interfaces.perception import PartDetection, PartsView
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Part
 from trees.nodes.services import CellNode
 

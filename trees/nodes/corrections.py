@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from py_trees.common import Status
-
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, Answer
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.asking import Asks
 from trees.nodes.mistakes import KINDS, Mistake, Mistakes, mistakes_in, reason_of, todo_of

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence as Children
 from dataclasses import replace
 from typing import Any
 
-from py_trees.common import Status
-
 from cell.interfaces.perception import PartsView
-from trees.engine.decorators import reset_if_done
-from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator, TreeNode
+from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InputPort, OutputPort, Port, further_of
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import Services
 
@@ -28,11 +24,9 @@ class ForEach(Decorator):
     number = OutputPort(int, "number of this round, from 0")
     services: Services
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._items: list[Any] = []
-        self._round = 0
-        self._child_runs = False
+    _items: list[Any]
+    _round = 0
+    _child_runs = False
 
     def setup(self, **kwargs: Any) -> None:
         """Take the services."""
@@ -55,8 +49,10 @@ class ForEach(Decorator):
             self.number.set(self._round)
             self.begin(self._items[self._round])
         self.set_status(RUNNING)
-        status = reset_if_done(self.decorated, self.decorated.execute())
+        status = self.decorated.execute()
         self._child_runs = status is RUNNING
+        if not self._child_runs:
+            self.decorated.reset_status()
         if status is RUNNING or status is FAILURE:
             return status
         self._round += 1

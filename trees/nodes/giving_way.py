@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Skill, SkillStatus
 from trees.engine.ports import InputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.skill_node import SkillNode
 

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 
-from py_trees.common import Status
-
 from cell.interfaces.memory import more, without
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Part
 from trees.nodes.clutter import lies_on_its_side
 from trees.nodes.services import CellNode

@@ -8,14 +8,11 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from py_trees.common import Status
-
 from trees.engine.blackboard import UNSET
-from trees.engine.decorators import reset_if_done
 from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.each import rows_of
 from trees.nodes.poses import FARTHEST_M, FramedPose
@@ -101,7 +98,7 @@ class KeepResult(Decorator):
 
     def run(self) -> Status:
         self.set_status(RUNNING)
-        status = reset_if_done(self.decorated, self.decorated.execute())
+        status = self.decorated.execute()
         if status is not RUNNING:
             self.result.set(status.name)
             self.reason.set(self.decorated.feedback_message)

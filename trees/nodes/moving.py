@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from enum import Enum
 
-from py_trees.common import Status
-
 from cell.interfaces.memory import NEVER_S
 from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode

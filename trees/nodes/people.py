@@ -7,12 +7,12 @@ from dataclasses import replace
 from enum import Enum
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
+from trees.engine.status import Status
 from trees.engine.vocabulary import Hole
 from trees.nodes.clutter import seen_part
 from trees.nodes.poses import FramedPose, world_pose

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from py_trees.common import Status
-
 from cell.interfaces.memory import more, without
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InOutPort, InputPort
+from trees.engine.status import Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode

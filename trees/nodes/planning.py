@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from py_trees.common import Status
-
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.guard import Verdict

@@ -21,6 +21,7 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, Gra
 from cell.interfaces.product import Product
 from trees.engine.blackboard import Scope
 from trees.engine.node import Node
+from trees.engine.outside import LoggedAnswers
 from trees.guard import Guard
 from trees.nodes.files import Files, WorkingFolder
 
@@ -66,6 +67,7 @@ class Tools:
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
         journal: takes notes for the log.
         files: tables and saved values of the user.
+        answers: what leaves were answered from beyond the cell in the run that is replayed; None in a run.
         teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
             None where they are kept nowhere.
         learn: the tools that know how a bracket was finished, and the name of its goal; None where it has none.
@@ -81,6 +83,7 @@ class Tools:
     guard: Guard
     journal: Journal
     files: Files = field(default_factory=WorkingFolder)
+    answers: LoggedAnswers | None = None
     teach: Callable[[str, tuple[str, ...]], str] | None = None
     learn: Callable[[Tools, tuple[str, ...]], tuple[Tools, str | None]] = lambda tools, _: (tools, None)
 
@@ -111,6 +114,16 @@ class Services:
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None
+
+    @property
+    def journal(self) -> Journal:
+        """Takes notes for the log."""
+        return self.tools.journal
+
+    @property
+    def answers(self) -> LoggedAnswers | None:
+        """As those of the tools."""
+        return self.tools.answers
 
     def stand_on(self, blackboard: Scope) -> None:
         """Write the memory to entries of a tree, and to the log, whole now and then as it changes."""

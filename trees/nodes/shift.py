@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from py_trees.common import Status
-
 from cell.errors import InputError
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from py_trees.common import Status
-
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.skill import Progress, Skill, SkillStatus
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from enum import Enum
 
-from py_trees.common import Status
-
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from py_trees.common import Status
-
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Part
 from trees.nodes.poses import FramedPose, near_bracket, world_pose

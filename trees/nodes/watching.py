@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from py_trees.common import Status
-
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Goal, Hole
 from trees.nodes.services import CellNode

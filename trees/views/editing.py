@@ -13,13 +13,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Literal
 
-from py_trees.common import Status
-
 from cell.errors import Place
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script
+from trees.engine.status import Status
 from trees.files.build.registry import Registry, is_leaf, is_reserved, meaning_of
 from trees.files.parse.library import Library
 from trees.files.parse.replacing import REPLACES

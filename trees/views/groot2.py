@@ -8,10 +8,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from py_trees.common import Status
-
 from trees.engine.blackboard import UNSET
 from trees.engine.node import SKIPPED, StatusChange, TreeNode
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.views.palette import models
@@ -107,7 +106,7 @@ def _node_lines(tree: Tree, root: TreeNode, subtrees: list[tuple[str, str, TreeN
         tag, written = tree.origins[node.uid - 1]
         values = {key: value for key, value in written.items() if key != "name"}
         values = {"name": node.name, **values, "_uid": str(node.uid)}
-        children: list[TreeNode] = list(node.children)  # type: ignore[arg-type]
+        children = node.children
         if tag == "SubTree":
             values["_fullpath"] = node.full_path
             subtrees.append((values["ID"], node.full_path, children[0]))

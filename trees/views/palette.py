@@ -7,13 +7,12 @@ from collections.abc import Collection, Iterable, Iterator
 from difflib import get_close_matches
 from xml.sax.saxutils import quoteattr
 
-from py_trees.common import Status
-
 from cell.errors import InputError
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
+from trees.engine.status import Status
 from trees.files.build.registry import BUILT_IN, Registry, meaning_of
 
 ORDER = ("Action", "Condition", "Control", "Decorator", "SubTree")

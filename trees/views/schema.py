@@ -13,17 +13,15 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from py_trees.common import Status
-
 from trees.engine.literals import FALSE_WORDS, STATUS_WORDS, TRUE_WORDS, has_literals, type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script
+from trees.engine.status import Status
 from trees.engine.vocabulary import Words, is_word
 from trees.files.build.registry import Registry, is_leaf, meaning_of
 from trees.files.parse.replacing import REPLACES
-from trees.files.parse.version3 import FORMAT
-from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, NOTES, SCRIPTS_AFTER
+from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, FORMAT, NOTES, SCRIPTS_AFTER
 from trees.views.palette import default_text
 
 XS = "{http://www.w3.org/2001/XMLSchema}"

@@ -28,6 +28,8 @@ from trees.node_library import node_registry
 CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
 OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
 OF_TOOL = {"tcp_from_tool0_m": "tcp_from_flange_m", "fingertip_beyond_tcp_m": "fingertip_beyond_tcp_m"}
+UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robot.urdf"
+UR10 = "package://ur10/ur10.urdf"
 FOLDER = "tree/"
 PRODUCT = "product.yaml"
 AnyModel = TypeVar("AnyModel", bound=Model)
@@ -54,6 +56,8 @@ def upgrade(folder: Path) -> None:
         (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
     if (folder / ROBOT).exists():
         data["robot"] = ROBOT
+        text = (folder / ROBOT).read_text("utf-8")
+        (folder / ROBOT).write_text(text.replace(UR10_OF_OLD, UR10), "utf-8")
     path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
 
 

@@ -32,6 +32,7 @@ from cell.wiring.services import Planners, TickClock, load_planners, make_servic
 from skills.motion.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange
+from trees.engine.outside import LoggedAnswers
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
@@ -108,7 +109,8 @@ class Replay:
             self._journal,
             log.ticks[0].observation,
             ResumeState.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else ResumeState(),
-            LoggedFiles([fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]),
+            LoggedFiles(_notes(log, "file")),
+            LoggedAnswers(_notes(log, "outside")),
         )
         self._clock = TickClock(self._services)
         self.tree.setup(self._services, self._clock)
@@ -211,6 +213,10 @@ def _refuse_without_beginning(log: Log) -> None:
     if first := log.ticks[0].number:
         what = f"begins with tick {first}; nodes remember what they saw, so a replay needs the run from tick 0 on"
         raise LogError(log.path, f"{what}: name the first part")
+
+
+def _notes(log: Log, about: str) -> list[dict[str, Any]]:
+    return [fields for tick in log.ticks for topic, fields in tick.notes if topic == about]
 
 
 def _nobody(_: int) -> None:

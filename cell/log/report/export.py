@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import struct
 from bisect import bisect_right
@@ -16,6 +15,7 @@ import numpy as np
 
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
+from cell.files.packages import needed
 from cell.interfaces.bench import JOINTS
 from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, LoggedTick
@@ -140,12 +140,7 @@ def _csv(log: Log, path: Path) -> int:
 
 
 def _parquet(rows: list[dict[str, Any]], path: Path) -> int:
-    try:
-        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise InputError(
-            "Parquet needs pyarrow; install it with: .venv/bin/pip install -e '.[parquet]', or use --to csv"
-        ) from None
+    arrow, parquet = (needed(name, "Parquet (not CSV)", "parquet") for name in ("pyarrow", "pyarrow.parquet"))
     parquet.write_table(arrow.Table.from_pylist(rows), str(path))
     return len(rows)
 

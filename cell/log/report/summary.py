@@ -8,14 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-from py_trees.common import Status
-
 from cell.errors import InputError, LogError
 from cell.log.read.frames import LINE, decoded
 from cell.log.read.mcap_file import Message
 from cell.log.read.reader import Log
 from cell.log.replay.logged_tree import logged_tree
-from trees.engine.status import SKIPPED
+from trees.engine.status import SKIPPED, Status
 
 JOIN_S = 0.13  # runs of one node that are closer than three ticks become one bar
 SHORTEST_WAIT_S = 0.2

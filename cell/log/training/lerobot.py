@@ -7,7 +7,6 @@ gripper's goal.
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ import orjson
 
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
+from cell.files.packages import needed
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from cell.log.read.frames import CAMERA, Frames
@@ -295,8 +295,4 @@ def _write_json(content: dict[str, Any], path: Path) -> None:
 
 
 def _arrow() -> tuple[Any, Any]:
-    try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        install = "pip install 'cell[parquet]', in a clone: .venv/bin/pip install -e '.[parquet]'"
-        raise InputError(f"a data set needs pyarrow: {install}") from None
+    return needed("pyarrow", "a data set", "parquet"), needed("pyarrow.parquet", "a data set", "parquet")

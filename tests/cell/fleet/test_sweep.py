@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 
 from cell.fleet.one_run import run_here
 from cell.fleet.spec import Seeds, Sweep, count, load_sweep, tasks
@@ -35,6 +36,7 @@ def workers(of: int) -> list[psutil.Process]:
     return [one for one in psutil.Process(of).children(recursive=True) if "spawn_main" in " ".join(one.cmdline())]
 
 
+@pytest.mark.slow
 def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.yaml", tmp_path / "out"
     spec.write_text(SPEC)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -11,7 +12,8 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
 from cell.interfaces.pose import Array
-from cell.interfaces.robot import default_robot, load_robot, shipped_robots
+from cell.interfaces.robot import FOLDER, default_robot, load_robot, shipped_robots
+from cell.runs.heading import robot_files
 from sim.scene.world import build_world
 from skills.motion.kinematics import Kinematics
 from skills.motion.settings import MotionSettings
@@ -69,6 +71,36 @@ def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
     loaded = load_configuration(path)
     assert loaded.motion.robot == loaded.robot
     assert (loaded.robot.name, loaded.motion.acceleration_limits_rad_s2[0]) == ("slow", 1.5)
+
+
+def own_robot(folder: Path, mesh: str) -> Path:
+    """A robot whose forearm is a mesh of its own, under this name."""
+    urdf = (FOLDER / "ur10" / "ur10.urdf").read_text().replace("package://ur10/collision/forearm.stl", mesh)
+    (folder / "own.urdf").write_text(urdf)
+    robot = (FOLDER / "ur10.yaml").read_text().replace("package://ur10/ur10.urdf", "own.urdf")
+    (folder / "own.yaml").write_text(robot)
+    return folder
+
+
+@pytest.mark.parametrize("mesh", ["meshes/own.stl", "package://mine/meshes/own.stl"])
+def test_meshes_lie_beside_the_urdf_or_in_its_package_and_are_kept_in_the_log(tmp_path: Path, mesh: str) -> None:
+    folder = tmp_path / "mine"
+    (folder / "meshes").mkdir(parents=True)
+    shutil.copy(FOLDER / "ur10" / "collision" / "forearm.stl", folder / "meshes" / "own.stl")
+    robot = load_robot("own.yaml", own_robot(folder, mesh))
+    assert str(folder / "meshes" / "own.stl") in robot.urdf_text
+    for name, (_, content) in robot_files(robot).items():
+        (tmp_path / "log" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "log" / name).write_bytes(content)
+    shutil.rmtree(folder)
+    logged = load_robot("robot.yaml", tmp_path / "log")
+    assert str(tmp_path / "log" / "robot") in logged.urdf_text
+    assert logged.model_dump(exclude={"urdf"}) == robot.model_dump(exclude={"urdf"})
+
+
+def test_a_mesh_that_is_nowhere_is_told_with_where_it_was_looked_for(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"own.urdf: there is no mesh none.stl; looked for: .*/none.stl"):
+        load_robot("own.yaml", own_robot(tmp_path, "none.stl"))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
@@ -32,6 +31,7 @@ from skills.drivers.can_gripper import CanFrame
 from tests import ROOT
 from tests.cell.fakes import frame, idle_view
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 
 OUTCOME = Outcome("finished", "the tree succeeded", 1, 0, 1.0, 0.5)
 

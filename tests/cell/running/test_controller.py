@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.errors import DeviceFault
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.settings import ControllerSettings
 from cell.watching.observer import EXIT_STATUS, Outcome
 from tests.cell.fakes import Rig, frame
+from trees.engine.status import Status
 
 
 def after(ticks: int, status: Status) -> Callable[[int], Status]:

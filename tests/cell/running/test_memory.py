@@ -6,8 +6,6 @@ import gc
 import tracemalloc
 from collections.abc import Callable
 
-from py_trees.common import Status
-
 from cell.interfaces.command import Command, Display
 from cell.interfaces.devices import TruthEvent
 from cell.interfaces.observation import Observation
@@ -19,6 +17,7 @@ from sim.worker.event_log import EventLog
 from tests.cell.running.test_brackets import Note
 from tests.cell.running.test_finished import ARM, GRIPPER
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 
 WARM, TICKS = 4000, 16_000
 LEAST_GROWTH_BYTES = 40_000  # of something that keeps 8 bytes or more a tick it would be 128 000

@@ -11,7 +11,7 @@ from cell.errors import InputError
 from trees.node_library import node_registry
 
 OWN = """
-from py_trees.common import Status
+from trees.engine.status import Status
 from trees.engine.node import Control, Decorator, Node
 from trees.nodes.moving import PickPart
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.command import Display
@@ -14,6 +13,7 @@ from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.running.operator import KEPT, WAITING, OperatorChannel
 from cell.running.supervisor import Supervisor
 from tests.cell.fakes import Rig
+from trees.engine.status import Status
 
 ASKED = Question(3, "goal", "which one?", answers=(Answer("g0", "g0"), Answer("none of these", "a new one")))
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
@@ -14,6 +13,7 @@ from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Ob
 from cell.interfaces.operator import OperatorOrder
 from cell.running.device_writer import GripperHold
 from tests.cell.fakes import PARKED, FakeGripper, Rig
+from trees.engine.status import Status
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
 

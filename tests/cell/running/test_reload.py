@@ -10,7 +10,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from py_trees.common import Status
 from rich.console import Console
 
 from cell.interfaces.clock import ManualClock
@@ -29,6 +28,7 @@ from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
 from tests.trees.nodes.rig import services
 from trees.engine.node import Node
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree

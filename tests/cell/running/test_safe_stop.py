@@ -10,7 +10,6 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import DeviceFault
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
@@ -18,6 +17,7 @@ from cell.running import controller as controller_module
 from cell.running.safe_stop import condition
 from cell.watching.observer import Outcome, TickRecord
 from tests.cell.fakes import FakeObserver, FakeTree, Rig
+from trees.engine.status import Status
 
 
 def forever(_: int) -> Status:

@@ -10,7 +10,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.observation import ArmState
 from cell.running import watchdog
@@ -18,6 +17,7 @@ from cell.running.watchdog import Watchdog
 from tests import ROOT
 from tests.cell.fakes import Rig
 from tests.processes import started
+from trees.engine.status import Status
 
 LIMIT_S = 60.0
 
@@ -150,7 +150,7 @@ def test_signals_are_handled_as_before_once_it_has_ended() -> None:
 
 HANGS = """
 import sys, threading, time
-from py_trees.common import Status
+from trees.engine.status import Status
 from cell.running.watchdog import Watchdog
 from tests.cell.fakes import Rig
 

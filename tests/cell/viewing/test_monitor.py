@@ -17,7 +17,6 @@ import msgspec
 import pytest
 import zmq
 from btview.client import Groot2Client
-from py_trees.common import Status
 from rich.console import Console
 
 from cell.errors import InputError
@@ -31,6 +30,7 @@ from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree

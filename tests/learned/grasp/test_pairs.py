@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlanner
@@ -18,7 +19,6 @@ from learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
 from learned.inference.onnx_model import OnnxModel
-from learned.lab.grasp_baselines import AveragingPlanner
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
 
 EXACT = SceneSettings(noise=DetectionNoise(position_m=0.0, yaw_rad=0.0))
@@ -83,7 +83,10 @@ def test_more_noise_makes_the_planner_less_sure() -> None:
     assert doubtful < sure - 0.1
 
 
+@pytest.mark.torch
 def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
+    from learned.lab.grasp_baselines import AveragingPlanner
+
     noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
     planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))
     right = [0, 0]

@@ -54,13 +54,14 @@ def test_most_hands_are_found_in_looks_beyond_those_of_training() -> None:
     assert scores["palm_plane_mm_p95"] < 14  # large dark hands were read 10 mm too far from the fingers
 
 
+@pytest.mark.slow
 def test_dark_hands_over_their_own_shadows_are_found() -> None:
     configuration = simulated(load_configuration(), "hard", "varied")
     product = load_product(configuration)
     trackers = {"slim": lambda bench: slim_tracker(bench, product, FILE)}
     chosen = {"stretches": 2, "physics": False, "only": "bare-right"}
     scores = evaluate_hands(configuration, product, trackers, [DARK_SEED], **chosen)["slim"]  # type: ignore[arg-type]
-    assert scores["found"] > 0.8  # .26 before dark images were made light
+    assert scores["found"] > 0.8
 
 
 def test_the_other_hand_is_not_the_one_that_works() -> None:

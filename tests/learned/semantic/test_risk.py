@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cell.interfaces.product import Product
 from learned.lab.semantic_streams import NEVER, assemble, unlisted
@@ -13,6 +14,7 @@ from learned.semantic.model import BayesPlanner
 from learned.semantic.risk import act_probability
 from tests.learned.products import DEFAULT
 
+pytestmark = pytest.mark.torch
 LAYOUT = Layout.of(DEFAULT)
 CONFUSIONS = Confusions.of(LAYOUT, "alike types", 0.05)
 

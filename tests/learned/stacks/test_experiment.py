@@ -16,8 +16,9 @@ from learned.lab.stacks.settings import StackTraining
 from learned.lab.stacks.vmrd import read_vmrd, write_scene, write_splits
 from learned.training.schedule import Schedule
 from tests.learned.stacks.folders import picture
-from tests.learned.stacks.made_up import WIDTH, scene
+from tests.learned.stacks.made_up import scene
 
+WIDTH = 6
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 BRIEF = StackTraining(share=0.05, heads=Schedule(epochs=1))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,32 @@ from learned.lab.stacks.networks import GvmrnRf, PointerNet, Vmrn
 from learned.lab.stacks.planners import Always, Topmost, train_planner
 from learned.lab.stacks.scores import Seen, ious, names_what_lies_on, score
 from learned.lab.stacks.settings import Kind, StackTraining
-from learned.lab.stacks.views import StackView, _read, _write
+from learned.lab.stacks.views import Labelled, StackView, _read, _write, labelled
 from learned.training.schedule import Schedule
-from tests.learned.stacks.made_up import WIDTH, example
+from tests.learned.stacks.made_up import scene
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
+WIDTH = 6
+
+
+def example(seed: int) -> Labelled:
+    """A scene whose unions' features say whether the left one of two is on top; regions' first feature is how left."""
+    drawn = scene(seed)
+    boxes = np.array([one.box_px for one in drawn.objects]) / (480, 360, 480, 360)
+    count = len(boxes)
+    unions = np.zeros((count, count, WIDTH), np.float16)
+    for i, j in combinations(range(count), 2):
+        first, second = (i, j) if boxes[i, 0] < boxes[j, 0] else (j, i)
+        lies = drawn.objects[second].index in drawn.objects[first].children
+        carries = drawn.objects[first].index in drawn.objects[second].children
+        unions[i, j, :3] = unions[j, i, :3] = (lies, carries, not (lies or carries))
+    regions = np.random.default_rng(seed).normal(size=(count, WIDTH)).astype(np.float16)
+    regions[:, 0] = 6 * boxes[:, 0] - 2
+    tops = np.array([one.top_m for one in drawn.objects], dtype=float)
+    names = tuple(one.name for one in drawn.objects)
+    return labelled(drawn, StackView(names, boxes, regions, 3 * unions, tops))
+
+
 TAUGHT = [example(seed) for seed in range(160)]
 ASKED = [Seen(one, one.view) for one in (example(seed) for seed in range(900, 940))]
 

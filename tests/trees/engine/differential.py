@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import IO, Protocol
 
 import behaviortreepy
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
@@ -20,6 +19,7 @@ from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.random_trees import VARIABLES, Case
 from trees.engine.blackboard import UNSET
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 

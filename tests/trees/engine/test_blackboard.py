@@ -5,12 +5,12 @@ from __future__ import annotations
 from enum import Enum
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import InputError
 from tests.trees.conftest import Load
 from trees.engine.node import Node
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.status import Status
 from trees.files.build.registry import Registry
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load, load_whatever_is_reached
 from trees.engine.node import Node, NodeError
+from trees.engine.status import Status
 from trees.files.build.registry import Registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}

@@ -1,14 +1,16 @@
-"""Overrides keep what the file says around a node; py_trees' way of ticking keeps overrides."""
+"""Overrides keep what the file says around a node."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.node import Node
+from trees.engine.status import Status
+from trees.engine.traits import Traits
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
@@ -43,9 +45,43 @@ def test_conditions_hold_around_a_replaced_node(tmp_path: Path, conditions: str,
     assert tree.blackboard.values()["x"] == x
 
 
-def test_py_trees_way_of_ticking_keeps_the_hook(tmp_path: Path) -> None:
-    tree = hooked(tmp_path, '<AlwaysFailure _onSuccess="x := 1"/>')
-    for _ in range(2):
-        tree.blackboard.entry("x").value = 0
-        list(tree.root.tick())
-        assert tree.blackboard.values()["x"] == 1
+def test_who_waits_at_a_breakpoint_that_is_gone_cannot_be_unlocked(tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>')
+    tree = load_tree(file, Registry())
+    tree.setup(None, ManualClock())
+    hooks = Hooks(tree, lambda _: None)
+    ORDERS["I"](hooks, {"uid": 1, "mode": 0, "position": 0})
+    assert tree.tick() is Status.RUNNING
+    ORDERS["R"](hooks, {"uid": 1, "position": 0})
+    with pytest.raises(ValueError, match="node 1 does not wait at a breakpoint"):
+        ORDERS["U"](hooks, {"uid": 1, "position": 0, "desired_status": "SUCCESS", "remove_when_done": True})
+    assert tree.tick() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("position", [0, 1])
+def test_a_guard_that_a_monitor_lets_agree_has_agreed(tmp_path: Path, position: int) -> None:
+    class Refuses(Node):
+        """Never agrees."""
+
+        traits = Traits(instant=True, guards=True)
+
+        def update(self) -> Status:
+            return Status.FAILURE
+
+    class Places(Node):
+        """Must be guarded."""
+
+        traits = Traits(needs_guard=True)
+
+        def update(self) -> Status:
+            return Status.SUCCESS
+
+    file = tmp_path / "tree.xml"
+    body = "<ReactiveSequence><Refuses/><Places/></ReactiveSequence>"
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
+    tree = load_tree(file, Registry([Refuses, Places]))
+    tree.setup(None, ManualClock())
+    assert tree.tick() is Status.FAILURE
+    ORDERS["I"](Hooks(tree, lambda _: None), {"uid": 2, "mode": 1, "position": position, "desired_status": "SUCCESS"})
+    assert tree.tick() is Status.SUCCESS

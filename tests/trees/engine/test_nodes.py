@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import py_trees
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.recording.schemas import plain
 from tests.trees.conftest import Load
 from trees.engine.node import SKIPPED, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 
 
@@ -279,21 +278,6 @@ def test_feedback_that_is_new_in_every_tick_fills_no_memory(load: Load, monkeypa
         assert [change.feedback for change in tree.status_changes] == [str(number)]
         kept.append(len(tree._change_cache))
     assert max(kept) <= 6
-
-
-def test_py_trees_tools_work_on_a_loaded_tree(load: Load) -> None:
-    tree = load('<Sequence name="top"><AlwaysSuccess/><Fallback name="either"><Steps/></Fallback></Sequence>', Steps)
-    visitor = py_trees.visitors.SnapshotVisitor()
-    stock = py_trees.trees.BehaviourTree(tree.root)
-    stock.visitors.append(visitor)
-    stock.tick()
-    assert visitor.visited == {node.id: node.status for node in tree.nodes}
-    assert "{-} top [*]" in py_trees.display.unicode_tree(tree.root, show_status=True)
-    tree.nodes[1].set_status(SKIPPED)
-    assert "AlwaysSuccess [-]" in py_trees.display.unicode_tree(tree.root, show_status=True)
-    stock.root.stop(Status.INVALID)
-    assert {node.status for node in tree.nodes} == {Status.INVALID}
-    assert leaf(tree).halts == 1
 
 
 def test_texts_of_all_files_are_kept_for_the_log(load: Load, tmp_path: Path) -> None:

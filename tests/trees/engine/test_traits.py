@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from py_trees.common import Status
 
 from trees.engine.controls import ReactiveSequence, SequenceWithMemory
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
+from trees.engine.status import Status
 from trees.engine.traits import TraitError, Traits
 from trees.nodes.placing import PlacePart
 

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.files.build.registry import Registry
@@ -430,6 +430,7 @@ def test_a_subtree_needs_the_guard_wherever_it_is_called(write: Write) -> None:
         '<Fallback><Timeout msec="5"><AlwaysSuccess/></Timeout><Allow/></Fallback>',
         '<Sequence><Precondition if="1 &lt; 2" else="SKIPPED"><AlwaysFailure/></Precondition><Allow/></Sequence>',
         "<Parallel><KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure><Allow/></Parallel>",
+        '<Sequence><Repeat num_cycles="0"><AlwaysFailure/></Repeat><Allow/></Sequence>',
     ],
 )
 def test_what_may_be_reached_is_no_mistake(write: Write, nodes: str) -> None:
@@ -559,6 +560,10 @@ GUARDED = [
     (f"<ReactiveSequence><Sequence><Allow/>{SLEEP}</Sequence><Put/></ReactiveSequence>", False),
     (f"<ReactiveSequence><Sequence>{SLEEP}<Allow/></Sequence><Put/></ReactiveSequence>", True),
     ("<ReactiveSequence><Sequence><Allow/><Script code='n := 1'/></Sequence><Put/></ReactiveSequence>", True),
+    ("<ReactiveSequence><AsyncSequence><Allow/><AlwaysSuccess/></AsyncSequence><Put/></ReactiveSequence>", False),
+    ("<ReactiveSequence><AsyncSequence><AlwaysSuccess/><Allow/></AsyncSequence><Put/></ReactiveSequence>", True),
+    ('<ReactiveSequence><Allow/><TryCatch catch_on_halt="1"><Allow/><Put/></TryCatch></ReactiveSequence>', False),
+    ('<ReactiveSequence><Allow/><TryCatch catch_on_halt="0"><Allow/><Put/></TryCatch></ReactiveSequence>', True),
     (f"<ReactiveSequence><ReactiveSequence><Allow/>{SLEEP}</ReactiveSequence><Put/></ReactiveSequence>", True),
     (
         f"<ReactiveSequence><Fallback><Sequence><Allow/>{SLEEP}</Sequence><Allow/></Fallback><Put/></ReactiveSequence>",

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import Problem
 from cell.interfaces.clock import ManualClock
@@ -16,6 +15,7 @@ from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.blackboard import UNSET
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.files.build.registry import Registry
 from trees.files.check import check
 from trees.files.loader import build
@@ -83,7 +83,7 @@ def random_nodes(draw: random.Random, depth: int = 0) -> str:
 
 def test_no_reader_that_was_ever_served_is_a_problem(tmp_path: Path) -> None:
     path, told = tmp_path / "tree.xml", 0
-    for seed in range(200):
+    for seed in range(100):
         draw = random.Random(seed)
         path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{random_nodes(draw)}</BehaviorTree></root>')
         Reads.answers = Writes.answers = draw

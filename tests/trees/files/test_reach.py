@@ -6,13 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from tests.trees.engine.differential import Ours, Refused
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.node import RUNNING, Node
-from trees.engine.status import ANY
+from trees.engine.status import ANY, Status
 from trees.engine.traits import Traits
 from trees.files.build.registry import Registry
 from trees.files.checks.reach import _Reach

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.perception import Action, HandSample
 from cell.interfaces.planning import AssemblyState
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
+from trees.engine.status import Status
 from trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
 from trees.nodes.services import Services
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import BENCH, EMPTY_HOLES, SURE, hand_at, see, services
+from trees.engine.status import Status
 from trees.nodes.asking import AskForHelp, AskWhichGoal, HearOperator, WaitWhilePaused
 from trees.nodes.services import Services
 from trees.testing import alone

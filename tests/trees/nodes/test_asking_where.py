@@ -6,13 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from learned.semantic.model import BayesPlanner
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
+from trees.engine.status import Status
 from trees.nodes.asking_where import AskPosition
 from trees.nodes.services import Services
 from trees.testing import TreeBench, alone

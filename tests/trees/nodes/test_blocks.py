@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.notes import ListJournal
@@ -17,7 +16,7 @@ from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 from trees.nodes.each import rows_of

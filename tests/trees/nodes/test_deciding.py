@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.errors import ModelError
 from cell.interfaces.notes import ListJournal
@@ -25,7 +24,7 @@ from tests.trees.nodes.rig import (
     seen_parts,
     services,
 )
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, DecodeGuidance, InferGoal

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from py_trees.common import Status
-
 from cell.interfaces.perception import Action, HandSample, HoleView
 from cell.interfaces.planning import AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, PRODUCT, hand_at, see, services
+from trees.engine.status import Status
 from trees.nodes.people import AssemblyFinished
 from trees.nodes.services import Services
 from trees.nodes.watching import SeenAction

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
@@ -24,6 +23,7 @@ from skills.motion.near_hand import separation_of
 from skills.motion.planner import at_height
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
+from trees.engine.status import Status
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 

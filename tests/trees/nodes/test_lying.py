@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
@@ -17,7 +16,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.motion.planner import MotionPlanner
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.nodes.ahead import HoldsNeededPart
 from trees.nodes.clutter import LookAtTray, lies_on_its_side
 from trees.nodes.lying import FindLying, SetUpright

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from trees.engine.status import Status
 from trees.nodes.asking import AskWhichGoal
 from trees.nodes.corrections import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake
 from trees.nodes.mistakes import Mistake, reason_of

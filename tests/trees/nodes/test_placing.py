@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
@@ -14,6 +13,7 @@ from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, SkillStatus
 from tests import ROOT
 from tests.trees.nodes.rig import SURE, services
+from trees.engine.status import Status
 from trees.nodes.placing import PlacedInVain, PlacePart
 from trees.nodes.services import Services
 from trees.testing import TreeBench, alone

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from py_trees.common import Status
 
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
@@ -20,7 +19,7 @@ from cell.interfaces.pose import Pose
 from skills.motion.planner import MotionPlanner
 from skills.move_to import FollowPlan
 from tests.trees.nodes.rig import BENCH, CONFIGURATION, PRODUCT, services
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 from trees.nodes.ported.moveit_pro import PlannedMove

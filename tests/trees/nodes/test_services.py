@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 from pydantic import TypeAdapter
 
 from cell.errors import InputError
@@ -24,6 +23,7 @@ from cell.wiring.reload import take_over
 from tests.trees.nodes.rig import PRODUCT, seen_parts, services
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from py_trees.common import Status
-
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
+from trees.engine.status import Status
 from trees.nodes.services import Services, Tools
 from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
 from trees.nodes.watching import StartGraph

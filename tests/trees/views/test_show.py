@@ -9,10 +9,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from py_trees.common import Status
 
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import Status
 from trees.files.build.registry import BUILT_IN, Registry
 from trees.testing import TreeBench, alone, assert_ticks
 from trees.views.palette import groot_model, palette_list, palette_text

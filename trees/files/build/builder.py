@@ -1,12 +1,10 @@
-"""Makes py_trees behaviours of checked elements and connects their ports."""
+"""Makes nodes of checked elements and connects their ports."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
-
-from py_trees.common import Status
 
 from cell.errors import Place
 from trees.engine.blackboard import UNSET, Entry, Scope
@@ -15,6 +13,7 @@ from trees.engine.literals import constant, from_text
 from trees.engine.node import FAILURE, Control, Decorator, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, parse_script
+from trees.engine.status import Status
 from trees.engine.tree import Origin
 from trees.files.build.registry import Registry
 from trees.files.parse.library import Library
@@ -123,7 +122,7 @@ class Builder:
         else:
             node = self._plain(element, uid, name, scope)
         node.attach(self._runtime, uid, path)
-        node.conditions = None if element.broken else self._conditions(element, uid, label, scope)
+        node.conditions = None if element.broken else self._conditions(element, node, label, scope)
         self.nodes[uid - 1] = node
         return node
 
@@ -193,13 +192,14 @@ class Builder:
             return self._script(attribute, uid, port.name, node_tag(element), scope)
         return from_text(attribute.value, port.kind)
 
-    def _conditions(self, element: Element, uid: int, label: str, scope: Scope) -> ScriptConditions | None:
+    def _conditions(self, element: Element, node: TreeNode, label: str, scope: Scope) -> ScriptConditions | None:
         scripts = {
-            name: self._script(attribute, uid, name, label, scope)
+            name: self._script(attribute, node.uid, name, label, scope)
             for name, attribute in element.attributes.items()
             if name in CONDITIONS or name in SCRIPTS_AFTER
         }
-        return ScriptConditions(scripts) if scripts else None
+        asked = node.traits.guards or node.traits.needs_guard
+        return ScriptConditions(scripts, node.traits.needs_guard) if scripts or asked else None
 
     def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self._registry.enums)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, cast
+from typing import Any
 
 from cell.errors import Problem
 from trees.engine.blackboard import UNSET, Entry, Scope
@@ -167,11 +167,11 @@ class _Order:
         self._last = list(range(count + 1))  # last uid at or below each node
         self._back = [0] * (count + 1)  # uid of the topmost node above each one that comes back to it, 0 for none
         for node in nodes:
-            for child in _children(node):
+            for child in node.children:
                 back = self._back[node.uid] or (node.uid if node.traits.comes_back else 0)
                 self._back[child.uid] = back
         for node in reversed(nodes):
-            self._last[node.uid] = max([node.uid, *(self._last[child.uid] for child in _children(node))])
+            self._last[node.uid] = max([node.uid, *(self._last[child.uid] for child in node.children)])
 
     def problems(self, group: list[Use]) -> list[Problem]:
         """Of the users of one entry."""
@@ -212,7 +212,3 @@ def _problem(use: Use, first: Use | None) -> Problem:
     if first is None:
         return Problem(use.place, what, "give it a first value before, by := or by a node that only writes it")
     return Problem(use.place, what, f"{first.user} at {first.place} is the first to write it; put that before")
-
-
-def _children(node: TreeNode) -> list[TreeNode]:
-    return cast(list[TreeNode], node.children)

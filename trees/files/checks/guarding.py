@@ -3,7 +3,8 @@
 A guard stands above a node where a node such as ReactiveSequence asks it again in every tick while the other runs: what
 it is and does its class says (`traits`). It counts only where the
 node cannot be reached past it: a guard under ForceSuccess or Inverter, in one of several alternatives, or with a
-`_skipIf`, is none. Nor is one whose verdict may be old: followed in a Sequence by what runs on over several ticks.
+`_skipIf`, is none. Nor is one whose verdict may be old: followed in a Sequence by what runs on over several ticks, or,
+for what a TryCatch does on a halt, any: a guard that no longer agrees is what halts it.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from collections.abc import Iterator
 from itertools import accumulate
 
 from cell.errors import Problem
+from trees.engine.choices import TryCatch
 from trees.engine.controls import ReactiveSequence
 from trees.engine.decorators import SubTree
+from trees.engine.literals import FALSE_WORDS
 from trees.engine.node import SUCCESS, TreeNode
 from trees.engine.status import ANY
 from trees.files.build.registry import Registry
@@ -68,13 +71,18 @@ class _Finder:
         """The children, and whether a guard stands above or before them."""
         children = called(self._library, element)
         if guarded or element.broken:
-            yield from ((child, guarded) for child in children)
+            yield from ((child, guarded and not self._cleans_up(element, child)) for child in children)
             return
         stopping = [0, *accumulate(self._stops(element, child) for child in children)]  # of the first n children
         asked = self._class(element).traits.asked_before
         for index, child in enumerate(children):
             before = asked(index)
             yield child, stopping[before.stop] > stopping[before.start]
+
+    def _cleans_up(self, element: Element, child: Element) -> bool:
+        """Whether a child is begun because its parent is halted."""
+        halts = element.get("catch_on_halt") not in (None, *FALSE_WORDS)
+        return halts and not element.broken and self._class(element) is TryCatch and child is element.children[-1]
 
     def _stops(self, element: Element, child: Element) -> bool:
         """Whether a child that does not agree stops the others at once; a WhileDoElse lets them be while it runs."""
@@ -97,11 +105,13 @@ class _Finder:
 
     def _last_asked(self, element: Element, children: list[Element]) -> bool:
         """A guard among children that must all succeed, whose verdict is of the same tick as the last one's."""
-        again = self._class(element).traits.asked_before(len(children) - 1)
+        traits = self._class(element).traits
+        again = traits.asked_before(len(children) - 1)
         for index in reversed(range(len(children))):
             if id(children[index]) in self._guarding:
                 return True
-            if id(children[index]) not in self._instant and index - 1 not in again:
+            at_once = traits.instant and id(children[index]) in self._instant  # an AsyncSequence pauses between two
+            if not at_once and index - 1 not in again:
                 return False
         return False
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from cell.errors import InputError, Place, Problem
 from trees.engine.literals import TRUE_WORDS
+from trees.files.parse.in_python import InPython
 from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
-from trees.files.parse.version3 import FORMAT, Converted, convert
-from trees.files.parse.xml_file import Element, read_xml
+from trees.files.parse.version3 import Converted, convert
+from trees.files.parse.xml_file import FORMAT, Element, read_xml
 
 MOST_WORDS = 12
 CONVERT = "`cell convert` writes it as a file of version 4"
@@ -73,15 +74,17 @@ class Library:
     incomplete: bool = False
 
 
-def read_library(path: Path, beside: Iterable[Path] = (), opened: Mapping[Path, str] | None = None) -> Library:
-    """Read a file and what it includes; what is wrong is in `problems`.
+def read_library(
+    source: Path | InPython, beside: Iterable[Path] = (), opened: Mapping[Path, str] | None = None
+) -> Library:
+    """Read a file, or what stands for one, and what it includes; what is wrong is in `problems`.
 
     Args:
         beside: further files, and folders with them, whose trees it may name.
         opened: texts that count instead of files, by absolute path.
     """
     library = Library(opened=opened or {})
-    root = _read(library, path, None)
+    root = _read(library, source, None)
     own = tuple(library.trees)
     for file in _files(beside):
         if file.resolve() not in {known.resolve() for known in library.texts}:
@@ -119,9 +122,10 @@ def called(library: Library, element: Element) -> list[Element]:
     return library.trees[element.get("ID") or ""].children if element.tag == "SubTree" else element.children
 
 
-def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:
+def _read(library: Library, source: Path | InPython, included_at: Place | None) -> Element | None:
+    path = source if isinstance(source, Path) else source.path
     try:
-        text, root, malformed = read_xml(path, library.opened.get(path.resolve()))
+        text, root, malformed = read_xml(path, _opened(library, source))
     except InputError as error:
         library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]
@@ -129,6 +133,8 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
             library.problems.append(Problem(included_at, f"the included file {path.name} cannot be used"))
         library.problems += problems
         return None
+    if isinstance(source, InPython):
+        source.placed(root)
     library.texts[path] = text
     library.problems += malformed[:PROBLEM_LIMIT]
     library.incomplete = library.incomplete or root.broken
@@ -141,6 +147,11 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
         if len(library.problems) < PROBLEM_LIMIT:
             _take(library, element, path, len([child for child in root.children if child.tag == "BehaviorTree"]) == 1)
     return root
+
+
+def _opened(library: Library, source: Path | InPython) -> str | None:
+    """The text that counts instead of a file's."""
+    return library.opened.get(source.resolve()) if isinstance(source, Path) else source.text
 
 
 def _check_root(library: Library, root: Element, version3: Converted) -> None:

@@ -12,9 +12,8 @@ from pathlib import Path
 
 from cell.errors import Place, Problem
 from trees.engine.literals import TRUE_WORDS, number_in
-from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, SCRIPTS_AFTER, entry_name
+from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, FORMAT, SCRIPTS_AFTER, entry_name
 
-FORMAT = "4"
 RENAMED = {
     "SequenceStar": "SequenceWithMemory",
     "RetryUntilSuccesful": "RetryUntilSuccessful",

@@ -18,6 +18,7 @@ DEPTH_LIMIT = 1_000
 ATTRIBUTE_LIMIT = 100
 ELEMENT_LIMIT = 10_000
 ATTRIBUTES_LIMIT = 30_000  # in all elements together
+FORMAT = "4"
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 
 _NAME = re.compile(rb"(?<=</)[^\s>]*")
@@ -222,8 +223,8 @@ class _Reader:
 
 def _after(place: Place, text: str) -> Place:
     """The place behind a text that begins at `place`."""
-    assert place.line is not None
-    assert place.column is not None
+    if place.line is None or place.column is None:
+        return place
     lines = text.count("\n")
     if not lines:
         return Place(place.file, place.line, place.column + len(text))

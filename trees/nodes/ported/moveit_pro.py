@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from py_trees.common import Status
 
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.operator import Answer
@@ -20,7 +19,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.asking import Asks
 from trees.nodes.each import ForEach as Each

@@ -5,15 +5,11 @@ What they do is in: https://docs.nav2.org/behavior_trees/overview/nav2_specific_
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Children
 from typing import Any
 
-from py_trees.common import Status
-
-from trees.engine.decorators import reset_if_done
-from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator, TreeNode
+from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator
 from trees.engine.ports import InputPort
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.poses import tool_speed_m_s
 from trees.nodes.services import Services
@@ -34,10 +30,8 @@ class RecoveryNode(Control):
 
     number_of_retries = InputPort(int, "recoveries before it fails", default=1)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._recovers = False
-        self._recoveries = 0
+    _recovers = False
+    _recoveries = 0
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -70,7 +64,6 @@ class RecoveryNode(Control):
 
     def on_halt(self) -> None:
         self._recovers, self._recoveries = False, 0
-        self.reset_children()
 
 
 class RoundRobin(Control):
@@ -78,9 +71,8 @@ class RoundRobin(Control):
 
     wrap_around = InputPort(bool, "go on with the first child after the last one", default=False)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._index = self._failed = 0
+    _index = 0
+    _failed = 0
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -92,7 +84,6 @@ class RoundRobin(Control):
             self._index = (self._index + 1) % count
             if status is SUCCESS:
                 self._failed = 0
-                self.reset_children()
                 return SUCCESS
             skipped += status is SKIPPED
             self._failed += status is FAILURE
@@ -103,7 +94,6 @@ class RoundRobin(Control):
 
     def on_halt(self) -> None:
         self._index = self._failed = 0
-        self.reset_children()
 
 
 class PipelineSequence(Control):
@@ -111,9 +101,7 @@ class PipelineSequence(Control):
 
     traits = Traits(instant=True, at_once=True)
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._farthest = 0
+    _farthest = 0
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -132,7 +120,6 @@ class PipelineSequence(Control):
 
     def on_halt(self) -> None:
         self._farthest = 0
-        self.reset_children()
 
 
 class _Paced(Decorator):
@@ -141,9 +128,9 @@ class _Paced(Decorator):
     abstract = True
     traits = Traits(results=lambda below, _: below[0], succeeds_after="all")
 
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._first, self._start_s, self._period_s = True, 0.0, 0.0
+    _first = True
+    _start_s = 0.0
+    _period_s = 0.0
 
     def begin(self) -> float:
         """The first period in [s]."""
@@ -161,7 +148,7 @@ class _Paced(Decorator):
         if not (self._first or over or self.decorated.status is RUNNING):
             return RUNNING
         self._first = False
-        status = reset_if_done(self.decorated, self.decorated.execute())
+        status = self.decorated.execute()
         self.after(status, over)
         return status
 

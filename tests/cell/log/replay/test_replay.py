@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from py_trees.common import Status
 from rich.console import Console
 
 from cell.commands.main import main
@@ -27,6 +26,7 @@ from cell.runs.run import run
 from cell.viewing.monitor import HEADER, PROTOCOL, Monitor
 from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.read.test_reader import without
+from trees.engine.status import Status
 
 LEAVES = """
 import sys
@@ -40,7 +40,7 @@ class Leaves(CellNode):
 
 LEAVES_WHEN_HALTED = """
 import sys
-from py_trees.common import Status
+from trees.engine.status import Status
 from trees.nodes.services import CellNode
 
 class Leaves(CellNode):

@@ -15,13 +15,13 @@ from xml.etree import ElementTree
 import behaviortreepy
 import cv2
 import pytest
-from py_trees.common import Status
 from pyarrow import parquet
 
 from cell.commands.main import main
 from cell.errors import InputError, LogError
 from cell.log.read.reader import Log
 from cell.log.report.export import BTLOG_HEAD, BTLOG_MAGIC, export, table
+from trees.engine.status import Status
 from trees.views.groot2 import CODES
 
 STATUSES = {code: status for status, code in CODES.items()}

@@ -6,13 +6,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from py_trees.common import Status
 
 from cell.commands.main import main
 from cell.log.read.reader import Log
 from cell.log.replay.compare import Difference
 from cell.log.report.text import change_lines, difference_lines, entry_text, note_text, short
 from trees.engine.node import StatusChange
+from trees.engine.status import Status
 
 
 @pytest.mark.parametrize(

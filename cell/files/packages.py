@@ -1,0 +1,78 @@
+"""What is installed: the project under the name that it has in an index, its extras, and files that went missing."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import sys
+from importlib import metadata
+from typing import Any
+
+from cell.errors import InputError
+
+DISTRIBUTION = "bracket-cell"  # in an index `cell` is somebody else's
+
+
+def version() -> str:
+    """Of the project.
+
+    Raises:
+        metadata.PackageNotFoundError: it runs from a folder that was never installed.
+    """
+    return metadata.version(DISTRIBUTION)
+
+
+def needed(module: str, why: str, extra: str = "fleet") -> Any:
+    """A module of a package that comes with an extra.
+
+    Raises:
+        InputError: it is not installed; with the command that installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise InputError(f"{why} needs the package {package} ({error}): {install_command(extra)}") from None
+
+
+def install_command(extra: str) -> str:
+    """How this environment gets an extra: from where the project itself was installed, never by a bare name."""
+    try:
+        told = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+    except metadata.PackageNotFoundError:
+        told = {}
+    where = str(told.get("url", "CLONE")).removeprefix("file://")
+    editable = "-e " if told.get("dir_info", {}).get("editable") else ""
+    return f'{sys.executable} -m pip install {editable}"{where}[{extra}]"'
+
+
+def missing_packages() -> tuple[list[str], list[str]]:
+    """Packages that a run needs, and those of them that are not installed.
+
+    Raises:
+        metadata.PackageNotFoundError: the project itself is not.
+    """
+    listed = metadata.requires(DISTRIBUTION) or []
+    names = [re.split(r"[^\w.-]", one, maxsplit=1)[0] for one in listed if "extra ==" not in one]
+    there = {re.sub(r"[-_.]+", "-", one.name).lower() for one in metadata.distributions()}
+    return names, [name for name in names if re.sub(r"[-_.]+", "-", name).lower() not in there]
+
+
+def damaged_packages() -> dict[str, str]:
+    """Installed packages of which a file is missing or has another size than was recorded, with the first such file."""
+    damaged = {}
+    for one in metadata.distributions():
+        for file in one.files or ():
+            if file.suffix == ".pyc" or (file.size is None and file.hash is None):
+                continue
+            path = one.locate_file(file)
+            try:
+                size = path.stat().st_size  # type: ignore[attr-defined]
+            except OSError:
+                damaged[one.name] = f"{file} is missing"
+                break
+            if file.size is not None and size != file.size:
+                damaged[one.name] = f"{file} has {size} bytes, not {file.size}"
+                break
+    return damaged

@@ -1,0 +1,45 @@
+"""What is installed and whole, and how an extra is got."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from cell.errors import InputError
+from cell.files.packages import damaged_packages, missing_packages, needed
+
+
+@pytest.fixture
+def half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package of two files, on the path."""
+    info = tmp_path / "half-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: half\nVersion: 1.0\n")
+    (info / "RECORD").write_text("half/__init__.py,sha256=x,4\nhalf/more.py,sha256=x,2\nhalf-1.0.dist-info/RECORD,,\n")
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "__init__.py").write_text("a=1\n")
+    (tmp_path / "half" / "more.py").write_text("b\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    return tmp_path / "half"
+
+
+def test_a_package_that_was_half_unpacked_is_named_with_the_file(half: Path) -> None:
+    assert "half" not in damaged_packages()
+    (half / "more.py").write_text("")
+    assert damaged_packages()["half"] == "half/more.py has 0 bytes, not 2"
+    (half / "more.py").unlink()
+    assert damaged_packages()["half"] == "half/more.py is missing"
+
+
+def test_all_packages_of_a_run_are_there() -> None:
+    names, missing = missing_packages()
+    assert "mujoco" in names
+    assert "torch" not in names
+    assert not missing
+
+
+def test_an_extra_is_got_from_where_the_project_came_from_and_never_by_a_bare_name() -> None:
+    with pytest.raises(InputError, match=r"tables needs the package nowhere .*pip install .*/.*\[fleet\]\"$"):
+        needed("nowhere.at_all", "tables")

@@ -114,7 +114,10 @@ class Perception(Model):
             return {detector: landmark, f"{detector}.palm": palm}
         if (detector, kind) == ("parts", "centre"):
             from learned.parts.model import pose_file
+            from learned.parts.stacked import stacked_file
 
+            if (stacked := stacked_file(main)).is_file():
+                beside |= {f"{detector}.stacked": stacked}
             return {detector: main, f"{detector}.pose": pose_file(main), **beside}
         if (detector, kind) == ("parts", "rcnn"):
             from learned.parts.boxes import head_file, pose_file_of

@@ -21,6 +21,7 @@ from cell.interfaces.perception import (
 from cell.interfaces.product import Product
 from learned.calibration.check import CalibrationCheck
 from learned.classical.action_detector import ClassicalActionDetector
+from learned.classical.box_model import check_image
 from learned.classical.colour import ColourModel
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.classical.hole_reader import ClassicalHoleReader
@@ -58,18 +59,28 @@ class DetectorChain:
 
     def watch(self, frame: Frame) -> BenchView:
         """The answer to this frame; frames must come in order. The camera is where its calibration says."""
+        check_image(self._overhead.model, frame)
         frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
         hand = self._tracker.track(frame)
-        health = self._health.judge(frame)
+        health = self._health.judge(frame, [one for one in (hand, *self._tracker.others) if one is not None])
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
         hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
         holes = self._reader.read(frame, hand)
         self._keep(frame, hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands), self._before), holes)
-        others, left_by = self._tracker.others, self._track.left_by
-        calibration = self._calibration.judge(frame, hand)
         return BenchView(
-            frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, left_by, calibration
+            frame.sequence,
+            frame.time_s,
+            hand,
+            holes,
+            action,
+            health,
+            unknown,
+            other_hands=self._tracker.others,
+            left_by=self._track.left_by,
+            calibration=self._calibration.judge(frame, hand),
+            unseen=self._health.unseen,
+            unexplained=self._health.unexplained,
         )
 
     def _keep(self, frame: Frame, hand: HandSample | None) -> None:

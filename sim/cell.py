@@ -22,10 +22,11 @@ from sim.devices.simulated_gripper import GripperNode, SimGripper
 from sim.rendering.camera import Delivery, SimCamera
 from sim.rendering.photographer import Photographer, SensorSetup
 from sim.rendering.render_process import RenderProcess
-from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.clutter import full_set, sample_clutter
 from sim.scene.hand import add_hand
 from sim.scene.jobs import Jobs
 from sim.scene.look import Look
+from sim.scene.parts import ScenePart
 from sim.scene.person import Storage
 from sim.scene.settings import HARDWARE, SimSettings
 from sim.scene.storage import lay_out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product as all_of
 
 from cell.interfaces.command import GripperCommand
@@ -24,15 +25,26 @@ from skills.grasping.handling import (
     why_not_empty,
 )
 from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.motion.collision import Box
 from skills.motion.grip import STROKE_M
-from skills.motion.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
+from skills.motion.lying_grasp import (
+    MOST_LEAN_RAD,
+    LyingHold,
+    held_box,
+    laid_out,
+    lying_holds,
+    solid_boxes,
+    straight_holds,
+    turns_left,
+)
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.move_aside import free_centres
 
 HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is put down: the tool leans another way
 LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle
 DROP_M = 0.0025  # a part is let go this far above the floor: how it lay was not seen exactly
-TRIES = 64  # ways to hold that are tried
+WIDE_M = 0.014  # by which fingers open wider for what lies on others, whose pose is known less well; where they can
+TRIES, LIFTS = 64, 24  # ways to hold that are tried, leaning and straight
 
 Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
 
@@ -110,6 +122,66 @@ class PickLying(PhasedSkill):
         return f"holding {self._part.part} as it lay"
 
 
+class LayAside(PhasedSkill):
+    """Take a part as it lies, on others perhaps, and lay it down where the tray is free (Alg. 2, "move b")."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
+        """Args:
+        part: it is known how it lies (`lies`).
+        others: all other parts seen in the tray, those that carry it among them.
+        """
+        super().__init__()
+        self._planner, self._part, self._others = planner, part, tuple(others)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """A grasp with which the part can be put down on the side on which it lies, or on another one."""
+        planner, part = self._planner, self._part
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {part.part}: {full}"
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
+        reason = f"cannot take {part.part} as it lies: no room for the fingers"
+        for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
+            hold, tool, joints = chosen
+            take = take_lying(planner, part, self._others, chosen, carry_m)
+            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            if lifted is None or isinstance(take, str):
+                reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
+                continue
+            put = put_lying(planner, part.part, hold, observation, self._others, hold.sides, lifted)
+            if isinstance(put, str):
+                reason = put
+                continue
+            return [*take, *put]
+        return reason
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"{self._part.part} moved aside"
+
+
+def why_not_lifted(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
+) -> str | None:
+    """Why the arm cannot take a part as it lies, or None where it can."""
+    if part.lies is None:
+        return f"cannot take {part.part}: it is not clear how it lies"
+    if next(ways_to_lift(planner, part, others, near_rad), None) is None:
+        return f"cannot take {part.part} as it lies: no room for the fingers"
+    return None
+
+
+def ways_to_lift(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
+) -> Iterator[Chosen]:
+    """Ways to take a part as it lies, on others perhaps: from straight above first."""
+    assert part.lies is not None
+    kind, up = planner.product.parts[part.part], side_up(part.lies)
+    for hold, wide in all_of(straight_holds(kind, up, planner.settings)[:LIFTS], (WIDE_M, 0.0)):
+        yield from _reached(planner, part, others, replace(hold, held_m=hold.held_m + wide), near_rad)
+    yield from grasps_of_lying(planner, part, others, near_rad)
+
+
 def better(kind: PartType, up: str) -> tuple[str, ...]:
     """Sides from which a part needs fewer turns than from this one, the best first."""
     left = {side: turns for side in (UPRIGHT, *SIDES) if (turns := turns_left(kind, side)) is not None}
@@ -121,13 +193,37 @@ def grasps_of_lying(
 ) -> Iterator[Chosen]:
     """Ways to take a part that lies, which the arm reaches without touching anything, the best first."""
     assert part.lies is not None
-    settings, kind = planner.settings, planner.product.parts[part.part]
-    obstacles = (*tray_boxes(planner, others), *solid_boxes(part.part, kind, part.lies))
-    for hold in lying_holds(kind, side_up(part.lies), settings)[:TRIES]:
-        tool = part.lies @ hold.part_from_tool
-        found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
-        if not isinstance(found, str):
-            yield hold, *found
+    for hold in lying_holds(planner.product.parts[part.part], side_up(part.lies), planner.settings)[:TRIES]:
+        yield from _reached(planner, part, others, hold, near_rad)
+
+
+def _reached(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], hold: LyingHold, near_rad: Array
+) -> Iterator[Chosen]:
+    """A way to hold a part that lies with the joints for it, where the arm reaches it and touches nothing."""
+    assert part.lies is not None
+    itself = solid_boxes(part.part, planner.product.parts[part.part], part.lies)
+    obstacles = (*boxes_around(planner, part, others), *itself)
+    tool = part.lies @ hold.part_from_tool
+    found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
+    if not isinstance(found, str):
+        yield hold, *found
+
+
+def boxes_around(planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> tuple[Box, ...]:
+    """Seen parts as obstacles for who takes a part that lies.
+
+    What carries it and does not stand is as high as it can be, but not higher than the middle of what it carries.
+    """
+    if part.lies is None or not part.lies_on:
+        return tray_boxes(planner, others)
+    middle_m = float(part.lies.position_m[2]) - planner.bench.tray.centre_m[2]
+    lower = []
+    for one in others:
+        length, width, height = one.size_m
+        carrier = one.box_px in part.lies_on and not one.upright
+        lower.append(replace(one, size_m=(length, width, min(height, middle_m))) if carrier else one)
+    return tray_boxes(planner, lower)
 
 
 def take_lying(
@@ -137,7 +233,7 @@ def take_lying(
     assert part.lies is not None
     hold, tool, joints = chosen
     settings, name, kind = planner.settings, part.part, planner.product.parts[part.part]
-    boxes, itself = tray_boxes(planner, others), solid_boxes(part.part, kind, part.lies)
+    boxes, itself = boxes_around(planner, part, others), solid_boxes(part.part, kind, part.lies)
     opening_m = _opening_m(planner, hold)
     tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in (part, *others)]
     over_m = (
@@ -152,6 +248,8 @@ def take_lying(
     on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
     if isinstance(way := planner.straight_move(above, tool, around), str):
         return f"cannot take {name}: {way}"
+    if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
+        return f"cannot lift {name}: {up}"
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
     planner.hold, planner.lying = None, hold
     return [
@@ -159,7 +257,7 @@ def take_lying(
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
         Move(f"moving above {name}", lambda start: planner.free_move(start, above, on_way), settings),
         FingersRest("opening the fingers", settings),
-        Descend(name, planner, tool, around),
+        Descend(name, planner, tool, around, feels=bool(part.lies_on)),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(f"lifting {name}", lambda start: planner.rise(start, carry_m, opening_m), settings, holding=name),
     ]

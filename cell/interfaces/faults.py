@@ -39,8 +39,11 @@ Signal = Literal[
     "bench_stale",
     "bench_in_the_future",
     "camera_unhealthy",
+    "bench_not_seen",
     "camera_moved",
     "hand_unknown",
+    "hand_detector_blind",
+    "hand_cues_disagree",
     "hand_near",
     "hand_too_near",
     "blind_area",
@@ -64,7 +67,7 @@ class Sign(NamedTuple):
 
 ARM_ANSWERS, ARM_MOVES = "the arm answers in every tick", "joints and `path_s` go on while the arm moves"
 STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
-FRAMES, HAND = "new frames, each with its own number and stamp", "the hand leaves by an edge of the view"
+FRAMES, HAND = "new frames, each with its own number and stamp", "a hand was seen, and left by an edge of the view"
 NOTHING = "nothing: it counts as absent until it is told"
 SIGNALS: dict[Signal, Sign] = {
     "arm_lost": Sign("the arm's state cannot be read, or the arm refuses a command", ARM_ANSWERS),
@@ -111,12 +114,26 @@ SIGNALS: dict[Signal, Sign] = {
     "bench_stale": Sign("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
     "bench_in_the_future": Sign("the view of the bench has a time stamp that is still to come", "stamps up to now"),
     "camera_unhealthy": Sign(
-        "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved", FRAMES
+        "the overhead image, or a part of it, is dark, glaring, frozen, noise, discoloured or blurred",
+        "every part of an image has new pixels, in the light and colours of the first ones",
+    ),
+    "bench_not_seen": Sign(
+        "the overhead image shows another place, a moved or covered view, or one from some time ago",
+        "edges of plate and tray are seen where the calibration has them, three times a second, and the rest looks as "
+        "it did but for robot and hands",
     ),
     "camera_moved": Sign(
         "a camera sees holes or tray more than 10 mm off, at the start or once a minute", "holes and tray are found"
     ),
     "hand_unknown": Sign("the hand vanished inside the view without leaving by its edge", HAND),
+    "hand_detector_blind": Sign(
+        "a hole was filled or emptied, the gripper held nothing, and no hand was seen within 1 s",
+        "a hand is seen where parts change",
+    ),
+    "hand_cues_disagree": Sign(
+        "something large reaches into the view over the person's edge, and no hand is seen there",
+        "hands are where the image differs from the empty bench",
+    ),
     "hand_near": Sign(
         "the hand is nearer than the protective distance at full speed: the share of speed is computed", HAND
     ),

@@ -197,10 +197,13 @@ class BenchView:
         hand: None where no hand is seen; that means that there is none only where `hand_unknown` is empty.
         holes: by position name; a position that was never seen unobstructed is absent.
         health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
+            The next two are part of it.
+        unseen: why the image does not show this bench, in words; empty where it does.
+        unexplained: what differs from the empty bench where no hand is seen, in words; empty for nothing.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
         other_hands: hands in view that do not work.
-        left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen, and
-            before the first.
+        left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen. Before
+            the first one, the person's.
         calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """
 
@@ -214,6 +217,13 @@ class BenchView:
     other_hands: tuple[HandSample, ...] = ()
     left_by: tuple[Edge, ...] = ()
     calibration: str = ""
+    unseen: str = ""
+    unexplained: str = ""
+
+    @property
+    def hands(self) -> tuple[HandSample, ...]:
+        """All hands in view."""
+        return (() if self.hand is None else (self.hand,)) + self.other_hands
 
 
 @dataclass(frozen=True)
@@ -228,6 +238,7 @@ class PartDetection:
         embedding: features of the crop for the grasp planner; empty where the detector has none.
         upright: it stands on its peg; of what does not, and of unknown things, the pose is a rough one.
         lies: exact world_from_part of a part that does not stand, where it could be made out how it lies.
+        lies_on: boxes in the image of those that carry it, where the detector tells; by way of others, too.
     """
 
     part: str
@@ -238,6 +249,11 @@ class PartDetection:
     embedding: tuple[float, ...] = ()
     upright: bool = True
     lies: Pose | None = None
+    lies_on: tuple[tuple[int, int, int, int], ...] = ()
+
+    def stacked_with(self, other: PartDetection) -> bool:
+        """Whether one of the two lies on the other."""
+        return other.box_px in self.lies_on or self.box_px in other.lies_on
 
 
 @dataclass(frozen=True)
@@ -261,6 +277,15 @@ class PartsView:
     def seen(self) -> tuple[PartDetection, ...]:
         """All that stands or lies in the tray; what stands comes first, by the same numbers as in `detections`."""
         return self.detections + self.others
+
+    def on_top(self, index: int) -> tuple[int, ...]:
+        """Numbers among `seen` of all that lie on one of them, by way of others, too; topmost first."""
+        left, order = [index], list[int]()
+        for below in left:
+            lying = [number for number, one in enumerate(self.seen) if self.seen[below].box_px in one.lies_on]
+            order = [number for number in order if number not in lying] + [n for n in lying if n != index]
+            left += [number for number in lying if number not in left]
+        return tuple(reversed(order))
 
 
 @runtime_checkable

@@ -1,41 +1,61 @@
-"""Assemblies beside a person who goes into the arm's way in every phase: contacts as they really were."""
+"""Assemblies beside a person who goes into the arm's way in every phase: contacts and distances as they really were.
+
+The judge is an oracle of its own. It knows the simulator's truth and the protective distance of ISO/TS 15066 with a
+constant speed of the hand; it asks nothing of what the cell works out.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
 from cell.faults.injection import STATES, WorkState
 from cell.files.row_store import Row
-from cell.interfaces.faults import Action
 from cell.interfaces.perception import HandSample
 from cell.lab.assembly import assembly
+from cell.lab.true_distance import BRAKES_M_S2, DRIVEN_M_S, HANDS_M_S, REACTS_S, TrueDistance
 from cell.watching.observer import Observer, TickRecord
 from sim.cell import SimCell
 from sim.truth.contacts import Contact
-from skills.motion.separation import SeparationMonitor
 
-SLOW_M_S = 0.25
-DRIVEN_M_S = 0.05  # below this the arm stood, and the person touched it
-STOPS_S = 0.35  # after this the arm stands that was told to hold
-LATE_S = 0.15  # as late as answers about the hand come: half a frame's period, the detectors' time and a tick
-BOX = (100, 100, 200, 200)
+REDUCED_M_S = 0.25
+UNKNOWN_S = 0.35  # after this the arm stands that was told to hold
 LATEST_S = 0.8  # after a phase began, a hand comes at the latest
 RESTS_S = 1.0  # between two reaches into the arm's way
+OFF_M = 0.05
+MOVING_SHARE = 0.05  # of the encounters: contacts with an arm that moves
+
+
+class Tracker(StrEnum):
+    """How the hand tracker errs."""
+
+    true = "true"
+    blind = "blind"
+    half = "half"
+    off = "off"
+
+    def spoil(self, hand: HandSample | None, rng: np.random.Generator) -> HandSample | None:
+        """What it tells of a hand: nothing, half of the time nothing, or nearer to the person than the hand is."""
+        lost = self is Tracker.blind or (self is Tracker.half and rng.random() < 0.5)
+        if hand is None or lost:
+            return None
+        x_m = OFF_M * (self is Tracker.off)
+        tips, palm = ((x + x_m, y) for x, y in (hand.fingertips_m, hand.palm_m))
+        return replace(hand, fingertips_m=tips, palm_m=palm)
 
 
 @dataclass(frozen=True)
 class _Tick:
-    """Since when the arm was held, and since when it should have been; infinite for not. What was known; the phase."""
+    """Which distances of HANDS_M_S were kept; since when not, infinite for kept. What was known; the phase."""
 
     time_s: float
-    held_s: float
-    should_s: float
+    breached_s: tuple[float, ...]
     known: str
     phase: str
 
@@ -46,48 +66,53 @@ class Encounters(Observer):
 
     Attributes:
         moved_while_unknown: ticks in which the arm moved although it was not known where the hand is.
+        breached: ticks in which a link moved nearer than the protective distance, for each of HANDS_M_S.
         acknowledged: how many times somebody acknowledged a trouble.
     """
 
     cell: SimCell
-    monitor: SeparationMonitor
     moved_while_unknown: int = 0
     acknowledged: int = 0
     _ticks: list[_Tick] = field(default_factory=list)
-    _hands: deque[tuple[float, HandSample]] = field(default_factory=lambda: deque(maxlen=16))
-    _held_s: float = np.inf
-    _should_s: float = np.inf
     _unknown_s: float = np.inf
     _work: WorkState = field(default_factory=WorkState)
+
+    def __post_init__(self) -> None:
+        self._truth = TrueDistance(self.cell)
+        self._since_s = np.full(len(HANDS_M_S), np.inf)
+        self.breached = np.zeros(len(HANDS_M_S), dtype=int)
 
     def tick(self, record: TickRecord) -> None:
         self._work.see(record)
         seen, judgement = record.observation, record.judgement
         now_s, bench = seen.time_s, seen.bench
         self.acknowledged += seen.acknowledged
-        held = judgement is not None and judgement.action >= Action.HOLD
-        self._held_s = min(self._held_s, now_s) if held else np.inf
-        self._should_s = min(self._should_s, now_s) if self._should_hold(record) else np.inf
+        breached = np.array(self._truth.breached())
+        self.breached += breached
+        self._since_s = np.where(breached, np.minimum(self._since_s, now_s), np.inf)
         unknown = bench is not None and bool(bench.hand_unknown)
         self._unknown_s = min(self._unknown_s, now_s) if unknown else np.inf
-        self.moved_while_unknown += now_s - self._unknown_s > STOPS_S and not seen.arm.stands
+        self.moved_while_unknown += now_s - self._unknown_s > UNKNOWN_S and not seen.arm.stands
         words = "" if judgement is None else judgement.words
         hand = "unknown" if unknown else "seen" if bench is not None and bench.hand is not None else "not seen"
-        self._ticks.append(_Tick(now_s, self._held_s, self._should_s, f"hand {hand}; {words}", self._work.name))
+        self._ticks.append(_Tick(now_s, tuple(self._since_s), f"hand {hand}; {words}", self._work.name))
 
     def phase(self, time_s: float) -> str:
         """Of the work at this time."""
         return self._at(time_s).phase
 
     def judge(self, contact: Contact) -> dict[str, object]:
-        """A contact as a row: could the formula have avoided it, and what did the cell know."""
-        last = self._at(contact.start_s)
-        driven = contact.first_m_s > DRIVEN_M_S
-        since_s = min(last.held_s, last.should_s)
+        """A contact as a row: did the arm move, and would an arm that keeps the protective distance have stood."""
+        last, moving = self._at(contact.start_s), contact.first_m_s > DRIVEN_M_S
+        stood_s = contact.start_s - REACTS_S - contact.first_m_s / BRAKES_M_S2  # an arm that was told by then
         return {
             **vars(contact),
-            "fast": contact.speed_m_s > SLOW_M_S,
-            "avoidable": driven and contact.start_s - since_s > STOPS_S,
+            "moving": moving,
+            "fast": contact.speed_m_s > REDUCED_M_S,
+            **{
+                f"avoidable_{hand_m_s}": moving and since_s < stood_s
+                for hand_m_s, since_s in zip(HANDS_M_S, last.breached_s, strict=True)
+            },
             "phase": last.phase,
             "known": last.known,
         }
@@ -95,27 +120,7 @@ class Encounters(Observer):
     def _at(self, time_s: float) -> _Tick:
         """The last tick by then."""
         number = bisect_right([tick.time_s for tick in self._ticks], time_s)
-        return self._ticks[number - 1] if number else _Tick(0.0, np.inf, np.inf, "", "start")
-
-    def _should_hold(self, record: TickRecord) -> bool:
-        """Whether the formula holds the arm, told the truth about the hand as late as the cell may know it."""
-        assert self.cell.worker is not None
-        seen, hand = record.observation, self.cell.worker.hand
-        tips, palm = hand.position_m, hand.palm_m
-        velocity = (0.0, 0.0)
-        if self._hands:
-            then_s, then = self._hands[-1]
-            gone = np.array(palm[:2]) - np.array(then.palm_m)
-            velocity = tuple(float(value) for value in gone / max(seen.time_s - then_s, 1e-3))  # type: ignore[assignment]
-        spot = ((float(tips[0]), float(tips[1])), (float(palm[0]), float(palm[1])))
-        sample = HandSample(seen.time_s, BOX, *spot, velocity_m_s=velocity, height_m=float(palm[2]))
-        self._hands.append((seen.time_s, sample))
-        late = [one for at, one in self._hands if at <= seen.time_s - LATE_S]
-        joints = np.array(seen.arm.positions_rad)
-        if not late or joints.shape != (6,) or not np.isfinite(joints).all():
-            return False
-        found = self.monitor.judge(joints, late[-1], LATE_S, seen.gripper.holding)
-        return found.distance_m < found.least_m
+        return self._ticks[number - 1] if number else _Tick(0.0, (np.inf,) * len(HANDS_M_S), "", "start")
 
 
 class Provocation(Observer):
@@ -147,14 +152,26 @@ class Provocation(Observer):
             worker.intrude()
 
 
-def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool, rendered: bool = False) -> Row:
+def encounter(
+    path: Path,
+    tree: Path,
+    person: str,
+    seed: int,
+    *,
+    provoked: bool,
+    rendered: bool = False,
+    tracker: Tracker = Tracker.true,
+) -> Row:
     """One assembly beside this person, with every encounter of hand and arm and every contact.
 
     Args:
         provoked: the person goes into the arm's way in every phase, whatever their habits are.
+        tracker: other than the true one without images only.
     """
     with assembly(path, person, seed, tree=tree, rendered=rendered) as opened:
-        cell, watch = opened.cell, Encounters(opened.cell, opened.motion.separation)
+        cell, watch, rng = opened.cell, Encounters(opened.cell), np.random.default_rng([seed, 12])
+        if cell.sight is not None:
+            cell.sight.spoil = lambda hand: tracker.spoil(hand, rng)
         outcome = opened.run([watch, Provocation(cell, seed)] if provoked else [watch], None)
     assert cell.worker is not None
     assert cell.contacts is not None
@@ -169,6 +186,7 @@ def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool,
         "phases": [watch.phase(act.time_s) for act in met],
         "speeds_m_s": [round(float(str(act.fields["speed_m_s"])), 2) for act in met],
         "moved_while_unknown": watch.moved_while_unknown,
+        "breached": watch.breached.tolist(),
         "acknowledged": watch.acknowledged,
         "contacts": [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()],
     }
@@ -178,6 +196,7 @@ def summary(rows: Sequence[Row]) -> Row:
     """Counts of all assemblies."""
     rows = [row for row in rows if row["kind"] == "assembly"]
     contacts: list[Row] = [contact for row in rows for contact in row["contacts"]]
+    moving = [contact for contact in contacts if contact["moving"]]
     phases = [str(phase) for row in rows for phase in row["phases"]]
     speeds = [float(speed) for row in rows for speed in row["speeds_m_s"]]
     return {
@@ -187,11 +206,32 @@ def summary(rows: Sequence[Row]) -> Row:
         "phases": _counted(phases),
         "fastest_hand_m_s": max(speeds, default=0.0),
         "contacts": len(contacts),
+        "contacts_moving": len(moving),
         "contacts_fast": sum(bool(one["fast"]) for one in contacts),
-        "contacts_avoidable": sum(bool(one["avoidable"]) for one in contacts),
-        "fastest_m_s": round(max((float(str(one["speed_m_s"])) for one in contacts), default=0.0), 3),
+        **{
+            f"contacts_avoidable_{speed}": sum(bool(one[f"avoidable_{speed}"]) for one in contacts)
+            for speed in HANDS_M_S
+        },
+        "ticks_breached": {str(speed): sum(row["breached"][n] for row in rows) for n, speed in enumerate(HANDS_M_S)},
+        "fastest_m_s": round(_most(contacts, "speed_m_s"), 3),
+        "force_n": round(_most(contacts, "force_n")),
+        "force_moving_n": round(_most(moving, "force_n")),
         "moved_while_unknown": sum(int(str(row["moved_while_unknown"])) for row in rows),
     }
+
+
+def passed(found: Row) -> bool:
+    """Whether no contact was fast, hardly any was with an arm that moved, and nothing moved while too little was known.
+
+    Args:
+        found: of `summary`.
+    """
+    few = found["contacts_moving"] <= MOVING_SHARE * found["encounters"]
+    return bool(few and not found["contacts_fast"] and not found["moved_while_unknown"])
+
+
+def _most(contacts: Sequence[Row], name: str) -> float:
+    return max((float(str(one[name])) for one in contacts), default=0.0)
 
 
 def _counted(words: Sequence[str]) -> dict[str, int]:

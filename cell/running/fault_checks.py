@@ -11,9 +11,12 @@ import numpy as np
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import ArmMode, Observation
+from cell.interfaces.perception import BenchView
 from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
+from cell.running.hand_checks import HandMemory
 from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
-from skills.motion.near_hand import separation_of
+from skills.motion.near_hand import hands_of, separation_of
+from skills.motion.person_space import HANDS
 from skills.motion.separation import Following, Separation, SeparationMonitor
 
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
@@ -56,7 +59,7 @@ class Memory:
     """
 
     def __init__(self) -> None:
-        self.gripper = GripperMemory()
+        self.gripper, self.hands = GripperMemory(), HandMemory()
         self.too_near = self.backwards = False
         self.share = 1.0
         self._arm_s = -math.inf
@@ -66,6 +69,7 @@ class Memory:
     def see(self, observation: Observation) -> None:
         """A tick begins."""
         self.gripper.see(observation.gripper, observation.time_s)
+        self.hands.see(observation)
         self.backwards = observation.arm.time_s < self._arm_s
         self._arm_s = min(observation.arm.time_s, observation.time_s)
         if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
@@ -217,10 +221,21 @@ def _future_bench(seen: Observation, _: Command, __: Memory) -> Detection | None
     return Detection("the view of the bench is stamped with a time to come") if ahead else None
 
 
-def _health(seen: Observation, _: Command, __: Memory) -> Detection | None:
-    if seen.bench is None or not seen.bench.health:
-        return None
-    return Detection(f"the overhead image is {seen.bench.health}")
+def _of_view(words: Callable[[BenchView], str]) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        found = "" if seen.bench is None else words(seen.bench)
+        return Detection(found) if found else None
+
+    return check
+
+
+def _health(view: BenchView) -> str:
+    """What is wrong with the image; what it does not show has rows of its own."""
+    return "" if view.unseen or view.unexplained else _with("the overhead image is", view.health)
+
+
+def _with(beginning: str, found: str) -> str:
+    return f"{beginning} {found}" if found else ""
 
 
 def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None:
@@ -228,10 +243,8 @@ def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None
     return Detection("; ".join(told)) if told else None
 
 
-def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Detection | None:
-    if seen.bench is None or not seen.bench.hand_unknown:
-        return None
-    return Detection(f"where the hand is, is not known: {seen.bench.hand_unknown}")
+def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
+    return Detection(memory.hands.blind) if memory.hands.blind else None
 
 
 def _late(limit_s: float) -> Check:
@@ -271,11 +284,11 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
         joints = seen.arm.positions_rad
-        if seen.bench is None or seen.bench.hand is not None or len(joints) != 6 or not all(map(math.isfinite, joints)):
+        if len(hands_of(seen)) >= HANDS or len(joints) != 6 or not all(map(math.isfinite, joints)):
             return None
         if not monitor.out_of_view(np.array(joints)):
             return None
-        return Detection("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
+        return Detection("slower, as the camera does not see who comes here", monitor.settings.blind_share)
 
     return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 
@@ -313,9 +326,12 @@ CHECKS: Mapping[str, Check] = {
     "camera_lost": _trouble_of("camera overhead", "camera wrist"),
     "bench_stale": _stale_bench,
     "bench_in_the_future": _future_bench,
-    "camera_unhealthy": _health,
+    "camera_unhealthy": _of_view(_health),
+    "bench_not_seen": _of_view(lambda view: _with("overhead camera:", view.unseen)),
     "camera_moved": _camera_moved,
-    "hand_unknown": _hand_unknown,
+    "hand_unknown": _of_view(lambda view: _with("where the hand is, is not known:", view.hand_unknown)),
+    "hand_detector_blind": _blind,
+    "hand_cues_disagree": _of_view(lambda view: view.unexplained),
     "tick_late": _late(LATE_S),
     "tick_very_late": _late(VERY_LATE_S),
     "command_contested": _contested,

@@ -32,6 +32,7 @@ from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, 
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
+from learned.classical.box_model import check_image
 from learned.classical.lying_parts import LyingParts
 from learned.inference.onnx_model import OnnxModel
 
@@ -40,6 +41,8 @@ NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that 
 LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
 BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
 UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
+ERROR_SCORES = ("palm_p95_mm", "pinch_p95_mm")  # of the hand tracker's card
+UNKNOWN_ERROR_M = 0.06  # of a hand tracker whose card does not tell: what is farther off counts as not found
 
 
 def _actions(bench: Bench, product: Product, weights: Path, kind: str) -> ActionDetector:
@@ -113,6 +116,7 @@ def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callabl
     check, lying = TrayCheck(bench), LyingParts(bench, product)
 
     def find(frame: Frame) -> PartsView:
+        check_image(bench.wrist.model, frame)
         placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
         standing, others = lying.sort(placed, detector.detect(placed))
         return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))
@@ -187,9 +191,30 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
 
 
 def fitted(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
-    """The configuration with the detectors that this product can have; see `fitting`."""
+    """The configuration with the detectors that this product can have, and a separation that knows their errors.
+
+    Raises:
+        SettingError: see `fitting`.
+    """
     perception, told = fitting(configuration.perception, product)
-    return configuration.model_copy(update={"perception": perception}), told
+    separation = configuration.motion.separation
+    error_m = max(separation.hand_error_m, hand_error_m(perception))
+    separation = separation.model_copy(update={"hand_error_m": error_m})
+    motion = configuration.motion.model_copy(update={"separation": separation})
+    return configuration.model_copy(update={"perception": perception, "motion": motion}), told
+
+
+def hand_error_m(perception: Perception) -> float:
+    """95 % of the hand tracker's errors along the bench, as measured for its card.
+
+    Raises:
+        SettingError: weights cannot be read.
+    """
+    try:
+        scores = _scores(perception, "hands")
+    except ModelError as error:
+        raise SettingError((("perception", "hands"), str(error))) from error
+    return max(scores.get(name, UNKNOWN_ERROR_M * 1e3) for name in ERROR_SCORES) / 1e3
 
 
 def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:
@@ -241,9 +266,14 @@ def latency_s(perception: Perception, *tasks: str) -> float:
 
 def _noted_ms(perception: Perception, task: str) -> float | None:
     """The p95 of a trained detector's card, from `cell lab eval latency --note`; None where there is none."""
+    return _scores(perception, task).get(LATENCY_SCORE)
+
+
+def _scores(perception: Perception, task: str) -> Mapping[str, float]:
+    """Of a trained detector's card; empty where there is none."""
     if (kind := perception.chosen(task).kind) in NO_CARD:
-        return None
-    return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(LATENCY_SCORE)
+        return {}
+    return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores
 
 
 @contextmanager

@@ -30,13 +30,9 @@ class View:
         """The view that a frame was taken from.
 
         Raises:
-            DeviceFault: the image has not the size that the camera was set up with.
+            DeviceFault: the image is not of the kind or size that the camera was set up with.
         """
-        height, width = frame.image.shape[:2]
-        if (width, height) != (model.width_px, model.height_px):
-            raise DeviceFault(
-                f"{frame.camera} camera", f"image is {width} x {height}, must be {model.width_px} x {model.height_px}"
-            )
+        check_image(model, frame)
         return cls(model, frame.world_from_camera)
 
     def depths(self, points_m: Array) -> Array:
@@ -58,6 +54,23 @@ class View:
         """Scale of the image around a world point, across the view."""
         depth = float(self.world_from_camera.inverse().transform(np.array(point_m))[2])
         return self.model.focal_px / depth
+
+
+def check_image(model: CameraModel, frame: Frame) -> None:
+    """Refuse an image of another kind or size than detectors read.
+
+    Raises:
+        DeviceFault: it is grey, has transparency, is not of 8 bits, or has not the size of the camera's model.
+    """
+    image, device = frame.image, f"{frame.camera} camera"
+    if image.dtype != np.uint8:
+        raise DeviceFault(device, f"image has values of type {image.dtype}, must be uint8 (8 bits, from 0 to 255)")
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if channels != 3:
+        raise DeviceFault(device, f"image has {channels} channel{'s' * (channels > 1)}, must have 3: red, green, blue")
+    height, width = image.shape[:2]
+    if (width, height) != (model.width_px, model.height_px):
+        raise DeviceFault(device, f"image is {width} x {height}, must be {model.width_px} x {model.height_px}")
 
 
 def body_corners(size_m: Sequence[float], x_m: float, y_m: float, yaw_rad: float, bottom_m: float) -> Array:

@@ -1,12 +1,13 @@
-"""Says whether an overhead image can be believed: light, colour, sharpness, life, and where the bracket's plate is.
+"""Says whether an overhead image can be believed: each region of it must show fresh evidence of this bench.
 
-Absolute limits find what no bench looks like, and a lens that is out of focus from the start; the rest is compared with
-the first frames of the run.
+Fresh: new pixels, as a sensor's noise makes them. Evidence: neither dark nor glaring, in focus, in the light and
+colours of the run's first frames. Of this bench: see bench_evidence.py.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,30 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Edge, Frame
+from cell.interfaces.perception import Edge, Frame, HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
+from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, person_edge
 from learned.classical.box_model import View
 from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
-LEAST_CONTRAST = 6.0  # standard deviation of grey levels
+BLACK, WHITE = 6, 240  # of the brightest and the darkest channel of a place that shows nothing
+LEAST_CONTRAST, LEAST_COLOUR = 6.0, 4.0  # standard deviation of grey levels; levels between channels
 BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
 LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
 LEAST_SHARPNESS = 0.5  # of the baseline's
-FROZEN_FRAMES = 2  # a sensor's noise makes every image another one
-MOVED_PX, SEARCH_PX = 7, 16  # how far the plate's edges may be off, and how far they are looked for
+REMEMBERED, OLD_FRAMES = 4096, 5  # frames, none of which may come again; one before the last few is an old one
+STUCK_FRAMES, STUCK_SHARE, CELL = 5, 0.02, 5  # frames and share of cells, of so many sampled pixels, that stay the same
+NOISE, NOISE_SHARE, NOISY_FRAMES = 30, 0.12, 12  # levels, share of pixels that change by more, frames in a row
 LEAST_STEP = 10.0  # grey levels across an edge of the plate
-SAME_SHIFT_PX = 3
-STEP_PX = 4  # across which an edge of the plate is measured
+STEP_PX, SEARCH_PX = 4, 16  # across which an edge of the plate is measured, and how far it is looked for
 SOFT_REACH_PX, LEAST_STEEPNESS = 8, 0.54  # of a step, how much lies within STEP_PX: so much at a blur of 2.9 px
 SOFT_FRAMES, LEAST_EDGES = 8, 2
-SHIFT_FRAMES, LEAST_RESPONSE = 5, 0.1
-MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
 SIDE_SAMPLES = 24
-REACH_PX = np.arange(-SEARCH_PX + 2, SEARCH_PX - 1)  # where steps across an edge are looked for
 STEEPEST = 4 * 255  # of what the Laplacian makes of grey levels
-GRID = 4  # every fourth pixel is enough to tell two images apart, every eighth for light and colour
 SHARP_ROWS = 4  # every fourth row is enough for sharpness
 
 
@@ -52,36 +51,59 @@ class _Figures:
     sharpness: float
 
 
+@dataclass(frozen=True)
+class _Looked:
+    """What follows from an image alone.
+
+    Attributes:
+        samples: every GRID-th pixel along both axes.
+        small: the means of GRID x GRID pixels.
+        grey: the image in grey.
+    """
+
+    samples: NDArray[np.uint8]
+    small: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
+    figures: _Figures
+
+
 class ImageHealth:
-    """Judges the frames of one camera in their order."""
+    """Judges the frames of one camera in their order.
+
+    Attributes:
+        unseen: why the image does not show this bench, in words; empty where it does.
+        unexplained: what is in view that should be seen as a hand, in words; empty where there is nothing.
+    """
 
     def __init__(self, bench: Bench, product: Product) -> None:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
-        self._edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
+        edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
         size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
-        inside = (self._edges >= 0) & (self._edges < size_px)
-        self._in_view = np.array([one.all() for one in inside])
+        self._edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
-        self._before: NDArray[np.uint8] | None = None
-        self._same = self._moved = self._astray = self._soft = 0
-        self._first: NDArray[np.float32] | None = None
-        self._frames, self._whole_px = 0, 0.0
+        self._fresh = _Freshness()
+        self._evidence = BenchEvidence(bench, product)
+        self._soft = 0
+        self.unseen = self.unexplained = ""
         self._looked = Prefetch(_look)
 
-    def judge(self, frame: Frame) -> str:
-        """What is wrong with it, in words; empty for a sound image."""
-        small, grey, figures = self._looked(frame.image)
-        return self._frozen(small) or _absolute(small) or self._compared(figures) or self._by_plate(grey)
+    def judge(self, frame: Frame, hands: Sequence[HandSample] = ()) -> str:
+        """What is wrong with it, in words; empty for a sound image.
+
+        Args:
+            hands: all that are seen in it.
+        """
+        looked = self._looked(frame.image)
+        health = self._fresh.judge(looked.samples) or _absolute(looked) or self._compared(looked.figures)
+        health = health or _glaring(looked) or self._focus(looked.grey)
+        self._evidence.see(frame, looked.small, looked.grey, hands)
+        self.unseen, self.unexplained = self._fresh.repeats or self._evidence.unseen, self._evidence.unexplained
+        return health or self.unseen or self.unexplained
 
     def prepare(self, image: NDArray[np.uint8]) -> None:
         """Do before anybody asks what follows from the image alone."""
         self._looked.prepare(image)
-
-    def _frozen(self, small: NDArray[np.uint8]) -> str:
-        same = self._before is not None and np.array_equal(small, self._before)
-        self._same, self._before = (self._same + 1 if same else 0), small
-        return "frozen" if self._same + 1 >= FROZEN_FRAMES else ""
 
     def _compared(self, figures: _Figures) -> str:
         usual = self._usual
@@ -97,48 +119,87 @@ class ImageHealth:
             return "discoloured"
         return "blurred" if figures.sharpness < LEAST_SHARPNESS * usual.sharpness else ""
 
-    def _by_plate(self, grey: NDArray[np.uint8]) -> str:
-        """What the edges of the plate tell."""
-        x, y = self._edges[self._in_view, ..., 0], self._edges[self._in_view, ..., 1]
-        profiles = _median(grey[y, x], axis=1)
-        steepness = _steepness(profiles)
+    def _focus(self, grey: NDArray[np.uint8]) -> str:
+        """Whether the edges of the plate are soft for long; an arm over them looks like that for a moment."""
+        steepness = _steepness(_median(grey[self._edges[..., 1], self._edges[..., 0]], axis=1))
         soft = len(steepness) >= LEAST_EDGES and float(np.median(steepness)) < LEAST_STEEPNESS
         self._soft = self._soft + 1 if soft else 0
-        return "blurred" if self._soft >= SOFT_FRAMES else self._shifted(profiles, grey)
+        return "blurred" if self._soft >= SOFT_FRAMES else ""
 
-    def _shifted(self, profiles: Array, grey: NDArray[np.uint8]) -> str:
-        """Whether the plate stands elsewhere in the image than the calibration says."""
-        found = iter(_offsets_px(profiles))
-        offsets = [next(found) if seen else None for seen in self._in_view]
-        shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
-        near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
-        self._moved = self._moved + 1 if near > MOVED_PX else 0
-        self._astray = 0 if shifts and near <= MOVED_PX else self._astray + 1
-        if self._moved >= MOVED_FRAMES:
-            return f"moved: the bracket is seen {near:.0f} pixels off"
-        far = self._astray >= ASTRAY_FRAMES and whole_px > MOVED_PX
-        return f"moved: the bench is seen {whole_px:.0f} pixels off" if far else ""
 
-    def _since_start_px(self, grey: NDArray[np.uint8]) -> float:
-        """How far the whole image has shifted since the first frame, by its phase; asked only every few frames.
+class _Freshness:
+    """Whether images are new ones, as a whole, by quarters and by small cells.
 
-        An arm that covers much of the bench shifts it, too: it counts only where the plate is not found for long.
-        """
-        self._frames += 1
-        if self._first is None:
-            self._first = _small(grey)
-            self._window = cv2.createHanningWindow(self._first.shape[::-1], cv2.CV_32F)
-        elif self._frames % SHIFT_FRAMES == 0:
-            (x, y), response = cv2.phaseCorrelate(self._first, _small(grey), self._window)
-            self._whole_px = GRID * float(np.hypot(x, y)) if response > LEAST_RESPONSE else 0.0
-        return self._whole_px
+    Attributes:
+        repeats: that an image came again which is not the one before, in words; empty where it did not. Where it is an
+            old one, nobody knows from then on how old images are.
+    """
+
+    def __init__(self) -> None:
+        self._weights = np.random.default_rng(0).integers(1, 2**62, (CELL * CELL * 3), np.int64)
+        self._numbers: OrderedDict[tuple[int, int], int] = OrderedDict()  # of the frame, by quarter and hash
+        self._cells: NDArray[np.int64] | None = None
+        self._before: NDArray[np.uint8] | None = None
+        self._noisy = 0
+        self._same: NDArray[np.intp] = np.zeros(0, np.intp)  # frames in a row in which each cell was the same
+        self._number = 0
+        self._old = False
+        self.repeats = ""
+
+    def judge(self, samples: NDArray[np.uint8]) -> str:
+        """Whether it is stuck, in words."""
+        cells = self._hashes(samples)
+        same = cells == self._cells if self._cells is not None else np.zeros(cells.shape, bool)
+        self._same = np.where(same, self._same + 1, 0) if self._cells is not None else np.zeros(cells.shape, np.intp)
+        self._cells, self._number = cells, self._number + 1
+        noisy = self._before is not None and self._noise(samples, self._before)
+        self._noisy, self._before = (self._noisy + 1 if noisy else 0), samples
+        ago = self._ago(cells)
+        if not self._old:
+            self._old = ago > OLD_FRAMES
+            self.repeats = f"an image of {ago} frames ago came again" if ago > 1 else ""
+        if ago == 1:
+            return "frozen"
+        if (self._same + 1 >= STUCK_FRAMES).mean() > STUCK_SHARE:
+            return "frozen in part"
+        return "noise in part" if self._noisy >= NOISY_FRAMES else ""
+
+    def _noise(self, samples: NDArray[np.uint8], before: NDArray[np.uint8]) -> bool:
+        """Whether many pixels are quite other ones than in the frame before."""
+        changes = cv2.absdiff(samples, before)
+        return float((changes > NOISE).mean()) > NOISE_SHARE
+
+    def _hashes(self, samples: NDArray[np.uint8]) -> NDArray[np.int64]:
+        rows, columns = samples.shape[0] // CELL, samples.shape[1] // CELL
+        whole = samples[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL * 3)
+        hashes: NDArray[np.int64] = np.einsum(
+            "iajb,ab->ij", whole.astype(np.int64), self._weights.reshape(CELL, CELL * 3)
+        )
+        return hashes
+
+    def _ago(self, cells: NDArray[np.int64]) -> int:
+        """How many frames ago a quarter of the image was the same; 0 for never."""
+        middle = cells.shape[0] // 2, cells.shape[1] // 2
+        ago = 0
+        for quarter, (rows, columns) in enumerate((r, c) for r in _halves(middle[0]) for c in _halves(middle[1])):
+            key = quarter, hash(cells[rows, columns].tobytes())
+            ago = max(ago, self._number - self._numbers.pop(key, self._number))
+            self._numbers[key] = self._number
+        while len(self._numbers) > 4 * REMEMBERED:
+            self._numbers.popitem(last=False)
+        return ago
+
+
+def _halves(middle: int) -> tuple[slice, slice]:
+    return slice(0, middle), slice(middle, None)
 
 
 class TrackHealth:
     """Says whether no hand means that there is none, and how fast a hand moves.
 
     Attributes:
-        left_by: edges by which the hand left the view, or may have; empty while one is seen.
+        left_by: edges by which the hand left the view, or may have; empty while one is seen. Before the first one, the
+            person's: that no hand was seen so far does not mean that none is there.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -147,7 +208,7 @@ class TrackHealth:
         self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
         self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
         self._unknown = ""
-        self.left_by: tuple[Edge, ...] = ()
+        self.left_by: tuple[Edge, ...] = (person_edge(bench),)
 
     def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
         """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
@@ -196,36 +257,34 @@ UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
 HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
 
 
-def _small(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What two whole images are correlated by."""
-    return cv2.resize(grey, None, fx=1 / GRID, fy=1 / GRID, interpolation=cv2.INTER_AREA).astype(np.float32)
-
-
-def _shift_px(low: float | None, high: float | None) -> float | None:
-    """How far two opposite edges are off in the same direction; an arm or a part over one of them moves that alone."""
-    if low is None or high is None or abs(low + high) > SAME_SHIFT_PX:
-        return None
-    return abs(high - low) / 2
-
-
-def _look(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8], _Figures]:
-    """An image made small, in grey, and its figures."""
-    small = np.ascontiguousarray(image[::GRID, ::GRID])
+def _look(image: NDArray[np.uint8]) -> _Looked:
+    samples = np.ascontiguousarray(image[::GRID, ::GRID])
+    small = cv2.resize(image, None, fx=1 / GRID, fy=1 / GRID, interpolation=cv2.INTER_AREA)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
-    return small, grey, _figures(small, grey)
+    return _Looked(samples, np.asarray(small, np.uint8), grey, _figures(samples, grey))
 
 
-def _absolute(small: NDArray[np.uint8]) -> str:
-    mean, spread = (float(value[0, 0]) for value in cv2.meanStdDev(small.reshape(-1, 1)))
+def _absolute(looked: _Looked) -> str:
+    mean, spread = (float(value[0, 0]) for value in cv2.meanStdDev(looked.samples.reshape(-1, 1)))
     if mean < DARK:
         return "dark"
     if mean > BRIGHT:
         return "bright"
-    return "without contrast" if spread < LEAST_CONTRAST else ""
+    if spread < LEAST_CONTRAST:
+        return "without contrast"
+    high, low = looked.small.max(axis=2), looked.small.min(axis=2)
+    return "without colour" if float(np.max(high - low)) < LEAST_COLOUR else ""
 
 
-def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
-    levels = small[::2, ::2].reshape(-1, 3).astype(np.float32) + 1.0
+def _glaring(looked: _Looked) -> str:
+    high, low = looked.small.max(axis=2), looked.small.min(axis=2)
+    dead = ((high < BLACK) | (low > WHITE)).astype(np.float32)
+    shares = cv2.boxFilter(dead, -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
+    return "black or glaring in part" if bool((shares > THICK_SHARE).any()) else ""
+
+
+def _figures(samples: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
+    levels = samples[::2, ::2].reshape(-1, 3).astype(np.float32) + 1.0
     green = levels[:, 1]
     red, blue = (np.log(_median(levels[:, channel] / green, axis=0)) for channel in (0, 2))
     steps = np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::SHARP_ROWS])
@@ -274,19 +333,6 @@ def _across_px(view: View, edge: tuple[Array, Array]) -> NDArray[np.intp]:
     reach = np.arange(-SEARCH_PX, SEARCH_PX + 1)
     places: NDArray[np.intp] = np.rint(start[:, None, :] + reach[None, :, None] * unit[:, None, :]).astype(np.intp)
     return places
-
-
-def _offsets_px(profiles: Array) -> list[float | None]:
-    """How far out of the plate its edges are seen, in pixels; None where no edge is seen.
-
-    Args:
-        profiles: (edges, 2 SEARCH_PX + 1) grey levels across them.
-    """
-    drops = _steps(profiles)
-    most = drops.max(axis=1, keepdims=True)
-    away = np.where(drops >= 0.8 * most, np.abs(REACH_PX), np.inf)
-    nearest = REACH_PX[away.argmin(axis=1)]
-    return [float(px) if step >= LEAST_STEP else None for px, step in zip(nearest, most[:, 0], strict=True)]
 
 
 def _steps(profiles: Array) -> Array:

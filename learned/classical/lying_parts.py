@@ -40,17 +40,20 @@ class LyingParts:
         fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
         standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
         rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
-        exact = [self._exact(one, fit) for one, fit in fallen]
+        exact = [self._exact(one, fit.part, fit.world_from_part) for one, fit in fallen]
         rough: list[PartDetection] = []
-        for one in sorted(rest, key=lambda one: -one.confidence):
+        for one in sorted(rest, key=lambda one: (one.lies is None, -one.confidence)):
             if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
+                continue
+            if one.lies is not None:
+                exact.append(self._exact(one, one.part, one.lies))
                 continue
             tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
             fit = None if tried else self._lying(frame, one, found)
             if fit is None:
                 rough.append(one)
             else:
-                exact.append(self._exact(one, fit))
+                exact.append(self._exact(one, fit.part, fit.world_from_part))
         apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
         return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
 
@@ -93,10 +96,10 @@ class LyingParts:
                 mask[top:bottom, left:right] = 1
         return mask
 
-    def _exact(self, one: PartDetection, fit: LyingFit) -> PartDetection:
-        """With its exact pose, and the smallest box around it."""
-        kind = self._product.parts[fit.part]
-        points = fit.world_from_part.transform(np.concatenate([solid.points() for solid in kind.whole]))
+    def _exact(self, one: PartDetection, part: str, lies: Pose) -> PartDetection:
+        """With its exact pose, and the smallest box around it, from the floor on."""
+        kind = self._product.parts[part]
+        points = lies.transform(np.concatenate([solid.points() for solid in kind.whole]))
         (x, y), (first, second), degrees = cv2.minAreaRect(np.asarray(points[:, :2] * 1e3, np.float32))
         yaw = np.radians(degrees if first >= second else degrees + 90.0)
         length, width = max(first, second) / 1e3 + 2 * BEYOND_M, min(first, second) / 1e3 + 2 * BEYOND_M
@@ -104,7 +107,7 @@ class LyingParts:
         height = float(points[:, 2].max()) - floor_m
         pose = Pose.from_yaw((x / 1e3, y / 1e3, floor_m), float(yaw))
         size = (length, width, height)
-        return replace(one, part=fit.part, world_from_part=pose, size_m=size, upright=False, lies=fit.world_from_part)
+        return replace(one, part=part, world_from_part=pose, size_m=size, upright=False, lies=lies)
 
 
 def on_floor(frame: Frame, bench: Bench, product: Product, one: PartDetection) -> PartDetection:
@@ -128,6 +131,8 @@ def on_floor(frame: Frame, bench: Bench, product: Product, one: PartDetection) -
 
 def covers(standing: PartDetection, other: PartDetection) -> bool:
     """Whether something is seen where a part stands: the part itself, seen twice."""
+    if standing.stacked_with(other):
+        return False
     x, y, _ = standing.world_from_part.inverse().transform(np.array(other.world_from_part.position_m))
     length, width, _ = standing.size_m
     return bool(abs(x) < length / 2 and abs(y) < width / 2)
@@ -143,7 +148,7 @@ def inside(small: PartDetection, large: PartDetection) -> bool:
 
 def _again(one: PartDetection, known: Found) -> bool:
     """Whether something is one of the known things, seen twice."""
-    return any(overlap(one, other) >= SAME_BOX for other in known)
+    return any(overlap(one, other) >= SAME_BOX and not one.stacked_with(other) for other in known)
 
 
 def overlap(first: PartDetection, second: PartDetection) -> float:

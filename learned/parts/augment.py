@@ -54,14 +54,7 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
     Args:
         floor_m: height of the tray's floor.
     """
-    height, width = scene.image.shape[:2]
-    turn = np.array([[INPUT_PX[0] / width, 0.0, 0.0], [0.0, INPUT_PX[1] / height, 0.0]])
-    turn[:, 2] = (np.diag(turn[:, :2]) - 1) / 2  # pixels count from their middles
-    if rng is not None:
-        turn = _random_turn(turn, rng)
-    seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    image = np.asarray(seen, np.uint8)
-    image = levelled(image) if rng is None else spoiled(image, rng, camera=POOR)
+    turn, image = turned(scene, rng)
     columns, rows = CELLS
     heat = np.zeros((len(types) + 1, rows, columns), np.float32)
     further, weights = np.zeros((2, FURTHER, rows, columns), np.float32)
@@ -69,6 +62,18 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
         _draw(label, turn, types, floor_m, heat, further, weights)
     planes = image.transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
     return Sample(planes.astype(np.float32), heat, further, weights)
+
+
+def turned(scene: Scene, rng: np.random.Generator | None) -> tuple[Array, NDArray[np.uint8]]:
+    """(2, 3) from pixels of a scene to those of the network's input, and the input; turned at random by a generator."""
+    height, width = scene.image.shape[:2]
+    turn = np.array([[INPUT_PX[0] / width, 0.0, 0.0], [0.0, INPUT_PX[1] / height, 0.0]])
+    turn[:, 2] = (np.diag(turn[:, :2]) - 1) / 2  # pixels count from their middles
+    if rng is not None:
+        turn = _random_turn(turn, rng)
+    seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    image = np.asarray(seen, np.uint8)
+    return turn, levelled(image) if rng is None else spoiled(image, rng, camera=POOR)
 
 
 def _random_turn(turn: Array, rng: np.random.Generator) -> Array:

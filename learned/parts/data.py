@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ class Label:
         centre_px: (2,) where the middle of its body is seen; of an unknown thing the middle of its box.
         axis_px: (2,) by how many pixels AXIS_M along its x axis are seen there; zero for unknown things.
         shown: share of its box that its visible pixels take.
+        on: numbers of the labels of this image that carry it.
     """
 
     part: str
@@ -42,6 +43,7 @@ class Label:
     centre_px: Array
     axis_px: Array
     shown: float
+    on: tuple[int, ...] = ()
 
     @property
     def box_px(self) -> Array:
@@ -64,8 +66,15 @@ def load_scenes(folders: Sequence[Path], product: Product) -> list[Scene]:
     """
 
     def labelled(still: Still, row: dict[str, Any]) -> Scene:
-        seen = [entry for entry in row["parts"] if entry["whole_box_px"]]
-        labels = tuple(_label(entry, still.camera, still.world_from_camera, product) for entry in seen)
+        seen = {number: entry for number, entry in enumerate(row["parts"]) if entry["whole_box_px"]}
+        number_of = {number: label for label, number in enumerate(seen)}
+        labels = tuple(
+            replace(
+                _label(entry, still.camera, still.world_from_camera, product),
+                on=tuple(number_of[one] for one in entry.get("on", ()) if one in number_of),
+            )
+            for entry in seen.values()
+        )
         return Scene(**vars(still), labels=labels)
 
     return load_stills(folders, "objects", labelled)

@@ -108,7 +108,7 @@ STEP_M = 0.0015  # a pixel of the crop on the bench
 PLANES = 5  # red, green, blue, and the two of the direction that it is seen from
 
 
-CORNERS = (np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * (np.array(CROP_PX) - 1) / 2).astype(float)
+SIGNS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 Crops = NDArray[np.float32]
 
@@ -134,20 +134,23 @@ def crops_of(
     world_from_camera: Pose,
     places_m: Sequence[Array],
     yaws_rad: Sequence[float],
+    size_px: tuple[int, int] = CROP_PX,
+    step_m: float = STEP_M,
 ) -> Crops:
     """`crop_of` several places, (n, PLANES, height, width); a bent lens costs as much for one as for many."""
+    around = SIGNS * (np.array(size_px) - 1) / 2
     turns = np.array([[[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]] for yaw in yaws_rad])
-    corners = np.zeros((len(turns), len(CORNERS), 3))
-    corners[..., :2] = CORNERS * STEP_M @ turns
+    corners = np.zeros((len(turns), len(around), 3))
+    corners[..., :2] = around * step_m @ turns
     corners += np.array(places_m)[:, np.newaxis]
     seen = camera.project(world_from_camera, corners.reshape(-1, 3)).reshape(len(turns), -1, 2).astype(np.float32)
-    width, height = CROP_PX
-    own = (CORNERS - CORNERS[0]).astype(np.float32)
+    width, height = size_px
+    own = (around - around[0]).astype(np.float32)
     crops = np.empty((len(turns), PLANES, height, width), np.float32)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     for planes, outline, place_m, turn in zip(crops, seen, places_m, turns, strict=True):
         onto = cv2.getPerspectiveTransform(own, outline)
-        crop = cv2.warpPerspective(image, onto, CROP_PX, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        crop = cv2.warpPerspective(image, onto, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         planes[:3] = crop.transpose(2, 0, 1) / np.float32(255) - np.float32(0.5)
         way = np.array(world_from_camera.position_m) - place_m
         planes[3:] = (turn @ way[:2] / way[2])[:, np.newaxis, np.newaxis]

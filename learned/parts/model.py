@@ -20,6 +20,7 @@ from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
+from learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
@@ -71,13 +72,14 @@ class PosedPartDetector(ABC):
 
     Args:
         networks: all that are asked, the pose net last.
+        stacks: tells what lies on what, and how; without, nobody does.
 
     Raises:
         ModelError: one was trained for other parts.
     """
 
-    def __init__(self, bench: Bench, product: Product, *networks: Network) -> None:
-        self._bench, self._product = bench, product
+    def __init__(self, bench: Bench, product: Product, *networks: Network, stacks: StackReader | None = None) -> None:
+        self._bench, self._product, self._stacks = bench, product, stacks
         self._types = tuple(product.parts)
         self._pose = networks[-1]
         self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
@@ -110,15 +112,39 @@ class PosedPartDetector(ABC):
         if not self._looks_down(frame.world_from_camera):
             return ()
         frame = replace(frame, image=levelled(frame.image))
-        seen, features = self._peaks(frame.image)
-        found = self._placed(frame, [self._scaled(peak) for peak in seen])
-        sure = [seen for seen in found if seen.peak.score > LEAST_GRASPED]
+        peaks, features = self._peaks(frame.image)
+        found = self._placed(frame, [self._scaled(peak) for peak in peaks])
+        below, told = self._below(frame, found)
+        sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
         boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
-        others = [seen for seen in found if all(overlap(seen.peak.box_px, box) < SAME_BOX for box in boxes)]
-        answers += [self._other(seen, features) for seen in others]
+        rest = [
+            index
+            for index, one in enumerate(found)
+            if below[index] or all(overlap(one.peak.box_px, box) < SAME_BOX for box in boxes)
+        ]
+        exact = {id(one.peak): answer.box_px for one, answer in zip(standing, answers, strict=True)}
+        box_of = [exact.get(id(one.peak), _box(one.peak.box_px)) for one in found]
+        for index in rest:
+            on = tuple(box_of[one] for one in below[index])
+            lies = told[index].lies if on else None
+            answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
+
+    def _below(self, frame: Frame, found: Sequence[_Seen]) -> tuple[list[tuple[int, ...]], list[Told]]:
+        """For each thing those that it lies on, and what is told of it; only what meets others is looked at."""
+        boxes, told = [one.peak.box_px for one in found], [NOTHING_TOLD] * len(found)
+        looked_at = meeting(boxes) if self._stacks is not None else []
+        if self._stacks is not None and looked_at:
+            some = [found[index] for index in looked_at]
+            yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in some]
+            kinds, places = [one.peak.kind for one in some], [one.lying_m for one in some]
+            answers = self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
+            for index, answer in zip(looked_at, answers, strict=True):
+                stands = found[index].peak.upright >= LEAST_STANDING
+                told[index] = replace(answer, on_top=0.0) if stands else answer
+        return carriers(told, boxes), told
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""
@@ -222,20 +248,23 @@ class PosedPartDetector(ABC):
 class CentrePartDetector(PosedPartDetector):
     """By the centre net, which tells the axis of a part, but not which way it heads."""
 
-    def __init__(self, bench: Bench, product: Product, centre: Network, pose: Network) -> None:
-        super().__init__(bench, product, centre, pose)
+    def __init__(
+        self, bench: Bench, product: Product, centre: Network, pose: Network, stacks: StackReader | None = None
+    ) -> None:
+        super().__init__(bench, product, centre, pose, stacks=stacks)
         self._centre = centre
 
     @staticmethod
     def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
-        """With the networks of two files: the centre net's, and the pose net's beside it.
+        """With the networks of a file and those beside it: the pose net, and what tells of stacks where that is there.
 
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        return CentrePartDetector(
-            bench, product, OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
-        )
+        centre, pose = OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
+        stacked = stacked_file(path)
+        stacks = StackReader.load(product.parts, stacked) if stacked.is_file() else None
+        return CentrePartDetector(bench, product, centre, pose, stacks)
 
     def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
         maps = self._centre.run({"image": network_input(image)})

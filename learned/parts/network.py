@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from learned.parts.maps import FURTHER, PLANES
 
+LYING = 9  # x axis and y axis in the crop's frame, and its middle along, across and up in centimetres
 CORRECTIONS = 3  # along and across in centimetres, heading in radians
 
 
@@ -66,6 +67,34 @@ class CentreAnswer(nn.Module):
         """As `CentreNet.forward`."""
         heat, further, features = self.network(image)
         return torch.sigmoid(heat), further, features
+
+
+class StackNet(nn.Module):
+    """How a part lies that is seen in a crop, whether it lies on another, and whether another lies on it."""
+
+    def __init__(self, types: int, widths: tuple[int, int, int], hidden: int = 96) -> None:
+        super().__init__()
+        first, second, third = widths
+        self.seen = nn.Sequential(
+            _conv(PLANES, first, 2),
+            _conv(first, second, 2),
+            _conv(second, second),
+            _conv(second, third, 2),
+            _conv(third, third // 2, size=1),
+            nn.Flatten(),
+        )
+        self.hidden = nn.Sequential(nn.LazyLinear(hidden), nn.ReLU(inplace=True))
+        self.lies = nn.Linear(hidden, types * LYING)
+        self.stacked = nn.Linear(hidden, 2)
+
+    def forward(self, crops: Tensor) -> tuple[Tensor, Tensor]:
+        """Crops (n, PLANES, 64, 64) to how parts lie (n, types, LYING), and logits (n, 2) of on top and carrying."""
+        return self.tell(self.seen(crops))
+
+    def tell(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+        """Both, of what the convolutions see."""
+        hidden = self.hidden(seen)
+        return self.lies(hidden).reshape(len(seen), -1, LYING), self.stacked(hidden)
 
 
 class PoseNet(nn.Module):

@@ -42,6 +42,23 @@ class PoseTraining(Schedule):
     batch: int = Field(default=32, ge=1, le=1024)
 
 
+class StackTraining(Schedule):
+    """Training of the network that tells what lies on what, and how.
+
+    Attributes:
+        widths: channels at a half, a quarter and an eighth of the crop.
+        hidden: width of the layer that all answers are read from.
+        off_m, off_rad: standard deviations of what it learns to correct, beside the centre net's own errors.
+    """
+
+    widths: tuple[int, int, int] = (16, 32, 64)
+    hidden: int = Field(default=96, ge=8, le=1024)
+    epochs: int = Field(default=30, ge=1, le=1000)
+    batch: int = Field(default=32, ge=1, le=1024)
+    off_m: float = Field(default=0.004, ge=0, le=0.02)
+    off_rad: float = Field(default=0.3, ge=0, le=3.2)
+
+
 class RcnnTraining(Model):
     """Training of a Faster R-CNN: AdamW with a one-cycle schedule.
 

@@ -10,7 +10,7 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
-from sim.scene.clutter import ScenePart
+from sim.scene.parts import ScenePart
 from sim.scene.settings import PhysicsSettings
 from sim.scene.world import WorldPart, build_world
 from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD

@@ -63,23 +63,29 @@ def write_objects(
 def _parts(
     world: World, product: Product, bench: Bench, masks: Masks, poses: ScenePoses, look: Look
 ) -> list[dict[str, object]]:
-    """Everything in the tray of which enough is seen."""
+    """Everything in the tray of which enough is seen; `on` are the rows of this list that carry it."""
     seen = masks.bodies(poses)
     projection = Projection(world, CAMERA, bench.wrist, look)
+    resting, shown_of = resting_parts(world), dict[str, NDArray[np.bool_]]()
     parts: list[dict[str, object]] = []
-    for body, rests in zip(world.bodies, resting_parts(world), strict=True):
+    for body in world.bodies:
         shown = masks.of(seen, [body.body])
-        box = box_of(shown)
-        if box is None or int(shown.sum()) < LEAST_PX:
+        if int(shown.sum()) >= LEAST_PX:
+            shown_of[body.name] = shown
+    rows = {name: number for number, name in enumerate(shown_of)}
+    for body, rests in zip(world.bodies, resting, strict=True):
+        if body.name not in shown_of:
             continue
+        shown = shown_of[body.name]
         kind = product.parts.get(body.part)
         parts.append(
             {
                 "part": body.part,
                 "posture": rests.posture,
+                "on": [rows[name] for name in rests.on if name in rows],
                 "world_from_part": told_pose(rests.world_from_part),
                 "size_m": None if kind is None else kind.size_m,
-                "box_px": box,
+                "box_px": box_of(shown),
                 "whole_box_px": projection.box(poses, _geoms(world.model, body.body)),
                 "visible_px": int(shown.sum()),
             }

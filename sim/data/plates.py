@@ -20,8 +20,8 @@ from sim.data.folder import DataFolder
 from sim.data.sight import Masks, Projection, told_pose, true_camera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import ScenePoses, visible_poses
-from sim.scene.clutter import ScenePart
 from sim.scene.hand import DIGITS, GANTRY, add_hand
+from sim.scene.parts import ScenePart
 from sim.scene.settings import SimSettings
 from sim.scene.storage import person_set
 from sim.scene.world import World, WorldPart, build_world

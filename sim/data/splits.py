@@ -9,17 +9,19 @@ from cell.interfaces.product import Product
 from sim.scene.settings import ClutterSettings
 
 MOST_FOREIGN = 2
-LYING_SHARE, STACKED_SHARE = 0.2, 0.15  # of the parts in a mixed tray
+LYING_SHARE, STACKED_SHARE = 0.2, 0.06  # of the parts in a mixed tray
 STEEL_LEVELS = (0.40, 0.58)  # grey of bare steel, drawn for each type
 TINT = 0.02
 CLUTTER_STREAM, STEEL_STREAM = 6, 7
 SPLITS = {"train": range(800_000), "validation": range(800_000, 900_000), "test": range(900_000, 1_000_000)}
 
 
-def mixed_clutter(settings: ClutterSettings, seed: int, lying_share: float = LYING_SHARE) -> ClutterSettings:
+def mixed_clutter(
+    settings: ClutterSettings, seed: int, lying_share: float = LYING_SHARE, stacked_share: float = STACKED_SHARE
+) -> ClutterSettings:
     """Trays in which some parts lie, some are on top of others, and up to MOST_FOREIGN objects are of no type."""
     foreign = int(np.random.default_rng([seed, CLUTTER_STREAM]).integers(MOST_FOREIGN + 1))
-    mixed = {"lying_share": lying_share, "stacked_share": STACKED_SHARE, "foreign_objects": foreign}
+    mixed = {"lying_share": lying_share, "stacked_share": stacked_share, "foreign_objects": foreign}
     return settings.model_copy(update=mixed)
 
 

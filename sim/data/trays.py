@@ -16,8 +16,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.rendering.studio import Studio
-from sim.scene.clutter import ScenePart
 from sim.scene.look import NOMINAL
+from sim.scene.parts import ScenePart
 from sim.scene.settings import PhysicsSettings
 from sim.scene.world import WorldPart, build_world
 

@@ -19,9 +19,10 @@ from cell.interfaces.devices import TruthEvent
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
-from sim.scene.clutter import ScenePart, add_to_clutter, full_set
+from sim.scene.clutter import add_to_clutter, full_set
 from sim.scene.hand import CURL_JOINT, DIGITS, GANTRY, WRIST_JOINTS, add_hand
 from sim.scene.look import NOMINAL, Look
+from sim.scene.parts import ScenePart
 from sim.scene.person import Person
 from sim.scene.settings import ClutterSettings
 from sim.scene.storage import Bin, Layout, lay_out

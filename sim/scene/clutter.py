@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -13,34 +12,19 @@ from cell.errors import SettingError
 from cell.interfaces.bench import Tray
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from sim.scene.posture import LYING, SIDES, UPRIGHT, stance, whole
+from sim.scene.heaping import heaped
+from sim.scene.parts import ScenePart
+from sim.scene.posture import LYING, UPRIGHT, stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN, UnknownObject, draw_unknown_object
 
 TRIES = 500
+TRAYS = 20  # that are begun where parts are set down on others
+RIM_M = 0.008  # from the wall of the tray, of what was set down on others
 TOPS = 8  # spots on top of others that are compared
 OUTWARDS = 0.4  # metres of height that a metre farther from the tray's middle is worth
 BRIDGING = 0.6  # share of spots across two bodies
 OFF_CENTRE = 0.15  # of the room of the part below, at most, by which a part is put off that part's middle
-
-Owner = Literal["robot", "person"]
-
-
-@dataclass(frozen=True)
-class ScenePart:
-    """One part and where it starts.
-
-    Attributes:
-        part: its type.
-        world_from_part: the part frame (body's bottom centre).
-        owner: whose set it belongs to.
-        foreign: what it is, where it is of no type.
-    """
-
-    part: str
-    world_from_part: Pose
-    owner: Owner = "robot"
-    foreign: UnknownObject | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +76,8 @@ def sample_clutter(
 ) -> tuple[ScenePart, ...]:
     """Put parts into the tray at random poses, many of them right beside another one, then those on top of others.
 
-    Parts that lie or are on top of others begin a little above what carries them; the world lets them come to rest.
+    Parts that lie begin a little above the floor, and come to rest there. Those that are set down on others lie, and
+    where there are any, all are at rest.
 
     Args:
         types: type of every part, in any order.
@@ -104,16 +89,20 @@ def sample_clutter(
     settings = settings or ClutterSettings()
     items = [_posed(product, types[i], rng, settings.lying_share) for i in rng.permutation(len(types))]
     stacked = [number > 0 and _happens(settings.stacked_share, rng) for number in range(len(items))]
-    spots: list[_Spot] = []
-    for item, high in zip(items, stacked, strict=True):
-        if not high:
+    low = [item for item, high in zip(items, stacked, strict=True) if not high]
+    tops = [item.part for item, high in zip(items, stacked, strict=True) if high]
+    for _ in range(TRAYS):
+        spots: list[_Spot] = []
+        for item in low:
             spots.append(_free_spot(tray, item, spots, rng, settings))
-    for _ in range(settings.foreign_objects):
-        spots.append(_free_spot(tray, _unknown(rng), spots, rng, settings))
-    for item, high in zip(items, stacked, strict=True):
-        if high:
-            spots.append(_spot_on_top(tray, _posed(product, item.part, rng, 1.0, SIDES), spots, rng))
-    return tuple(_scene_part(tray, spot) for spot in spots)
+        for _ in range(settings.foreign_objects):
+            spots.append(_free_spot(tray, _unknown(rng), spots, rng, settings))
+        floor = tuple(_scene_part(tray, spot) for spot in spots)
+        if not tops:
+            return floor
+        if (scene := heaped(product, tray, floor, tops, rng, RIM_M)) is not None:
+            return scene
+    raise _full(tray, len(types))
 
 
 def add_to_clutter(
@@ -229,8 +218,12 @@ def _free_spot(
         inside = bool(np.all(np.abs(body - middle) <= room))
         if inside and all(gap(body, other) >= settings.nearest_gap_m - 1e-9 for other in obstacles):
             return _Spot(item, centre, yaw)
-    what = f"no free spot for {len(placed) + 1} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m"
-    raise SettingError((("bench", "tray", "size_m"), what))
+    raise _full(tray, len(placed) + 1)
+
+
+def _full(tray: Tray, count: int) -> SettingError:
+    what = f"no free spot for {count} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m"
+    return SettingError((("bench", "tray", "size_m"), what))
 
 
 def _spot_on_top(tray: Tray, item: _Item, placed: Sequence[_Spot], rng: np.random.Generator) -> _Spot:

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import SettingError
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Tray
 from cell.interfaces.product import Product
 from sim.scene import palette
 from sim.scene.look import Light, Surfaces
 from sim.scene.palette import add_box
+from sim.scene.settings import PhysicsSettings
 from sim.scene.storage import Bin
 
 AIM_M = (0.65, 0.05, 0.0)  # where all lamps shine: the middle of the bench
@@ -34,6 +35,15 @@ BIN_RIM_M = 0.006
 PLATE_SHININESS = 0.5
 PLATE_TOUCH = (0.004, 1.0)  # solref: softer, and parts that fall 11 cm sink so deep that they are pushed out below
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
+
+
+def set_physics(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
+    """How the cell is stepped."""
+    spec.option.timestep = physics.step_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 100.0  # with 10, held parts creep down 0.05 mm a second
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
 
 
 def add_lights(spec: mujoco.MjSpec, light: Light) -> None:
@@ -105,7 +115,7 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
     spec.add_material(name="plate", specular=surfaces.plate_shine, shininess=PLATE_SHININESS)
     for geom in spec.body("bracket").geoms:
         geom.material = "plate"
-    _add_tray(world, bench, surfaces.tray_rgb)
+    add_tray(world, bench.tray, surfaces.tray_rgb)
     for one in bins:
         _add_bin(world, one, surfaces.bin_rgb)
 
@@ -116,11 +126,12 @@ def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
     _add_rim(world, (x, y, 0.0), one.size_m, z + BIN_RIM_M, rgb)
 
 
-def _add_tray(world: mujoco.MjsBody, bench: Bench, rgb: palette.Rgb) -> None:
-    x, y, z = bench.tray.centre_m
-    length, width = bench.tray.size_m
+def add_tray(world: mujoco.MjsBody, tray: Tray, rgb: palette.Rgb) -> None:
+    """Its floor and its wall."""
+    x, y, z = tray.centre_m
+    length, width = tray.size_m
     _add_floor(world, (x, y, z), (length, width), rgb)
-    _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, rgb)
+    _add_rim(world, (x, y, 0.0), (length, width), z + tray.wall_m, rgb)
 
 
 def _add_floor(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType
 from cell.interfaces.solid import Solid
 from sim.scene import palette
-from sim.scene.clutter import ScenePart
 from sim.scene.palette import add_box, add_cylinder, add_ellipsoid
 from sim.scene.unknown_objects import UnknownObject
 
@@ -28,6 +30,26 @@ _HALF = math.sqrt(0.5)
 # part_from_cylinder (w, x, y, z) by axis: MuJoCo's cylinders lie along z
 _ALONG = {"x": (_HALF, 0.0, _HALF, 0.0), "y": (_HALF, -_HALF, 0.0, 0.0), "z": _UPRIGHT}
 SLICES = 18  # as many as MuJoCo's own, so that outlines stay
+
+
+Owner = Literal["robot", "person"]
+
+
+@dataclass(frozen=True)
+class ScenePart:
+    """One part and where it starts.
+
+    Attributes:
+        part: its type.
+        world_from_part: the part frame (body's bottom centre).
+        owner: whose set it belongs to.
+        foreign: what it is, where it is of no type.
+    """
+
+    part: str
+    world_from_part: Pose
+    owner: Owner = "robot"
+    foreign: UnknownObject | None = None
 
 
 def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartType, style: int) -> None:

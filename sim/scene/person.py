@@ -264,16 +264,20 @@ _VARIED = _ORDINARY.model_copy(
         )
     }
 )
+_CARELESS = _ORDINARY.model_copy(
+    update={
+        "robot": BesideRobot(waits=0.3, intrusions_per_min=12.0),
+        "lapses": _ORDINARY.lapses.model_copy(update={"overlooks": 0.3}),
+    }
+)
 PERSONS = {
     "careful": Person(),
     "absent": Person(pause_s=(NEVER_S, NEVER_S)),  # nobody does anything
     "ordinary": _ORDINARY,
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
-    "careless": _ORDINARY.model_copy(
-        update={
-            "robot": BesideRobot(waits=0.3, intrusions_per_min=12.0),
-            "lapses": _ORDINARY.lapses.model_copy(update={"overlooks": 0.3}),
-        }
+    "careless": _CARELESS,
+    "hasty": _CARELESS.model_copy(  # as fast as ISO 13855 has hands
+        update={"robot": _CARELESS.robot.model_copy(update={"intrusion_m_s": (1.9, 2.0)})}
     ),
 }
 

@@ -93,7 +93,7 @@ class ClutterSettings(Model):
         farthest_gap_m: largest gap between the bodies of such neighbours.
         rim_margin_m: least distance of a body from the tray's rim.
         lying_share: probability that a part lies on one of its other sides.
-        stacked_share: probability that a part is put on top of others; about a third of those stay there.
+        stacked_share: probability that a part, the first one aside, is set down on one or two others and stays there.
         foreign_objects: how many objects of no type lie among the parts.
     """
 

@@ -14,7 +14,7 @@ from cell.errors import SettingError
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.scene.clutter import ScenePart
+from sim.scene.parts import ScenePart
 from sim.scene.person import Storage, happens
 
 BIN_GAP_M = 0.032  # between bodies in a bin: room for a thumb beside a finger

@@ -14,12 +14,11 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel, default_robot
 from sim.scene.body import add_onlooker, fit_hand
-from sim.scene.clutter import Owner, ScenePart
 from sim.scene.clutter_objects import add_things
-from sim.scene.furniture import add_furniture, add_lights, fit_shadows
+from sim.scene.furniture import add_furniture, add_lights, fit_shadows, set_physics
 from sim.scene.lens import Lens
 from sim.scene.look import NOMINAL, Camera, Look, MountError
-from sim.scene.parts import add_part, add_unknown_object, simplify_cylinders
+from sim.scene.parts import Owner, ScenePart, add_part, add_unknown_object, simplify_cylinders
 from sim.scene.robot import STROKE_M, add_gripper, arm_spec
 from sim.scene.settings import PhysicsSettings
 from sim.scene.storage import Bin, own_bins, person_set
@@ -219,7 +218,8 @@ def build_world(
     scene = person_set(product, bench) if scene is None else scene
     robot = robot or default_robot()
     spec = arm_spec(robot)
-    _set_options(spec, physics)
+    set_physics(spec, physics)
+    _set_drawing(spec)
     add_gripper(spec, bench.wrist, robot.tool)
     add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     kinds = list(product.parts)
@@ -253,12 +253,7 @@ def part_names(scene: Sequence[ScenePart]) -> list[str]:
     return names
 
 
-def _set_options(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
-    spec.option.timestep = physics.step_s
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 100.0  # with 10, held parts creep down 0.05 mm a second
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+def _set_drawing(spec: mujoco.MjSpec) -> None:
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
     # MuJoCo shifts shadows by a share of zfar: with 20, dots of shadow lie on bright surfaces.
     spec.visual.map.znear, spec.visual.map.zfar = 0.01, 300.0

@@ -16,7 +16,7 @@ from sim.stacks.kinds import KINDS, draw_thing
 from sim.stacks.photograph import HEIGHT_PX, WIDTH_PX, photograph
 from sim.stacks.settings import StackSettings
 from sim.stacks.stacking import Stack
-from sim.stacks.stage import Stage
+from sim.stacks.stage import Stage, table_with
 from sim.stacks.trial import Rests, relations
 
 TRIES = 100  # heaps that are begun for one picture
@@ -86,9 +86,9 @@ def _begun(rng: np.random.Generator, settings: StackSettings, count: int) -> Sta
     """Set so many objects down, and try who rests on whom; None where one falls, or it is doubtful."""
     names = tuple(KINDS[index] for index in rng.permutation(settings.kinds)[:count])
     things = [draw_thing(name, rng) for name in names]
-    stage = Stage(things, rng)
+    stage = table_with(things, rng)
     with _unheard():
-        if not Stack(stage, things, settings, rng).build():
+        if not Stack(stage, [thing.stances for thing in things], settings, rng).build():
             return None
         rests = relations(stage)
     return None if rests is None or stage.diverged else Standing(stage, names, rests)

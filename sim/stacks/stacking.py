@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 
 from cell.interfaces.pose import Array
-from sim.stacks.pieces import Quaternion, Thing, about_z
+from sim.stacks.pieces import Quaternion, about_z
 from sim.stacks.settings import StackSettings
 from sim.stacks.stage import Stage
 
 STEEP = math.cos(math.radians(60))  # height of a contact's normal from which on one body carries another
-TRIES = 7  # spots on others for an object, before it goes onto the table
+TRIES = 7
 FREE_SPOTS = 40
 HIGHEST_SHARE = 0.7  # of objects put on one other, those put on the highest: so heaps grow deep
 REGION_M = 0.13  # half side of the part of the table that is used
@@ -30,26 +30,45 @@ class Stack:
 
     Attributes:
         level: how many relations are below each object that is down, in the longest chain.
+
+    Args:
+        stances: of each object, ways in which it is set down: world_from_object without place and heading.
+        room_m: half sides (x, y) of what nothing that comes to rest may reach beyond; None for no limit.
+        tries: spots on others for an object, before it goes onto the table.
+        fallen_m: how far an object may be from where it was set down, once it rests.
     """
 
     def __init__(
-        self, stage: Stage, things: Sequence[Thing], settings: StackSettings, rng: np.random.Generator
+        self,
+        stage: Stage,
+        stances: Sequence[Sequence[Quaternion]],
+        settings: StackSettings,
+        rng: np.random.Generator,
+        room_m: Array | None = None,
+        tries: int = TRIES,
+        fallen_m: float = FALLEN_M,
     ) -> None:
-        self.stage, self._things, self._settings, self._rng = stage, things, settings, rng
+        self.stage, self._stances, self._settings, self._rng, self._room_m = stage, stances, settings, rng, room_m
+        self._tries, self._fallen_m = tries, fallen_m
         self.level: dict[int, int] = {}
 
     def build(self) -> bool:
         """Set all down; False where one finds no place, or something does not come to rest."""
         limit = int(self._rng.integers(1, self._settings.deepest + 1))
-        for number in range(len(self._things)):
+        for number in range(len(self._stances)):
             high = bool(self.level) and self._rng.random() < self._settings.stacked_share
-            if not (high and self._set_on_others(number, limit)) and not self._set_on_table(number):
+            if not (high and self.set_on_others(number, limit)) and not self.set_on_table(number):
                 return False
-        return self._at_rest(SETTLE_S)
+        return self.at_rest()
 
-    def _set_on_others(self, number: int, limit: int) -> bool:
+    def set_on_others(self, number: int, limit: int) -> bool:
+        """Set an object down on one or two of those that are down; False where it stays on none in several tries.
+
+        Args:
+            limit: relations in a chain.
+        """
         before = self.stage.state()
-        for _ in range(TRIES):
+        for _ in range(self._tries):
             below = self._chosen_below(limit)
             if not below:
                 return False
@@ -89,7 +108,7 @@ class Stack:
         return spot, _product(about_z(yaw), stance)
 
     def _stance(self, number: int) -> Quaternion:
-        stances = self._things[number].stances
+        stances = self._stances[number]
         return stances[int(self._rng.integers(len(stances)))]
 
     def _lower(self, number: int, spot: Array, turn: Quaternion) -> None:
@@ -114,7 +133,7 @@ class Stack:
         start = stage.data.qpos[7 * number : 7 * number + 3].copy()
         for _ in range(round(SETTLE_S / GLANCE_S)):
             stage.run(GLANCE_S)
-            if np.linalg.norm(stage.data.qpos[7 * number : 7 * number + 3] - start) > FALLEN_M:
+            if np.linalg.norm(stage.data.qpos[7 * number : 7 * number + 3] - start) > self._fallen_m:
                 return []
             if stage.speeds().max() < REST_M_S:
                 break
@@ -122,28 +141,34 @@ class Stack:
             return []
         there = [one for one, down in enumerate(stage.down) if down and one != number]
         shifts = (stage.data.qpos - before).reshape(-1, 7)[there, :3]
-        if np.linalg.norm(shifts, axis=1).max(initial=0.0) > PUSHED_M:
+        if np.linalg.norm(shifts, axis=1).max(initial=0.0) > PUSHED_M or not self._in_room(number, *there):
             return []
         return carriers_of(stage)[number]
 
-    def _set_on_table(self, number: int) -> bool:
+    def _in_room(self, *numbers: int) -> bool:
+        if self._room_m is None:
+            return True
+        return all(bool((np.abs(self.stage.points(one)[:, :2]) <= self._room_m).all()) for one in numbers)
+
+    def set_on_table(self, number: int) -> bool:
         """Beside all others."""
         stage, rng = self.stage, self._rng
         turn = _product(about_z(rng.uniform(-math.pi, math.pi)), self._stance(number))
         before = stage.state()
+        half_m: Array | float = REGION_M if self._room_m is None else self._room_m
         for _ in range(FREE_SPOTS):
-            spot = rng.uniform(-REGION_M, REGION_M, 2) * (1.0 if self.level else 0.5)
+            spot = rng.uniform(-half_m, half_m, 2) * (1.0 if self.level else 0.5)
             stage.put(number, np.array([*spot, 1.0]), turn)
             stage.put(number, np.array([*spot, 1.0 - stage.lowest_m(number) + DROP_M]), turn)
-            if not self._touches(number) and self._at_rest(SETTLE_S):
+            if not self._touches(number) and self.at_rest() and self._in_room(number):
                 self.level[number] = 0
                 return True
             stage.restore(before)
         return False
 
-    def _at_rest(self, longest_s: float) -> bool:
-        """Let time pass until nothing moves."""
-        for _ in range(round(longest_s / GLANCE_S)):
+    def at_rest(self) -> bool:
+        """Let time pass until nothing moves; False where something still does after SETTLE_S."""
+        for _ in range(round(SETTLE_S / GLANCE_S)):
             self.stage.run(GLANCE_S)
             if self.stage.speeds().max() < REST_M_S:
                 return True

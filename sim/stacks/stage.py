@@ -1,4 +1,4 @@
-"""A table with objects for MuJoCo; what nobody has set down yet floats aside, and each object can be lifted."""
+"""A surface with objects for MuJoCo; what nobody has set down yet floats aside. At a table each can be lifted."""
 
 from __future__ import annotations
 
@@ -32,26 +32,24 @@ _SHAPES = {
 
 
 class Stage:
-    """Some objects at a table whose top is at z = 0.
+    """Some objects above a surface whose top is at z = 0.
 
     Attributes:
         bodies: number of each object's body.
         down: whether it has been set down.
 
     Args:
-        rng: draws patterns, table and light.
+        spec: the surface, and the objects as its only free bodies.
+        names: of the objects' bodies, in their order.
     """
 
-    def __init__(self, things: Sequence[Thing], rng: np.random.Generator) -> None:
-        spec = _spec()
-        _add_surroundings(spec, rng)
-        for number, thing in enumerate(things):
-            _add_thing(spec, number, thing, rng)
+    def __init__(self, spec: mujoco.MjSpec, names: Sequence[str]) -> None:
+        for number, name in enumerate(names):
+            spec.body(name).pos, spec.body(name).gravcomp = _aside(number), 1.0
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.bodies = [self.model.body(f"thing_{number}").id for number in range(len(things))]
-        self.down = [False] * len(things)
-        self._lifter = int(self.model.body_mocapid[self.model.body(LIFTER).id])
+        self.bodies = [self.model.body(name).id for name in names]
+        self.down = [False] * len(names)
         mujoco.mj_forward(self.model, self.data)
 
     def put(self, number: int, place_m: Array, turn: Quaternion) -> None:
@@ -93,16 +91,20 @@ class Stage:
         mujoco.mj_forward(self.model, self.data)
 
     def lift(self, number: int, height_m: float, speed_m_s: float) -> Array:
-        """Lift an object straight up without turning it; returns how far each object moved at most (n,) [m]."""
+        """Lift an object straight up without turning it; returns how far each object moved at most (n,) [m].
+
+        For stages of `table_with` alone.
+        """
         body, equality = self.bodies[number], number
+        lifter = int(self.model.body_mocapid[self.model.body(LIFTER).id])
         begin = self.data.geom_xpos.copy()
         start = self.data.xpos[body].copy()
-        self.data.mocap_pos[self._lifter], self.data.mocap_quat[self._lifter] = start, self.data.xquat[body]
+        self.data.mocap_pos[lifter], self.data.mocap_quat[lifter] = start, self.data.xquat[body]
         self.data.eq_active[equality] = 1
         moved = np.zeros(len(self.bodies))
         pause_s = 0.01
         for height in np.arange(0.0, height_m, speed_m_s * pause_s):
-            self.data.mocap_pos[self._lifter, 2] = start[2] + height
+            self.data.mocap_pos[lifter, 2] = start[2] + height
             self.run(pause_s)
             moved = np.maximum(moved, self._moved(begin))
         self.data.eq_active[equality] = 0
@@ -143,6 +145,19 @@ class Stage:
         """Bodies (k, 2) that touch, and the normals' heights (k,); a normal points from the first to the second."""
         bodies = self.model.geom_bodyid[self.data.contact.geom].reshape(-1, 2)
         return bodies, self.data.contact.frame[:, 2].copy()
+
+
+def table_with(things: Sequence[Thing], rng: np.random.Generator) -> Stage:
+    """Everyday objects at a table, each of which can be lifted.
+
+    Args:
+        rng: draws patterns, table and light.
+    """
+    spec = _spec()
+    _add_surroundings(spec, rng)
+    for number, thing in enumerate(things):
+        _add_thing(spec, number, thing, rng)
+    return Stage(spec, [f"thing_{number}" for number in range(len(things))])
 
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -196,7 +211,7 @@ def _add_surroundings(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
 
 def _add_thing(spec: mujoco.MjSpec, number: int, thing: Thing, rng: np.random.Generator) -> None:
     name = f"thing_{number}"
-    body = spec.worldbody.add_body(name=name, pos=_aside(number), gravcomp=1.0)
+    body = spec.worldbody.add_body(name=name)
     body.add_joint(type=mujoco.mjtJoint.mjJNT_FREE, damping=[_ROLLING_DAMPING] * 3)
     whole = sum(piece.volume_m3 for piece in thing.pieces)
     for place, piece in enumerate(thing.pieces):

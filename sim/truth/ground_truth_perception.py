@@ -7,7 +7,7 @@ in view and nothing hides it; a hole, where nothing hides it; parts, where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
@@ -29,7 +29,7 @@ SKIN_PX = 8  # the skin reaches this far beyond its points
 LEAST_SEEN = 2  # points of the hand that must be seen
 NEAR_HOLE_M, HELD_M = 0.03, 0.05
 ABOVE_M = 0.004
-IMAGES = 8  # with other noise each, as a live camera has
+SHIFTS_PX = 64  # of the noise, along both axes: a live camera never sends the same image twice
 KEPT = 64  # frames that may still be asked about
 NOISE = 2.0  # grey levels
 
@@ -44,18 +44,20 @@ class GroundTruthPerception:
 
     Attributes:
         others: no other hands are seen.
+        spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
     def __init__(self, world: World, *, hand: bool, still: NDArray[np.uint8], assumed_height_m: float = 0.10) -> None:
         self._world, self._height_m = world, assumed_height_m
         self._hand_body = int(world.model.body("hand").id) if hand else -1
-        rng = np.random.default_rng(0)
-        noise = rng.normal(0.0, NOISE, (IMAGES, *still.shape))
-        self._images = [np.clip(still + one, 0, 255).astype(np.uint8) for one in noise]
+        height, width, channels = still.shape
+        noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
+        self._noise, self._still = np.rint(noise).astype(np.int16), still.astype(np.int16)
         self._holes: dict[str, HoleView] = {}
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
+        self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand
 
     def take(self, exposure: Exposure) -> Frame:
         """Look at the world now, as the shutter closes."""
@@ -64,15 +66,22 @@ class GroundTruthPerception:
         else:
             self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
-        image = self._images[exposure.sequence % IMAGES]
+        image = self._image(exposure.sequence)
         return Frame(exposure.camera, exposure.sequence, exposure.time_s, image, exposure.world_from_camera)
+
+    def _image(self, sequence: int) -> NDArray[np.uint8]:
+        """The still one, with other noise in each frame."""
+        height, width = self._still.shape[:2]
+        down, right = divmod(sequence % SHIFTS_PX**2, SHIFTS_PX)
+        noise = self._noise[down : down + height, right : right + width]
+        return np.clip(self._still + noise, 0, 255).astype(np.uint8)
 
     def close(self) -> None:
         """Nothing to let go of."""
 
     def track(self, frame: Frame) -> HandSample | None:
         """The hand in a frame of the overhead camera."""
-        return self._seen[frame.camera, frame.sequence][0]
+        return self.spoil(self._seen[frame.camera, frame.sequence][0])
 
     def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
         """The holes in a frame."""

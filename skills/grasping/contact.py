@@ -44,13 +44,21 @@ class Descend:
     """A phase: straight down to a part, which ends in failure as soon as the fingers meet something."""
 
     def __init__(
-        self, name: str, planner: MotionPlanner, target: Pose, load: Load, speed_m_s: float | None = None
+        self,
+        name: str,
+        planner: MotionPlanner,
+        target: Pose,
+        load: Load,
+        speed_m_s: float | None = None,
+        *,
+        feels: bool = False,
     ) -> None:
         """Args:
         name: type of the part.
         target: world_from_tool when the fingers close.
+        feels: what the fingers meet may be what the part lies on: they close there.
         """
-        self._name, self._planner = name, planner
+        self._name, self._planner, self._feels = name, planner, feels
         self._move = Move(
             f"going down to {name}",
             lambda start: planner.straight_move(start, target, load, speed_m_s),
@@ -61,6 +69,9 @@ class Descend:
         """Follow the line and feel."""
         progress = self._move.poll(observation, command)
         if progress.status is SkillStatus.RUNNING and meets_something(self._planner, self._move, observation):
+            if self._feels:
+                command.follow, command.stop_arm = None, True
+                return done(f"the fingers feel what {self._name} lies on")
             return failed(f"the fingers met something on the way down to {self._name}")
         return progress
 

@@ -98,6 +98,15 @@ def lying_holds(kind: PartType, up: str, settings: MotionSettings) -> tuple[Lyin
     return *by_turns, *(hold for turn in others for hold in _holds(kind, turn, LEANS_RAD[0], settings))
 
 
+@cache
+def straight_holds(kind: PartType, up: str, settings: MotionSettings) -> tuple[LyingHold, ...]:
+    """Ways to hold a part from straight above the side that is up, to put it down as it lay; across by turns."""
+    across = [axis for axis in range(3) if axis_of(up)[axis] == 0]
+    turns = [Turn(axis, up, f"+{'xyz'[3 - axis - 'xyz'.index(up[1])]}") for axis in across]
+    rows = zip_longest(*(_holds(kind, turn, 0.0, settings) for turn in turns))
+    return tuple(hold for row in rows for hold in row if hold is not None)
+
+
 def solid_boxes(name: str, kind: PartType, world_from_part: Pose) -> tuple[Box, ...]:
     """A part as it lies: a box around each of its solids."""
     return tuple(

@@ -11,7 +11,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array, Pose
 from skills.motion.planner import Load, MotionPlanner, Plan, joined
-from skills.motion.separation import Following, Separation, SeparationMonitor, nearest
+from skills.motion.separation import Following, Separation, SeparationMonitor
 
 BACK_M = (0.08, 0.16, 0.24)  # the tool is drawn back so far, before it turns away
 RISES_M = (0.0, 0.08)  # and lifted so far before that
@@ -20,7 +20,7 @@ RISES_M = (0.0, 0.08)  # and lifted so far before that
 def separation_of(
     monitor: SeparationMonitor, seen: Observation, ahead: Following | None, joints_rad: Array | None = None
 ) -> Separation | None:
-    """From every hand that is seen, or from where the last one went; None where there is none, or joints are wrong.
+    """From every hand that is seen, and from where others may be; None without a view of the bench, or joints.
 
     Args:
         ahead: the trajectory that the arm follows or would follow, and how far along it the arm is.
@@ -29,11 +29,8 @@ def separation_of(
     joints = np.array(seen.arm.positions_rad) if joints_rad is None else joints_rad
     if seen.bench is None or joints.shape != (6,) or not np.isfinite(joints).all():
         return None
-    age_s, holding = max(0.0, seen.time_s - seen.bench.time_s), seen.gripper.holding
-    hands = hands_of(seen)
-    if not hands:
-        return monitor.judge_beyond(joints, seen.bench.left_by, age_s, holding, ahead)
-    return nearest([monitor.judge(joints, hand, age_s, holding, ahead) for hand in hands])
+    persons = monitor.persons.of(hands_of(seen), seen.bench.left_by, max(0.0, seen.time_s - seen.bench.time_s))
+    return monitor.judge(joints, persons, seen.gripper.holding, ahead)
 
 
 def hands_of(seen: Observation) -> list[HandSample]:

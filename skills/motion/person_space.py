@@ -1,6 +1,9 @@
-"""Where the person may be, as convex bodies over the bench: a hand that is seen, or one that left the view."""
+"""Where people may be, as convex bodies over the bench: hands that are seen, and hands beyond the edges of the view."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -12,10 +15,46 @@ from skills.motion.settings import SeparationSettings
 
 EDGES: tuple[Edge, ...] = ("left", "top", "right", "bottom")
 EDGE_PX = 6  # a box this near to the image's edge touches it
+HANDS = 2  # of the person; those that are not seen may come over the person's edge
 HAND_LENGTH_M = 0.12
+LEAST_LENGTH_M = 0.03  # from fingertips to palm; a hand that is shorter in the image points nowhere
 KNUCKLES_M = 0.15  # how far above the palm's height hand and forearm reach, and how far that may be off
 BEYOND_M = 1.0  # how far a hand that left the view may have gone
+TINY_M = 1e-9
 FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+
+
+@dataclass(frozen=True)
+class Person:
+    """A hand with its forearm, or a place where one may be.
+
+    Attributes:
+        body: all places that it may be at, with the intrusion distance C.
+        age_s: of what is known of it.
+        hand_speed_m_s: v_h, where it is not measured.
+        velocity_m_s: (x, y) as measured; None where that is unknown.
+        waited_for: an arm that is too near waits for it to leave.
+    """
+
+    body: coal.Convex
+    age_s: float
+    hand_speed_m_s: float
+    velocity_m_s: tuple[float, float] | None = None
+    waited_for: bool = True
+
+    def coming_m_s(self, ways: Array, hastens: float = 1.0) -> Array:
+        """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn.
+
+        Args:
+            hastens: how much faster it may be than measured, as far as hands are.
+        """
+        if self.velocity_m_s is None:
+            return np.full(ways.shape[:-1], self.hand_speed_m_s)
+        velocity = np.array(self.velocity_m_s)
+        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[..., :2], axis=-1)
+        towards = np.where(lengths < TINY_M, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY_M))
+        coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
+        return coming
 
 
 class PersonSpace:
@@ -33,13 +72,27 @@ class PersonSpace:
         self.beyond = {edge: self._outside(edge) for edge in EDGES}
         self.edge: Edge = max(EDGES, key=self._towards_person)
 
+    def of(self, hands: Sequence[HandSample], left_by: Sequence[Edge], age_s: float) -> list[Person]:
+        """Every hand that is seen, and as many beyond the edges as may be there.
+
+        A hand that left by an edge may come back anywhere there. Behind the edge where the person stands a hand may
+        stay away for long: the arm is slow before it could arrive, but does not wait for it. All hands that are not
+        seen may be there, whatever else is seen.
+        """
+        speed_m_s = self._settings.hand_speed_m_s
+        persons = [Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s) for hand in hands]
+        edges = {*left_by, self.edge} if len(hands) < HANDS else {*left_by}
+        return persons + [
+            Person(self.beyond[one], age_s, speed_m_s, waited_for=one != self.edge) for one in EDGES if one in edges
+        ]
+
     def wall(self, hand: HandSample) -> coal.Convex:
-        """A wall over the bench, from the fingertips over the palm along the forearm."""
+        """A wall over the bench, from the fingertips over the palm along the forearm; C is 0, as the tips are seen."""
         settings = self._settings
         tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
         along = palm - tips
         length_m = float(np.linalg.norm(along))
-        along = along / length_m if length_m > settings.margin_m else np.array([1.0, 0.0])
+        along = along / length_m if length_m > LEAST_LENGTH_M else np.array([1.0, 0.0])
         across = settings.hand_radius_m * np.array([-along[1], along[0]])
         start = tips - self._unseen_m(hand) * along
         end = tips + (length_m + settings.forearm_m) * along
@@ -77,12 +130,13 @@ class PersonSpace:
         return self._camera.onto_plane(self._world_from_camera, np.array(pixels), height_m)[:, :2]
 
     def _outside(self, edge: Edge) -> coal.Convex:
-        """All places beyond an edge of the view that a hand can be at."""
+        """All places beyond an edge of the view that a hand can be at, and how far it may be in before it is found."""
         layers = []
         for height_m in (0.0, self._settings.hand_height_m):
             first, last = self._edge_line(edge, height_m)
             along = (last - first) / np.linalg.norm(last - first)
             out = _outwards(first, last, self._eye[:2])
+            first, last = (end - self._settings.intrusion_m * out for end in (first, last))
             first, last = first - BEYOND_M * along, last + BEYOND_M * along
             layers.append(np.array([first, last, last + BEYOND_M * out, first + BEYOND_M * out]))
         return _prism(layers[0], layers[1], self._settings.hand_height_m)

@@ -60,9 +60,7 @@ class MotionPlanner:
         self.lying: LyingHold | None = None
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
-        self.separation = SeparationMonitor(
-            self._checker, bench, self.settings.separation, self.settings.acceleration_limits_rad_s2
-        )
+        self.separation = SeparationMonitor(self._checker, bench, self.settings)
 
     @property
     def robot_shapes(self) -> tuple[Shape, ...]:

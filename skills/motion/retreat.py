@@ -1,8 +1,4 @@
-"""Whether an arm that is too near to a hand may go on: slowly, along a path that leads away from it all the way.
-
-The protective distance of ISO/TS 15066 counts how far the hand comes and how far the arm does. An arm that moves away
-does not come nearer, so only the hand's part and the margin are left of it. Not safety-rated.
-"""
+"""Whether an arm that is too near to a hand may go on: slowly, along a path that leads away from it all the way."""
 
 from __future__ import annotations
 
@@ -12,58 +8,42 @@ import numpy as np
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array
 from skills.motion.arm_outline import ArmOutline
-from skills.motion.settings import SeparationSettings
 
 STEP_S = 0.02  # between places of the path that are looked at
 SOON = 6  # steps that count for the speed: a tick, and the reaction
 SWAY_M = 0.002  # that much nearer than before is none: joints are measured, and trail
 
 
-class Leaving:
-    """Looks along paths for the hand that is near.
+def retreat_share(
+    outline: ArmOutline,
+    joints_rad: Array,
+    ahead: tuple[JointTrajectory, float],
+    person: coal.Convex,
+    clear_m: float,
+    speed_m_s: float,
+    *,
+    holding: bool,
+) -> float:
+    """Share of the planned speed at which the arm may follow the rest of a path; 0 where it does not lead away.
+
+    No link may come nearer anywhere on it, as long as it is nearer than `clear_m`; at its end there is more room.
 
     Args:
-        outline: of the arm.
+        joints_rad: (6,) as measured.
+        ahead: the trajectory, and how far along it the arm is.
+        person: where the hand is.
+        speed_m_s: of the fastest point, at most.
     """
-
-    def __init__(self, outline: ArmOutline, settings: SeparationSettings) -> None:
-        self._outline, self._settings = outline, settings
-
-    def contact_m(self, hand_speed_m_s: float, age_s: float) -> float:
-        """The protective distance of an arm that moves away: nearer than that, nothing moves."""
-        settings = self._settings
-        stop_s = settings.leaving_m_s / settings.braking_m_s2
-        return settings.margin_m + hand_speed_m_s * (age_s + settings.reaction_s + stop_s)
-
-    def share(
-        self,
-        joints_rad: Array,
-        trajectory: JointTrajectory,
-        path_s: float,
-        person: coal.Convex,
-        clear_m: float,
-        *,
-        holding: bool,
-    ) -> float:
-        """Share of the planned speed at which the arm may follow the rest of a path; 0 where it does not lead away.
-
-        No link may come nearer anywhere on it, as long as it is nearer than `clear_m`; at its end there is more room.
-
-        Args:
-            joints_rad: (6,) as measured.
-            path_s: how far along its trajectory the arm is.
-            person: where the hand is.
-        """
-        steps = int(np.ceil(max(0.0, trajectory.duration_s - path_s) / STEP_S))
-        times_s: Array = path_s + STEP_S * np.arange(steps + 1, dtype=np.float64)
-        path_rad = np.concatenate([joints_rad[np.newaxis], trajectory.along(times_s)])
-        placed = self._outline.placed(path_rad)
-        rooms_m = np.minimum(self._outline.rooms(placed, person, holding)[0], clear_m)
-        nearer_m = np.maximum.accumulate(rooms_m, axis=0) - rooms_m
-        gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + SWAY_M)
-        if nearer_m.max() > SWAY_M or not gains:
-            return 0.0
-        corners_m = self._outline.corners_m(placed[1 : SOON + 2])
-        fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / STEP_S
-        slow_m_s = self._settings.leaving_m_s
-        return min(1.0, slow_m_s / max(fastest_m_s, 1e-9)) if slow_m_s else 0.0
+    trajectory, path_s = ahead
+    steps = int(np.ceil(max(0.0, trajectory.duration_s - path_s) / STEP_S))
+    times_s: Array = path_s + STEP_S * np.arange(steps + 1, dtype=np.float64)
+    path_rad = np.concatenate([joints_rad[np.newaxis], trajectory.along(times_s)])
+    placed = outline.placed(path_rad)
+    rooms_m = np.minimum(outline.rooms(placed, person, holding)[0], clear_m)
+    nearer_m = np.maximum.accumulate(rooms_m, axis=0) - rooms_m
+    gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + SWAY_M)
+    if nearer_m.max() > SWAY_M or not gains:
+        return 0.0
+    corners_m = outline.corners_m(placed[1 : SOON + 2])
+    fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / STEP_S
+    return min(1.0, speed_m_s / max(fastest_m_s, 1e-9))

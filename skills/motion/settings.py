@@ -29,30 +29,39 @@ Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
 JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
 
 
-AT_LEAST = ("hand_speed_m_s", "reaction_s", "hand_height_m", "margin_m", "hysteresis_m")  # as shipped, or it is unsafe
+AT_LEAST = (  # as shipped, or it is unsafe
+    *("hand_speed_m_s", "reaction_s", "hand_height_m", "hand_error_m", "intrusion_m", "hysteresis_m"),
+)
 AT_MOST = ("slow_m_s", "leaving_m_s")
 
 
 class SeparationSettings(Model):
-    """Speed and separation of arm and person; not safety-rated.
+    """Distance and speed of the arm beside a person; not safety-rated: docs/safety.md has what is left out.
 
     Attributes:
-        hand_speed_m_s: how fast a hand may become that is slow now.
-        slow_m_s: speed of the arm at which a contact is admissible.
+        hand_speed_m_s: how fast a hand may become that is slow now, and v_h of a hand whose speed is not measured.
+        slow_m_s: reduced speed of the arm near a person (at most 0.25 m/s in ISO 10218-1). No limit of force: a contact
+            at this speed may hurt.
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
         reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
         hand_height_m: how high over the bench hand and forearm may be.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
-        margin_m: how far positions of hand and arm may be off.
+        hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
+            is more than this; of a tracker without a card, 0.06 m.
+        intrusion_m: C, how far a hand may be over the edge of the view before the tracker finds it: half a hand, as the
+            card counts a hand that shows less as one that need not be found. It is 0 for a hand that is seen.
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
     """
 
+    moved: ClassVar[Mapping[str, str]] = {
+        "margin_m": "hand_error_m says how far a hand may be off; the arm's part follows"
+    }
     hand_acceleration_m_s2: ClassVar[float] = 12.0  # how soon a slow hand may be fast
     speed_error_m_s: ClassVar[float] = 0.1  # how far a hand's measured speed may be off
     braking_m_s2: ClassVar[float] = 1.6  # how the arm's fastest point slows down from the slow speed, as measured
     hand_radius_m: ClassVar[float] = 0.06  # half the width of hand and forearm
     forearm_m: ClassVar[float] = 0.35  # length of a forearm that is not seen, behind the palm
-    blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view and no hand is seen
+    blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view
 
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
@@ -60,7 +69,8 @@ class SeparationSettings(Model):
     reaction_s: float = Field(default=0.078, ge=0, le=1)
     hand_height_m: float = Field(default=0.30, gt=0, le=1)
     assumed_height_m: float = Field(default=0.10, ge=0, le=1)
-    margin_m: float = Field(default=0.03, ge=0, le=0.5)
+    hand_error_m: float = Field(default=0.025, ge=0, le=0.5)
+    intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
 
     @property

@@ -18,7 +18,8 @@ from learned.grasp.settings import PAPER_SCENES, GripperOutline
 from learned.grasp.solution import nearest_first, solve
 from learned.inference.scores import wilson
 from sim.cell import SimCell
-from sim.scene.clutter import ScenePart, sample_clutter, standing
+from sim.scene.clutter import sample_clutter, standing
+from sim.scene.parts import ScenePart
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Recorded, lifted, robot_alone, run_tree
 
 SIZES = (3, 4, 5, 6)

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.product import Product
+from cell.wiring.detectors import Detectors
 from learned.classical.image_health import ImageHealth
 from tests.benchmarks.perception_accuracy import open_sim
 
 Image = NDArray[np.uint8]
 SOUND = 20  # frames before something is wrong
-HOLD_FRAMES = 12  # within so many frames it must be told
+HOLD_FRAMES = 45  # within so many frames it must be told
 
 
 def scaled(*factors: float) -> Callable[[Image], Image]:
@@ -64,10 +65,19 @@ def frames_of(configuration: Configuration, product: Product, seed: int, count: 
     return seen
 
 
-def told(configuration: Configuration, product: Product, frames: Sequence[Frame]) -> list[str]:
+def hands_in(configuration: Configuration, product: Product, frames: Sequence[Frame]) -> list[list[HandSample]]:
+    """The hands that are seen in each frame."""
+    tracker = Detectors(configuration.bench, product, configuration.perception).make("hands")
+    found = [(tracker.track(frame), *tracker.others) for frame in frames]
+    return [[hand for hand in hands if hand is not None] for hands in found]
+
+
+def told(
+    configuration: Configuration, product: Product, frames: Sequence[Frame], hands: Sequence[Sequence[HandSample]]
+) -> list[str]:
     """What is said of each frame, by its first word."""
     health = ImageHealth(configuration.bench, product)
-    return [health.judge(frame).partition(" ")[0].rstrip(":") for frame in frames]
+    return [health.judge(frame, seen).partition(" ")[0] for frame, seen in zip(frames, hands, strict=False)]
 
 
 def main() -> None:
@@ -87,16 +97,17 @@ def main() -> None:
         here = simulated(configuration, look)
         for seed in range(options.first_seed, options.first_seed + options.seeds):
             frames = frames_of(here, product, seed, options.frames)
-            false.update(word for word in told(here, product, frames) if word)
+            hands = hands_in(here, product, frames)
+            false.update(word for word in told(here, product, frames, hands) if word)
             judged += len(frames)
             late = frames[SOUND : SOUND + HOLD_FRAMES]
             for name, spoil in SPOILS.items():
                 wrong = [replace(frame, image=spoil(frame.image)) for frame in late]
-                found[name] += bool(told(here, product, [*frames[:SOUND], *wrong])[-1])
+                found[name] += bool(told(here, product, [*frames[:SOUND], *wrong], hands)[-1])
             frozen = [replace(frame, image=frames[SOUND - 1].image) for frame in late]
             blurred = [replace(frame, image=BLURRED(frame.image)) for frame in frames[:SOUND]]
-            found[FROM_THE_START] += told(here, product, blurred)[-1] == "blurred"
-            found["frozen"] += bool(told(here, product, [*frames[:SOUND], *frozen])[-1])
+            found[FROM_THE_START] += told(here, product, blurred, hands)[-1] == "blurred"
+            found["frozen"] += bool(told(here, product, [*frames[:SOUND], *frozen], hands)[-1])
         cells = " | ".join(f"{found[name]} of {options.seeds}" for name in [*SPOILS, "frozen", FROM_THE_START])
         alarms = ", ".join(f"{count} {word}" for word, count in false.items()) or "0"
         print(f"| `{look}` | {alarms}, of {judged} | {cells} |", flush=True)

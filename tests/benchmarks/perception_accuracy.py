@@ -23,7 +23,8 @@ from learned.bench_watcher import DetectorChain
 from learned.classical.part_detector import ClassicalPartDetector
 from sim.cell import SimCell
 from sim.rendering.camera import SimCamera
-from sim.scene.clutter import ScenePart, sample_clutter, standing
+from sim.scene.clutter import sample_clutter, standing
+from sim.scene.parts import ScenePart
 from sim.scene.world import WorldPart
 from sim.worker.event_log import ActionEvent
 from skills.motion.grasp_pose import tool_down

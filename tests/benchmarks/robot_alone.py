@@ -1,8 +1,9 @@
-"""How well the robot works alone, from pixels: pick and place of lone parts, and fetching out of clutter.
+"""How well the robot works alone, from pixels: pick and place of lone parts, and fetching out of clutter and stacks.
 
 python -m tests.benchmarks.robot_alone pick_and_place --poses 50
 python -m tests.benchmarks.robot_alone clutter --scenes 100 --planner pairwise --from tray
 python -m tests.benchmarks.robot_alone clutter --scenes 10 --config config/paper.yaml --from blocked
+python -m tests.benchmarks.robot_alone stacks --scenes 60
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from cell.interfaces.planning import crops_file
 from cell.settings import WEIGHTS
 from learned.inference.scores import wilson
 from sim.scene.clutter import sample_clutter
-from tests.benchmarks import clearing
+from tests.benchmarks import clearing, clearing_stacks
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree
 
 FIRST_SEED = 1000
@@ -35,9 +36,9 @@ SCENES = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["pick_and_place", "clutter"])
+    parser.add_argument("what", choices=["pick_and_place", "clutter", "stacks"])
     parser.add_argument("--poses", type=int, default=50, help="poses for each part type")
-    parser.add_argument("--scenes", type=int, default=25, help="scenes of each size from 3 to 6 parts")
+    parser.add_argument("--scenes", type=int, default=25, help="scenes; of clutter, of each size from 3 to 6 parts")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--config", type=Path, default=DEFAULT_CONFIGURATION, help="of the cell that fetches")
     parser.add_argument("--planner", help="kind of grasp planner; as configured by default")
@@ -49,8 +50,12 @@ def main() -> None:
         configuration = load_configuration(options.config)
         if options.planner is not None:
             configuration = with_planner(configuration, options.planner)
-        cases = clearing.run_scenes(SCENES[options.source], options.scenes, options.first_seed, configuration)
         who = f"{configuration.planners.grasp.kind}, {configuration.perception.words}"
+        if options.what == "stacks":
+            stacks = clearing_stacks.run_scenes(options.scenes, options.first_seed, configuration)
+            clearing_stacks.report(f"Stacks: {who}", stacks)
+            return
+        cases = clearing.run_scenes(SCENES[options.source], options.scenes, options.first_seed, configuration)
         clearing.report(f"Algorithm 2 executed: {who}, {options.source} scenes", cases)
 
 

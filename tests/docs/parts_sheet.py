@@ -13,7 +13,8 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.clutter import full_set, sample_clutter
+from sim.scene.parts import ScenePart
 from sim.scene.posture import TURNS, stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN

@@ -15,7 +15,7 @@ from cell.watching.observer import Observer, Outcome, TickRecord
 from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
-from sim.scene.clutter import ScenePart
+from sim.scene.parts import ScenePart
 from skills.motion.planner import MotionPlanner
 from tests import ROOT
 from trees.files.loader import load_tree

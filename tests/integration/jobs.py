@@ -24,7 +24,8 @@ from cell.interfaces.command import Display
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.pose import Pose
 from sim.cell import SimCell
-from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.clutter import full_set, sample_clutter
+from sim.scene.parts import ScenePart
 from skills.motion.grasp_pose import hole_pose
 from tests import ROOT
 from tests.integration.cell_rig import (

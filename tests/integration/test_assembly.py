@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cell.interfaces.pose import Pose
-from sim.scene.clutter import ScenePart, standing
+from sim.scene.clutter import standing
+from sim.scene.parts import ScenePart
 from tests import ROOT
 from tests.integration.cell_rig import (
     ASSEMBLE,

@@ -13,7 +13,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
 from cell.interfaces.skill import SkillStatus
-from sim.scene.clutter import ScenePart, standing
+from sim.scene.clutter import standing
+from sim.scene.parts import ScenePart
 from sim.scene.world import WorldPart
 from skills.lying import PickLying, SetUpright
 from skills.motion.lying_grasp import laid_out

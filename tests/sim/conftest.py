@@ -11,7 +11,7 @@ import yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.scene.clutter import ScenePart
+from sim.scene.parts import ScenePart
 from sim.scene.settings import SimSettings
 from tests.sim.rig import Rig
 

@@ -12,7 +12,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
-from sim.scene.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
+from sim.scene.clutter import full_set, gap, rectangle, sample_clutter, standing
+from sim.scene.parts import ScenePart
 from sim.scene.posture import stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN, draw_unknown_object
@@ -110,6 +111,23 @@ def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(product: Prod
         assert one.world_from_part.position_m[2] == pytest.approx(
             floor_m + product.parts[one.part].peg_length_m, abs=1e-3
         )
+
+
+def test_what_is_set_down_on_others_stays_there_and_in_the_tray(product: Product, bench: Bench) -> None:
+    settings = ClutterSettings(stacked_share=0.8)
+    middle, half = np.array(bench.tray.centre_m[:2]), np.array(bench.tray.size_m) / 2
+    on_top = 0
+    for seed in range(4):
+        scene = sample_clutter(product, bench.tray, full_set(product), np.random.default_rng(seed), settings)
+        world = build_world(product, bench, scene)
+        world.settle()
+        for entry, part in zip(scene, world.bodies, strict=True):
+            moved = np.subtract(world.part_pose(part).position_m, entry.world_from_part.position_m)
+            assert np.linalg.norm(moved) < 0.004
+            points = np.concatenate([solid.points() for solid in product.parts[part.part].whole])
+            assert (np.abs(world.part_pose(part).transform(points)[:, :2] - middle) < half).all()
+        on_top += sum(one.on_top for one in resting_parts(world))
+    assert on_top >= 8  # of 20 that are asked for; what stays nowhere lies on the floor
 
 
 def test_a_part_on_another_one_names_it(product: Product, bench: Bench) -> None:

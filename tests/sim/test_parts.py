@@ -13,7 +13,7 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from sim.scene.clutter import ScenePart
+from sim.scene.parts import ScenePart
 from sim.scene.world import World, build_world
 
 CONFIG = Path(__file__).parents[2] / "config"

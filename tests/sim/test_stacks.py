@@ -13,7 +13,7 @@ from sim.stacks.kinds import KINDS, draw_thing
 from sim.stacks.pieces import Thing, box, disc
 from sim.stacks.settings import StackSettings
 from sim.stacks.stacking import carriers_of
-from sim.stacks.stage import Stage
+from sim.stacks.stage import Stage, table_with
 from sim.stacks.trial import depth, order_of_taking, relations
 
 SLAB = Thing((box((0.2, 0.15, 0.03), (0, 0, 0.015), (0.5, 0.4, 0.3)), disc(0.02, 0.001, (0, 0, 0.03), (1, 1, 1))))
@@ -22,7 +22,7 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 def _stage(*places_m: tuple[float, float, float]) -> Stage:
     """Slabs whose bottoms are at these places, at rest."""
-    stage = Stage([SLAB] * len(places_m), np.random.default_rng(0))
+    stage = table_with([SLAB] * len(places_m), np.random.default_rng(0))
     for number, place in enumerate(places_m):
         stage.put(number, np.array(place), UPRIGHT)
     stage.run(0.3)

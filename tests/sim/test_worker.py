@@ -7,8 +7,8 @@ import pytest
 
 from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
-from sim.scene.clutter import ScenePart
 from sim.scene.hand import CONAFFINITY, FOREARM_GROUP, Hand
+from sim.scene.parts import ScenePart
 from sim.scene.person import Grip, Person, ScrewHabits
 from sim.scene.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand

@@ -17,7 +17,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.clutter import full_set, sample_clutter
+from sim.scene.parts import ScenePart
 from sim.scene.settings import PhysicsSettings, SimSettings
 from sim.scene.storage import person_set
 from sim.scene.world import build_world

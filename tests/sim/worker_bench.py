@@ -11,8 +11,8 @@ import yaml
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.scene.clutter import ScenePart
 from sim.scene.hand import add_hand
+from sim.scene.parts import ScenePart
 from sim.scene.person import Person
 from sim.scene.storage import lay_out
 from sim.scene.world import World, build_world

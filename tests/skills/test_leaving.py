@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
-from skills.motion.person_space import PersonSpace
+from skills.motion.person_space import EDGES, Person
 from skills.motion.planner import Load, joined
-from skills.motion.separation import Separation, nearest
+from skills.motion.separation import Following, Separation
 from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
 
@@ -22,8 +22,14 @@ PLANNER = motion_planner()
 MONITOR = PLANNER.separation
 S = MONITOR.settings
 AGE_S = 0.15
+MARGIN_M = S.hand_error_m + MONITOR.arm_error_m
 PARK = np.array(BENCH.arm_park_rad)
 OVER_P2_RAD = np.array([0.131, -1.315, 1.9, -2.155, -1.571, 0.131])  # over the bracket, lowering into the hole p2
+
+
+def judge(joints: Array, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None) -> Separation:
+    person = Person(MONITOR.persons.wall(hand), age_s, S.hand_speed_m_s, hand.velocity_m_s)
+    return MONITOR.judge(joints, [person], holding, ahead)
 
 
 def line(by_m: float) -> JointTrajectory:
@@ -54,13 +60,13 @@ def beside(room_m: float, velocity: tuple[float, float] | None = (0.0, 0.0)) -> 
     far, near = 1.2, tool[0]
     for _ in range(40):
         middle = (far + near) / 2
-        room = MONITOR.judge(OVER_P2_RAD, hand(middle, tool[1], velocity), AGE_S, False).distance_m
+        room = judge(OVER_P2_RAD, hand(middle, tool[1], velocity), AGE_S, False).distance_m
         far, near = (middle, near) if room > room_m else (far, middle)
     return hand(far, tool[1], velocity)
 
 
 def judged(hand: HandSample, path: JointTrajectory | None, joints: Array = OVER_P2_RAD) -> Separation:
-    return MONITOR.judge(joints, hand, AGE_S, False, None if path is None else (path, 0.0))
+    return judge(joints, hand, AGE_S, False, None if path is None else (path, 0.0))
 
 
 def test_a_near_hand_lets_the_arm_go_away_and_nowhere_else() -> None:
@@ -86,8 +92,8 @@ def test_a_path_that_stays_where_it_is_leads_nowhere() -> None:
 
 def test_what_touches_or_may_touch_already_does_not_move() -> None:
     """Within the margin by which positions may be off, nobody knows which way is away."""
-    assert judged(beside(S.margin_m + 0.005), AWAY).leaving > 0
-    assert judged(beside(S.margin_m - 0.002), AWAY).leaving == 0
+    assert judged(beside(MARGIN_M + 0.005), AWAY).leaving > 0
+    assert judged(beside(MARGIN_M - 0.002), AWAY).leaving == 0
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
     assert judged(hand(tool[0], tool[1]), AWAY).leaving == 0
 
@@ -96,30 +102,29 @@ def test_what_touches_or_may_touch_already_does_not_move() -> None:
 @settings(max_examples=30, deadline=None)
 def test_a_hand_that_could_be_there_meanwhile_holds_the_arm(speed: float, heading: float, age_s: float) -> None:
     near = beside(0.05, (speed * float(np.cos(heading)), speed * float(np.sin(heading))))
-    found = MONITOR.judge(OVER_P2_RAD, near, age_s, False, (AWAY, 0.0))
-    if found.distance_m < S.margin_m + speed * (age_s + S.reaction_s) and found.distance_m < found.least_m:
+    found = judge(OVER_P2_RAD, near, age_s, False, (AWAY, 0.0))
+    if found.distance_m < MARGIN_M + speed * (age_s + S.reaction_s) and found.distance_m < found.least_m:
         assert found.leaving == 0
 
 
 def test_unknown_is_never_good() -> None:
     """A hand whose speed is not known yet, and a hand that left the view."""
     assert judged(beside(0.045, None), AWAY).leaving == 0
-    for edge in PersonSpace(BENCH, S).beyond:
-        found = MONITOR.judge_beyond(OVER_P2_RAD, (edge,), AGE_S, False, (AWAY, 0.0))
-        assert found is not None
-        assert found.leaving == 0
+    for edge, person in zip(EDGES, MONITOR.persons.of((), EDGES, AGE_S), strict=True):
+        found = MONITOR.judge(OVER_P2_RAD, [person], False, (AWAY, 0.0))
+        assert found.leaving == (found.distance_m >= found.least_m + S.hysteresis_m), edge
 
 
 def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
-    near, far = judged(beside(0.045), AWAY), judged(hand(3.0, 2.0), AWAY)
-    behind = judged(hand(tool[0] - 0.10, tool[1] - 0.20), AWAY)  # on the way to the parking place
-    assert behind.leaving == 0
-    both, all_three = nearest([near, far]), nearest([near, far, behind])
-    assert both is not None
-    assert both.leaving == near.leaving
-    assert all_three is not None
-    assert all_three.leaving == 0
+    behind = hand(tool[0] - 0.10, tool[1] - 0.20)  # on the way to the parking place
+    near, far, behind_it = MONITOR.persons.of((beside(0.045), hand(3.0, 2.0), behind), (), AGE_S)
+
+    def leaving(*persons: Person) -> float:
+        return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).leaving
+
+    assert leaving(near, far) == leaving(near) > 0
+    assert leaving(behind_it) == leaving(near, far, behind_it) == 0
 
 
 @pytest.mark.parametrize("path_s", [0.0, 0.2, 0.4])
@@ -128,7 +133,7 @@ def test_it_is_slow_for_as_long_as_the_hand_is_near(path_s: float) -> None:
     joints = AWAY.at(path_s)
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
     for x_m in np.arange(tool[0], 1.2, 0.02):
-        found = MONITOR.judge(joints, hand(float(x_m), tool[1]), AGE_S, False, (AWAY, path_s))
+        found = judge(joints, hand(float(x_m), tool[1]), AGE_S, False, (AWAY, path_s))
         if not 0 < found.leaving < 1:
             continue
         times_s = path_s + np.arange(0.0, 0.12, 0.01)
@@ -140,4 +145,6 @@ def test_it_is_slow_for_as_long_as_the_hand_is_near(path_s: float) -> None:
 def test_it_can_be_turned_off() -> None:
     off = S.model_copy(update={"leaving_m_s": 0.0})
     planner = type(PLANNER)(PLANNER.product, BENCH, PLANNER.settings.model_copy(update={"separation": off}))
-    assert planner.separation.judge(OVER_P2_RAD, beside(0.045), AGE_S, False, (AWAY, 0.0)).leaving == 0
+    near = Person(MONITOR.persons.wall(beside(0.045)), AGE_S, S.hand_speed_m_s, (0.0, 0.0))
+    assert MONITOR.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving > 0
+    assert planner.separation.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving == 0

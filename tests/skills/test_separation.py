@@ -1,4 +1,4 @@
-"""Speed and separation: nearer, later known or faster never lets the arm be faster; it is slow before a hand comes."""
+"""Separation: each term counts as it should; nearer, later known or faster never lets the arm be faster."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.perception import HandSample
+from cell.interfaces.perception import Edge, HandSample
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
-from skills.motion.person_space import EDGES, PersonSpace
-from skills.motion.separation import reach
+from skills.motion.person_space import EDGES, Person, PersonSpace
+from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
 from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
 
@@ -35,6 +35,18 @@ def hand(x_m: float, y_m: float, velocity: tuple[float, float] | None = (0.0, 0.
     return HandSample(0.0, (0, 0, 9, 9), (x_m, y_m), (x_m + 0.1, y_m), velocity_m_s=velocity)
 
 
+def judge(
+    joints: np.ndarray, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
+) -> Separation:
+    person = Person(MONITOR.persons.wall(hand), age_s, S.hand_speed_m_s, hand.velocity_m_s)
+    return MONITOR.judge(joints, [person], holding, ahead)
+
+
+def judge_beyond(edge: Edge, ahead: Following) -> Separation:
+    person = next(one for one in MONITOR.persons.of((), (edge,), 0.15) if one.body is MONITOR.persons.beyond[edge])
+    return MONITOR.judge(PARK, [person], False, ahead)
+
+
 def speed_towards_person(speed_m_s: float) -> tuple[float, float]:
     return (-speed_m_s, 0.0)
 
@@ -46,17 +58,108 @@ def test_later_known_or_faster_is_never_faster_for_the_arm(
 ) -> None:
     ahead = (ACROSS, path_s)
     joints = ACROSS.at(path_s)
-    best = MONITOR.judge(joints, hand(x, 0.1, speed_towards_person(min(v1, v2))), min(t1, t2), False, ahead)
-    worst = MONITOR.judge(joints, hand(x, 0.1, speed_towards_person(max(v1, v2))), max(t1, t2), False, ahead)
+    best = judge(joints, hand(x, 0.1, speed_towards_person(min(v1, v2))), min(t1, t2), False, ahead)
+    worst = judge(joints, hand(x, 0.1, speed_towards_person(max(v1, v2))), max(t1, t2), False, ahead)
     assert worst.share <= best.share
     assert worst.least_m >= best.least_m
     assert worst.share > 0
 
 
+def with_settings(**changes: float) -> SeparationMonitor:
+    settings, planner = motion_planner().settings, motion_planner()
+    changed = settings.model_copy(update={"separation": S.model_copy(update=changes)})
+    return type(planner)(planner.product, BENCH, changed).separation
+
+
+@pytest.mark.parametrize("hand_m_s", [1.6, 2.0])
+@pytest.mark.parametrize("age_s", [0.0, 0.1, 0.24])
+def test_the_protective_distance_is_that_of_the_technical_specification(hand_m_s: float, age_s: float) -> None:
+    """ISO/TS 15066, 5.5.4.2.3, Eq. 1 with Eq. 3 (v_h constant), Eq. 5 (v_r constant) and a braking that is even."""
+    reacts_s = age_s + S.reaction_s  # T_r, from the exposure for the hand, from the answer for the arm
+    stops_s = S.slow_m_s / S.braking_m_s2  # T_s
+    s_h = hand_m_s * (reacts_s + stops_s)
+    s_r, s_s = S.slow_m_s * S.reaction_s, S.slow_m_s**2 / (2 * S.braking_m_s2)
+    z_d, z_r = S.hand_error_m, MONITOR.arm_error_m
+    assert MONITOR.protective_m(hand_m_s, age_s) == pytest.approx(s_h + s_r + s_s + z_d + z_r)
+
+
+@given(st.floats(0.0, 12.0), st.floats(0.0, 0.3))
+@settings(max_examples=40, deadline=None)
+def test_a_hand_that_speeds_up_evenly_is_where_the_protective_distance_has_it(haste: float, age_s: float) -> None:
+    """From rest at the first of the frames that its speed is measured over; never faster than hands are."""
+    window_s = 3 / BENCH.overhead.rate_hz
+    takes_s = age_s + S.reaction_s + S.slow_m_s / S.braking_m_s2
+    times_s = np.linspace(0.0, takes_s, 4001)
+    speeds = np.minimum(haste * (window_s + times_s), S.hand_speed_m_s)
+    way_m = np.trapezoid(speeds, times_s)
+    coming = hand(0.9, -0.5, speed_towards_person(haste * window_s / 2))
+    tool = BENCH.arm_park_rad
+    found_m = judge(np.array(tool), coming, age_s, False).least_m - MONITOR.protective_m(0.0, age_s)
+    assert found_m >= way_m - 1e-3
+    if speeds[-1] < S.hand_speed_m_s or speeds[0] == S.hand_speed_m_s:
+        assert found_m == pytest.approx(way_m, rel=0.1), "the way to the arm is not quite that of the hand"
+
+
+@pytest.mark.parametrize(
+    ("changes", "more_m"),
+    [
+        ({"reaction_s": S.reaction_s + 0.1}, 0.1 * (1.6 + S.slow_m_s)),  # S_h and S_r
+        ({"slow_m_s": 0.1}, -1.6 * 0.148 / 1.6 - 0.148 * S.reaction_s - (0.248**2 - 0.1**2) / 3.2),  # S_h, S_r, S_s
+        ({"hand_error_m": S.hand_error_m + 0.02}, 0.02),  # Z_d
+        ({"intrusion_m": S.intrusion_m + 0.05}, 0.0),  # C is in the places beyond the edges
+    ],
+)
+def test_each_term_counts_once(changes: dict[str, float], more_m: float) -> None:
+    assert with_settings(**changes).protective_m(1.6, 0.1) == pytest.approx(MONITOR.protective_m(1.6, 0.1) + more_m)
+
+
+def test_the_arm_may_be_off_by_the_tolerance_of_its_joints_at_full_reach() -> None:
+    """Z_r: the UR10 reaches 1.3 m from its shoulder, and the tool is beyond."""
+    tolerance_rad = motion_planner().settings.arrival_tolerance_rad
+    assert 1.3 < MONITOR.arm_error_m / tolerance_rad < 2.2
+
+
+def test_a_hand_may_be_over_an_edge_by_the_intrusion_distance_before_it_is_found() -> None:
+    """C: so much nearer is what may be beyond the edge."""
+    deeper = with_settings(intrusion_m=S.intrusion_m + 0.05)
+    for edge in ("left", "right", "bottom"):
+        rooms = [
+            one.outline.distances(LOWERING_RAD, one.persons.beyond[edge], False)[0].min() for one in (MONITOR, deeper)
+        ]
+        assert 0.02 < rooms[0] - rooms[1] < 0.0501
+
+
+@given(st.floats(0.0, 1.5), st.floats(0.0, 2.5))
+@settings(max_examples=40, deadline=None)
+def test_a_hand_comes_as_soon_as_even_acceleration_to_its_full_speed_lets_it(room_m: float, speed_m_s: float) -> None:
+    """Against the integral of its speed, S_h of Eq. 2."""
+    found_s = float(arrival_s(np.array([room_m]), np.array([speed_m_s]), S)[0])
+    start = speed_m_s + S.speed_error_m_s
+    times_s = np.linspace(0.0, found_s, 2001)
+    speeds = np.minimum(start + S.hand_acceleration_m_s2 * times_s, max(S.hand_speed_m_s, start))
+    assert np.trapezoid(speeds, times_s) == pytest.approx(room_m, abs=2e-3)
+
+
+def test_the_share_is_the_largest_from_which_a_standing_hand_is_kept() -> None:
+    """A path along which only the base turns evenly: the time to be slow is reaction and braking of that joint."""
+    joints_rad_s, acceleration = 1.0, motion_planner().settings.acceleration_limits_rad_s2[0]
+    turned = [LOOK + np.array([joints_rad_s * time_s, 0, 0, 0, 0, 0]) for time_s in (0.0, 2.0)]
+    path = JointTrajectory(np.array([0.0, 2.0]), np.array(turned))
+    fastest_m_s = MONITOR.settings.slow_m_s / MONITOR.slow_share(path)
+    brakes_s = S.reaction_s + (fastest_m_s - S.slow_m_s) / fastest_m_s * joints_rad_s / acceleration
+    tool = motion_planner().kinematics.forward(path.at(0.5)).position_m
+    hands = (hand(tool[0] + number / 100, tool[1]) for number in range(5, 150))
+    found = (judge(path.at(0.5), one, 0.1, False, (path, 0.5)) for one in hands)
+    least = next(one for one in found if one.share == 1)
+    margin_m = S.hand_error_m + MONITOR.arm_error_m
+    comes_s = float(arrival_s(np.array([least.distance_m - margin_m]), np.zeros(1), S)[0]) - 0.1
+    assert comes_s == pytest.approx(brakes_s, abs=0.06), "links turn a little towards the hand or away meanwhile"
+
+
 def test_what_is_far_away_lets_the_arm_go_on_and_what_is_near_does_not() -> None:
     ahead = (ACROSS, 0.5)
-    far = MONITOR.judge(PARK, hand(3.0, 2.0), 0.15, False, ahead)
-    near = MONITOR.judge(PARK, hand(0.48, -0.50, (-0.2, 0.0)), 0.15, False, ahead)
+    far = judge(PARK, hand(3.0, 2.0), 0.15, False, ahead)
+    near = judge(PARK, hand(0.48, -0.50, (-0.2, 0.0)), 0.15, False, ahead)
     assert far.share >= 1.0
     assert near.share < 0.5
     assert near.distance_m < near.least_m < far.distance_m
@@ -66,7 +169,7 @@ def test_every_link_counts_not_only_the_tool() -> None:
     elbow = hand(0.35, -0.25)
     tool = motion_planner().kinematics.forward(PARK).position_m
     assert np.hypot(tool[0] - 0.35, tool[1] + 0.25) > 0.2
-    above = MONITOR.judge(PARK, elbow, 0.15, False)
+    above = judge(PARK, elbow, 0.15, False)
     assert above.distance_m < 0.35
 
 
@@ -87,26 +190,26 @@ def test_a_resting_hand_lets_the_arm_lower_a_part_into_the_nearest_holes(further
     resting = HandSample(
         0.0, (405, 253, 470, 356), (1.017, 0.439), (1.123, 0.475), velocity_m_s=(0.001, 0.001), height_m=0.156
     )
-    found = MONITOR.judge(joints_rad, resting, 0.24, True)
+    found = judge(joints_rad, resting, 0.24, True)
     assert found.distance_m > found.least_m + S.hysteresis_m
 
 
 def test_a_held_part_counts() -> None:
     beside = hand(0.56, -0.5)
-    assert MONITOR.judge(PARK, beside, 0.1, True).distance_m <= MONITOR.judge(PARK, beside, 0.1, False).distance_m
+    assert judge(PARK, beside, 0.1, True).distance_m <= judge(PARK, beside, 0.1, False).distance_m
 
 
 @pytest.mark.parametrize(("velocity", "coming"), [((-1.0, 0.0), True), ((1.0, 0.0), False)])
 def test_a_hand_that_comes_needs_more_room_than_one_that_leaves(velocity: tuple[float, float], coming: bool) -> None:
-    still = MONITOR.judge(PARK, hand(0.9, -0.5, (0.0, 0.0)), 0.15, False)
-    moving = MONITOR.judge(PARK, hand(0.9, -0.5, velocity), 0.15, False)
+    still = judge(PARK, hand(0.9, -0.5, (0.0, 0.0)), 0.15, False)
+    moving = judge(PARK, hand(0.9, -0.5, velocity), 0.15, False)
     assert moving.least_m > still.least_m
     assert (moving.least_m - still.least_m > 0.2) == coming
 
 
 def test_a_hand_of_unknown_speed_counts_as_the_fastest() -> None:
-    unknown = MONITOR.judge(PARK, hand(0.9, -0.5, None), 0.15, False)
-    assert unknown.least_m == pytest.approx(MONITOR.least_m(S.hand_speed_m_s, 0.15))
+    unknown = judge(PARK, hand(0.9, -0.5, None), 0.15, False)
+    assert unknown.least_m == pytest.approx(MONITOR.protective_m(S.hand_speed_m_s, 0.15))
 
 
 def test_the_whole_tray_is_in_view_and_what_lies_beyond_it_is_known_to_be_out_of_it() -> None:
@@ -125,18 +228,18 @@ def test_the_whole_tray_is_in_view_and_what_lies_beyond_it_is_known_to_be_out_of
 def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     """Where the person stands, the arm is slow; beyond any other edge a hand may come at once, and the arm waits."""
     ahead = (joint_move(PARK, LOOK, motion_planner().settings), 0.5)
-    assert MONITOR.judge_beyond(PARK, (), 0.15, False, ahead) is None
-    beyond = {edge: MONITOR.judge_beyond(PARK, (edge,), 0.15, False, ahead) for edge in EDGES}
-    assert all(one is not None and one.distance_m < 2.0 for one in beyond.values())
-    behind_tray = beyond["left"]
-    assert behind_tray is not None
-    assert behind_tray.distance_m < behind_tray.least_m
-    person = beyond[PersonSpace(BENCH, S).edge]
-    assert person is not None
-    assert person.distance_m > person.least_m
-    both = MONITOR.judge_beyond(PARK, EDGES, 0.15, False, ahead)
-    assert both is not None
-    assert both.share <= min(one.share for one in beyond.values() if one is not None)
+    beyond = {edge: judge_beyond(edge, ahead) for edge in EDGES}
+    assert beyond["left"].distance_m < beyond["left"].least_m
+    assert beyond[PersonSpace(BENCH, S).edge].distance_m == np.inf
+    both = MONITOR.judge(PARK, MONITOR.persons.of((), EDGES, 0.15), False, ahead)
+    assert both.share == min(one.share for one in beyond.values())
+
+
+def test_a_hand_that_is_not_seen_may_come_over_the_persons_edge_whatever_else_is_seen() -> None:
+    space, one = MONITOR.persons, hand(3.0, 2.0)
+    for seen in ((), (one,)):
+        assert space.beyond[space.edge] in [person.body for person in space.of(seen, (), 0.1)]
+    assert len(space.of((one, one), (), 0.1)) == 2, "both hands are seen"
 
 
 @given(st.floats(0.0, S.hand_height_m), st.floats(-0.3, 0.5), st.floats(0.5, 1.1))
@@ -162,15 +265,15 @@ def test_the_simulated_arm_is_slow_wherever_a_hand_that_comes_at_once_could_be(
     """At the share that is allowed, from anywhere on its way; nobody has told of the hand for the longest time."""
     age_s, person = 0.24, hand(x_m, 0.10)
     trajectory = joint_move(PARK, goal, motion_planner().settings)
-    share = MONITOR.judge(trajectory.at(path_s), person, age_s, True, (trajectory, path_s)).share
+    share = judge(trajectory.at(path_s), person, age_s, True, (trajectory, path_s)).share
     joints = np.array(arm_that_brakes(trajectory, path_s, share))
     wall, outline = PersonSpace(BENCH, S).wall(person), MONITOR.outline
     corners = outline.corners_m(outline.placed(joints))
     speeds = np.linalg.norm(np.diff(corners, axis=0), axis=3).max(axis=2) / PERIOD_S
     for step, row in enumerate(joints[1:]):
-        reached = float(reach(age_s + (step + 1) * PERIOD_S, np.zeros(1), S)[0])
         rooms_m, _ = outline.distances(row, wall, True)
-        assert (rooms_m[speeds[step] > S.slow_m_s + 0.01] > reached).all()
+        arrives_s = arrival_s(rooms_m, np.zeros(len(rooms_m)), S) - age_s
+        assert (arrives_s[speeds[step] > S.slow_m_s + 0.01] > (step + 1) * PERIOD_S).all()
 
 
 PERIOD_S = 0.008

@@ -96,10 +96,17 @@ def test_a_part_that_is_not_seen_is_looked_for_a_second_apart_and_soon_asked_for
     assert len(told) >= 20
 
 
+def test_where_the_required_type_is_not_seen_what_lies_on_others_is_moved() -> None:
+    answers = {"FindPart": "FS", "FindLying": "F", "what lies on others": "S"}
+    made = TreeBench(TREE, answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
+    assert ticked_to_its_end(made)[-1] == "S"
+    assert (made.started("LookAtTray"), made.started("MoveAside"), made.started("PickPart")) == (2, 1, 1)
+
+
 @pytest.mark.parametrize(("lies", "looks"), [("S", 6), ("SSF", 5)])
 def test_a_part_that_could_not_be_set_upright_does_not_count_as_one_that_is_not_seen(lies: str, looks: int) -> None:
     """Several may lie there, each to be tried twice; where all were, nothing is left to be seen."""
-    answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F"}
+    answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F", "what lies on others": "F"}
     found = {**FOUND, "FindLying": {"index": 0}}
     made = TreeBench(TREE, answers, found, main="ClearAndGrasp", provided={"part": "o3"})
     told = ticked_to_its_end(made)

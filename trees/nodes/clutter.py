@@ -44,7 +44,8 @@ class LookAtTray(CellNode):
 class FindPart(CellNode):
     """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3).
 
-    One that slipped out of the fingers, or that these could not get at, comes after the others.
+    One that slipped out of the fingers, or that these could not get at, comes after the others. One on which others lie
+    counts, too, whether it stands or not: these can be moved aside.
     """
 
     part = InputPort(Part, "required type")
@@ -53,7 +54,8 @@ class FindPart(CellNode):
 
     def update(self) -> Status:
         part, parts = self.part.get(), self.parts.get()
-        candidates = [i for i, seen in enumerate(parts.detections) if seen.part == part]
+        standing = len(parts.detections)
+        candidates = [i for i, seen in enumerate(parts.seen) if seen.part == part and (i < standing or parts.on_top(i))]
         if not candidates:
             self.feedback_message = f"no {part} in the tray"
             lies = any(seen.part == part for seen in parts.others)
@@ -61,28 +63,35 @@ class FindPart(CellNode):
             self.memory.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
-        vain = {i: self.memory.tried_in_vain(parts.detections[i]) for i in candidates}
+        vain = {i: self.memory.tried_in_vain(parts.seen[i]) for i in candidates}
         self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, vain[i], -plans[i].graspable)))
         return Status.SUCCESS
 
 
 class CheckGraspability(CellNode):
-    """Can this part be grasped as it stands? (Alg. 2 lines 4-5, Eq. 6)"""
+    """Can this part be grasped as it stands, or taken as it lies? (Alg. 2 lines 4-5, Eq. 6)
+
+    One on which something lies cannot.
+    """
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")
     threshold = InputPort(float, "least probability", default=0.5)
 
     def update(self) -> Status:
-        index = self.index.get()
-        plan = self.services.solve(self.parts.get(), index)
+        index, parts = self.index.get(), self.parts.get()
+        plan = self.services.solve(parts, index)
         self.tools.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
-        self.feedback_message = f"graspable with probability {plan.graspable:.2f}"
+        names = " ".join(parts.seen[one].part for one in parts.on_top(index))
+        self.feedback_message = f"{names} on it" if names else f"graspable with probability {plan.graspable:.2f}"
         return Status.SUCCESS if plan.graspable >= self.threshold.get() else Status.FAILURE
 
 
 class DecodeSolution(CellNode):
-    """Decode which part to move away first; fails if only help would do (Alg. 2 lines 6-8, Eq. 7)."""
+    """Decode which part to move away first; fails if only help would do (Alg. 2 lines 6-8, Eq. 7).
+
+    Of what lies on the part the topmost goes first.
+    """
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part that cannot be grasped")
@@ -98,16 +107,19 @@ class DecodeSolution(CellNode):
         return Status.SUCCESS
 
     def _why(self, parts: PartsView, index: int) -> str:
-        title = self.tools.product.title(part_and_others(parts, index)[0].part)
+        title = self.tools.product.title(seen_part(parts, index).part)
+        if parts.on_top(index):
+            return f"the {title} cannot be taken: something lies on it, and I do not see how"
         why = self.services.why_not_graspable(parts, index) or "what stands around it cannot be moved away"
         lying = self._lying_in_the_way(parts, index)
         return f"the {title} cannot be taken: {lying or why.partition(': ')[2] or why}"
 
     def _lying_in_the_way(self, parts: PartsView, index: int) -> str:
         """What lies nearest to a part that could be taken if nothing lay there."""
-        if not parts.others or self.services.why_not_graspable(replace(parts, others=()), index) is not None:
+        alone = replace(parts, others=())
+        if not parts.others or index >= len(parts.detections) or self.services.why_not_graspable(alone, index):
             return ""
-        place = parts.detections[index].world_from_part.position_m[:2]
+        place = parts.seen[index].world_from_part.position_m[:2]
         near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))
         if near.part not in self.tools.product.parts:
             return "something that I do not know lies in the way"

@@ -22,12 +22,14 @@ class FindLying(CellNode):
     """Choose a part that lies in the tray and whose posture is known: of a type, near another part, or any.
 
     One that could not be taken, or not be set upright, comes after the others, and after `tries` times not at all. Nor
-    does a type of which none is seen to stand, however often one was turned: how these lie is seen wrongly.
+    does a type of which none is seen to stand, however often one was turned: how these lie is seen wrongly. Nor one on
+    which something lies.
     """
 
     part = InputPort(Part, "only this type; any type if left out", optional=True)
     parts = InputPort(PartsView, "parts seen in the tray")
     near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
+    on_others = InputPort(bool, "only what lies on others", default=False)
     within_m = InputPort(float, "how near to it, middle to middle", default=0.15)
     tries = InputPort(int, "how often one is tried", default=2)
     turns = InputPort(int, "how often parts of a type are turned of which none is seen to stand then", default=3)
@@ -43,6 +45,7 @@ class FindLying(CellNode):
             away_m = 0.0 if there is None else math.dist(_place(one), there)
             vain = self.memory.tried_in_vain(one)
             wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
+            wanted = wanted and not view.on_top(number) and (bool(one.lies_on) or not self.on_others.get())
             if wanted and vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
         if not found:

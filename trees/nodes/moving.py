@@ -13,7 +13,7 @@ from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
-from trees.nodes.clutter import part_and_others
+from trees.nodes.clutter import part_and_others, seen_part
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 
@@ -125,17 +125,28 @@ class PickPart(SkillNode):
 
 
 class MoveAside(SkillNode):
-    """Take a seen part to a free spot of the tray (Alg. 2 line 9: "move b")."""
+    """Take a seen part to a free spot of the tray, as it stands or as it lies (Alg. 2 line 9: "move b")."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        from skills import move_aside
+        from skills import lying, move_aside
 
-        part, others = part_and_others(self.parts.get(), self.index.get())
-        self.services.takes(part, others)
-        return move_aside.MoveAside(self.tools.motion, part, self.memory.standing)
+        parts, index = self.parts.get(), self.index.get()
+        part = seen_part(parts, index)
+        if part.lies is None and not part.upright:
+            raise NodeError(f"part number {index} does not stand, and it is not clear how it lies")
+        self.services.takes(part, parts.seen[:index] + parts.seen[index + 1 :], lying=not part.upright)
+        self._target = part
+        skill = move_aside.MoveAside if part.upright else lying.LayAside
+        return skill(self.tools.motion, part, self.memory.standing)
+
+    def update(self) -> Status:
+        status = super().update()
+        if status is Status.FAILURE and not self._target.upright:
+            self.memory.failed_at(self._target)
+        return status
 
 
 class ReturnToTray(SkillNode):

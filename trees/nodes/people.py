@@ -64,6 +64,36 @@ class WaitForAction(CellNode):
             self.now.show(message=f"waiting until you {DONE_BY[awaited]}")
 
 
+class ShowHand(CellNode):
+    """Wait until the overhead camera has seen a hand, which proves that it can: the beginning of a shift.
+
+    Fails when nobody shows one in time. Once a hand was seen, it succeeds at once.
+    """
+
+    wait_s = InputPort(float, "how long it waits in [s]", default=600.0)
+    say_s = InputPort(float, "the display asks for it after so long in [s]", default=1.0)
+    persistent = ("_shown",)
+
+    _shown = _said = False
+    _began_s = 0.0
+
+    def initialise(self) -> None:
+        self._began_s, self._said = self.now.observation.time_s, False
+
+    def update(self) -> Status:
+        seen = self.now.observation
+        self._shown |= seen.bench is not None and bool(seen.bench.hands)
+        if self._shown:
+            self.feedback_message = ""
+            return Status.SUCCESS
+        waited_s = seen.time_s - self._began_s
+        if not self._said and waited_s >= self.say_s.get():
+            self._said = True
+            self.now.show(message="show your hand to the overhead camera")
+        self.feedback_message = f"no hand was seen for {waited_s:.0f} s"
+        return Status.FAILURE if waited_s > self.wait_s.get() else Status.RUNNING
+
+
 class HandWatch(CellNode):
     """Base of the nodes that wait while the hand is near the way to something, or while nothing is known of it.
 

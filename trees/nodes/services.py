@@ -163,7 +163,8 @@ class Services:
     def solve(self, parts: PartsView, required: int) -> GraspPlan:
         """How to get at one detected part: the chosen planner's answer if the arm agrees, else the rule's.
 
-        Where the arm agrees with neither, it decides by itself between taking the part and help.
+        Where the arm agrees with neither, it decides by itself between taking the part and help. What lies on a part
+        is moved before it, the topmost first, whatever planners say.
         """
         if self._solved_view is not parts:
             self._solved_view, self._solved = parts, {}
@@ -172,6 +173,14 @@ class Services:
         return self._solved[required]
 
     def _solution(self, parts: PartsView, required: int) -> GraspPlan:
+        from learned.grasp.solution import Solution
+
+        if on_top := parts.on_top(required):
+            known = parts.seen[on_top[0]].lies is not None
+            return (Solution(on_top) if known else Solution(needs_help=True)).plan(0.0)
+        if not parts.seen[required].upright:
+            taken = self.why_not_graspable(parts, required) is None
+            return Solution(needs_help=not taken).plan(float(taken))
         for planner in (self.tools.grasp, self.tools.rule_grasp):
             try:
                 plan = planner.plan(parts.seen, required)
@@ -194,13 +203,14 @@ class Services:
         return None
 
     def why_not_graspable(self, parts: PartsView, required: int) -> str | None:
+        """Why the arm cannot take a part as it stands or lies, or None where it can."""
         from skills.grasping.handling import why_not_graspable
+        from skills.lying import why_not_lifted
 
         seen = parts.seen
         others = seen[:required] + seen[required + 1 :]
-        return why_not_graspable(
-            self.tools.motion, seen[required], others, np.array(self.now.observation.arm.positions_rad)
-        )
+        why_not = why_not_graspable if seen[required].upright else why_not_lifted
+        return why_not(self.tools.motion, seen[required], others, np.array(self.now.observation.arm.positions_rad))
 
     def tool_tilt_rad(self) -> float:
         """How far the fingers point away from straight down."""

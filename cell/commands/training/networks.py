@@ -12,10 +12,14 @@ from cell.commands.terminal import console
 from cell.commands.training.made_data import make_data, require_usable
 from cell.commands.training.weights import Training, seconds
 from cell.errors import InputError
+from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.log.training.manifest import logs_by_hash
+from cell.settings import WEIGHTS
 from learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes
 from learned.inference.onnx_model import OnnxModel
+from learned.parts.data import Scene
+from learned.parts.stacked import stacked_file
 from learned.semantic.confusions import Confusions, Reported
 from learned.semantic.graph import Layout
 
@@ -26,7 +30,8 @@ ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1
 VGG16_DATA = 0.3  # the same, where VGG16 is trained
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
-TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.45, 0.4, 0.018, 0.0021
+TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.4, 0.018, 0.0021
+STACKED_SHARE, STACK_IMAGE_S = 0.4, 0.6  # of parts in the tray; to learn what lies on what in an image
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
 ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
@@ -99,12 +104,13 @@ def holes(asked: Training, weights: Path) -> Scores:
 
 
 def parts(asked: Training, weights: Path) -> Scores:
-    """Train both networks of the part detector, or Faster R-CNN."""
+    """Train the networks of the part detector, that of stacks alone (kind stacked), or Faster R-CNN."""
     from learned.parts.data import load_scenes
     from learned.parts.train import train_parts
 
     budget_s = seconds(asked.budget)
     options = {"--views": TRAY_VIEWS, "--lying-share": LYING_SHARE, "--steel-share": STEEL_SHARE}
+    options |= {"--stacked-share": STACKED_SHARE}
     trays = max(4, int(PARTS_DATA * budget_s / TRAY_S))
     shares = STILLS if asked.look is None else (Share(asked.look, 1.0, 0),)
     folders, _ = made(asked, weights, "objects", shares, trays, options, ("--mixed",))
@@ -118,10 +124,44 @@ def parts(asked: Training, weights: Path) -> Scores:
         checkpoint = weights.with_name(f"{weights.name}.checkpoint")
         network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
         return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
+    floor_m = configuration.bench.tray.centre_m[2]
+    if asked.kind == "stacked":
+        return stacks(asked, scenes, product, floor_m, centre_net(weights), weights)
+    budget_s -= STACK_IMAGE_S * len(scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * sum(len(scene.labels) for scene in scenes)
     epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
-    floor_m, command = configuration.bench.tray.centre_m[2], asked.command("parts", epochs=epochs)
-    return train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
+    command = asked.command("parts", epochs=epochs)
+    facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
+    return {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
+
+
+def stacks(
+    asked: Training,
+    scenes: Sequence[Scene],
+    product: Product,
+    floor_m: float,
+    centre: Path,
+    out: Path,
+    command: str = "",
+) -> Scores:
+    """Train what tells who lies on whom, and how, by what a centre net sees; without any stack in the data, nothing."""
+    from learned.parts.model import CENTRE_KIND
+    from learned.parts.settings import StackTraining
+    from learned.parts.train_stacked import train_stacked
+
+    if not any(label.on for scene in scenes for label in scene.labels):
+        console().print("nothing lies on anything in these data: what tells of stacks is not trained", highlight=False)
+        return {}
+    model = OnnxModel.load(centre, CENTRE_KIND)
+    told = command or model.card.command
+    settings = StackTraining() if asked.epochs is None else StackTraining(epochs=asked.epochs)
+    return train_stacked(scenes, product, floor_m, model, out, asked.seed, settings, command=told, quiet=False)
+
+
+def centre_net(stacked: Path) -> Path:
+    """The centre net that the network of stacks belongs to: the one beside them, or else the shipped one."""
+    beside = stacked.with_name(weights_file("parts", "centre"))
+    return beside if beside.is_file() else WEIGHTS / beside.name
 
 
 def actions(asked: Training, weights: Path) -> Scores:

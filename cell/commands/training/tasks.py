@@ -33,6 +33,7 @@ from learned.hands.model import finder_file, refiner_file
 from learned.parts.boxes import head_file
 from learned.parts.model import pose_file
 from learned.parts.settings import BACKBONES, NARROW
+from learned.parts.stacked import stacked_file
 from learned.semantic.confusions import Confusions, confirmed_reports
 from learned.semantic.graph import Layout
 
@@ -161,11 +162,20 @@ class LearnedTask:
         with writing(path, *self.beside(path, asked.kind), overwrite=asked.overwrite):
             scores = self.fit(asked, path)
         report_scores(f"{self.title} in {path}", scores, as_json=False)
-        line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
-        console().print(f"to use it, in {asked.config}: {line}", highlight=False)
+        if asked.kind == "stacked":
+            console().print("the part detector uses it whose centre net is beside it", highlight=False)
+        else:
+            line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
+            console().print(f"to use it, in {asked.config}: {line}", highlight=False)
         if asked.as_json:
             print_json(scores)
         return scores
+
+
+def _beside_parts(file: Path, kind: str) -> Paths:
+    """What a part detector is beside its first file."""
+    beside: dict[str, Paths] = {"rcnn": (head_file(file),), "stacked": ()}
+    return beside.get(kind, (pose_file(file), stacked_file(file)))
 
 
 TASKS = {
@@ -193,10 +203,10 @@ TASKS = {
         LearnedTask(
             "parts",
             "part detector",
-            ("centre", "rcnn"),
+            ("centre", "rcnn", "stacked"),
             ("kind", "data", "look", "budget", "epochs", "backbone", "share", "steps"),
             networks.parts,
-            lambda file, kind: (pose_file(file) if kind == "centre" else head_file(file),),
+            _beside_parts,
             _BUDGET,
         ),
         LearnedTask(

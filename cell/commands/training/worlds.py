@@ -34,7 +34,7 @@ from cell.fleet.engine import mapped
 from cell.interfaces.product import Product
 from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.splits import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
+from sim.data.splits import LYING_SHARE, STACKED_SHARE, mixed_clutter, seeds, sometimes_steel
 from sim.data.tracks import ERRORS
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
@@ -74,6 +74,10 @@ class Data:
     )
     lying_share: Annotated[
         float | None, Option(min=0, max=1, help=f"With --mixed: share of the parts that lie; {LYING_SHARE} by default.")
+    ] = None
+    stacked_share: Annotated[
+        float | None,
+        Option(min=0, max=1, help=f"With --mixed: share of the parts on top of others; {STACKED_SHARE} by default."),
     ] = None
     steel_share: Annotated[float, Option(min=0, max=1, help="Share of recordings with parts of bare steel.")] = 0.0
     workers: WorkersOption = 1
@@ -155,14 +159,16 @@ def _plates(asked: Data, _: Film | None) -> One:
 
 
 def _trays(asked: Data, _: Film | None) -> One:
-    if asked.lying_share is not None and not asked.mixed:
-        raise InputError("--lying-share is for trays of --mixed; in others every part stands as the configuration says")
+    if (asked.lying_share, asked.stacked_share) != (None, None) and not asked.mixed:
+        given = "--stacked-share" if asked.lying_share is None else "--lying-share"
+        raise InputError(f"{given} is for trays of --mixed; in others every part stands as the configuration says")
     lying = LYING_SHARE if asked.lying_share is None else asked.lying_share
+    stacked = STACKED_SHARE if asked.stacked_share is None else asked.stacked_share
     configuration, product = asked.cell()
     settings = configuration.devices.simulation
 
     def one(seed: int, folder: DataFolder) -> None:
-        clutter = mixed_clutter(settings.clutter, seed, lying) if asked.mixed else settings.clutter
+        clutter = mixed_clutter(settings.clutter, seed, lying, stacked) if asked.mixed else settings.clutter
         simulation = settings.model_copy(update={"clutter": clutter})
         kinds = sometimes_steel(product, asked.steel_share, seed)
         objects.write_objects(kinds, configuration.bench, simulation, seed, folder, asked.views)
@@ -191,7 +197,7 @@ DATA_SETS: Mapping[str, DataSet] = {
     ),
     "objects": DataSet(
         "Images of trays from the wrist camera, with type, pose and box of each part.",
-        ("views", "mixed", "lying_share"),
+        ("views", "mixed", "lying_share", "stacked_share"),
         _trays,
     ),
 }

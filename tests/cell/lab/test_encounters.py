@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from rich.console import Console
@@ -13,17 +14,60 @@ from cell.commands.lab.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
 from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder
+from cell.interfaces.perception import HandSample
 from cell.lab.assembly import ALGORITHM_1, NOTICES_S, Attendant, throughput_ratio
-from cell.lab.encounters import encounter, summary
+from cell.lab.encounters import Tracker, encounter, passed, summary
 from cell.lab.random_faults import counted, troubled_assembly
+from cell.lab.true_distance import TrueDistance, protective_m
+from tests.integration.cell_rig import BENCH, with_person
+
+
+def test_the_oracle_has_the_distance_of_the_technical_specification() -> None:
+    """Stands: S_h alone; at 0.4 m/s: T_s is 0.25 s."""
+    assert protective_m(0.0) == pytest.approx([1.6 * 0.25, 2.0 * 0.25])
+    assert protective_m(0.4) == pytest.approx([v_h * 0.5 + 0.4 * 0.25 + 0.05 for v_h in (1.6, 2.0)])
+
+
+def test_the_oracle_sees_an_arm_that_moves_too_near_to_the_true_hand() -> None:
+    """The hand rests where it does, and the arm reaches for it; nobody asks what the cell thinks of that."""
+    over_p2_rad = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)
+    away_rad = (-2.5, *BENCH.arm_park_rad[1:])
+    with with_person("random", seed=3) as cell:
+        truth = TrueDistance(cell)
+        for joints, near in ((away_rad, False), (over_p2_rad, True)):
+            cell.world.set_arm(joints)
+            mujoco.mj_forward(cell.world.model, cell.world.data)
+            cell.arm.driven_rad_s = np.zeros(6)
+            assert truth.breached() == (False, False), "it stands"
+            cell.arm.driven_rad_s = np.array([0.4, 0, 0, 0, 0, 0])
+            assert truth.breached() == (near, near)
+
+
+def test_trackers_err_as_they_are_told_to() -> None:
+    rng = np.random.default_rng(1)
+    hand = HandSample(0.0, (0, 0, 9, 9), (0.7, 0.1), (0.8, 0.1))
+    assert Tracker.true.spoil(hand, rng) == hand
+    assert Tracker.blind.spoil(hand, rng) is None
+    off = Tracker.off.spoil(hand, rng)
+    assert off is not None
+    assert off.fingertips_m == pytest.approx((0.75, 0.1))
+    assert 60 < sum(Tracker.half.spoil(hand, rng) is None for _ in range(200)) < 140
+    assert all(one.spoil(None, rng) is None for one in Tracker)
+
+
+def test_few_contacts_with_a_moving_arm_pass_and_none_that_is_fast() -> None:
+    good: Row = {"contacts_moving": 5, "contacts_fast": 0, "moved_while_unknown": 0, "encounters": 100}
+    assert passed(good)
+    for worse in ({"contacts_moving": 6}, {"contacts_fast": 1}, {"moved_while_unknown": 1}):
+        assert not passed({**good, **worse})
 
 
 @pytest.mark.slow
-def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoidable() -> None:
+def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast() -> None:
     found = summary([encounter(DEFAULT_CONFIGURATION, ALGORITHM_1, "careless", 109, provoked=True)])
     assert int(str(found["encounters"])) >= 3
     assert len(found["phases"]) >= 3
-    assert (found["contacts_fast"], found["contacts_avoidable"], found["moved_while_unknown"]) == (0, 0, 0)
+    assert (found["contacts_fast"], found["moved_while_unknown"]) == (0, 0)
     assert np.isfinite(float(str(found["fastest_m_s"])))
 
 

@@ -31,7 +31,8 @@ from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.inference.onnx_model import OnnxModel
 from sim.data.trays import TrayCamera
-from sim.scene.clutter import ScenePart, sample_clutter
+from sim.scene.clutter import sample_clutter
+from sim.scene.parts import ScenePart
 from sim.scene.posture import whole
 from sim.scene.settings import ClutterSettings
 
@@ -150,6 +151,28 @@ def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: py
     assert latency_s(learned, "hands", "holes", "actions") == pytest.approx(0.006 + BESIDE_S)
     assert latency_s(learned, "parts") == UNKNOWN_LATENCY_S
     assert latency_s(Perception(kind="learned", latency_s=0.2), "parts") == 0.2
+
+
+def test_every_shipped_card_tells_how_late_its_answers_are() -> None:
+    """Training anew forgets it, and simulated answers would be as late as those of detectors that nobody measured."""
+    perception = load_configuration().perception
+    for task, kind in LEARNED_KINDS.items():
+        assert OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(detectors.LATENCY_SCORE), task
+
+
+@pytest.mark.parametrize(
+    ("kind", "floor_m", "wanted_m"), [("learned", 0.0, 0.0242), ("learned", 0.1, 0.1), ("classical", 0.0, 0.06)]
+)
+def test_separation_counts_with_the_errors_of_the_chosen_hand_tracker(
+    kind: str, floor_m: float, wanted_m: float
+) -> None:
+    configuration = load_configuration()
+    separation = configuration.motion.separation.model_copy(update={"hand_error_m": floor_m})
+    motion = configuration.motion.model_copy(update={"separation": separation})
+    perception = configuration.perception.model_copy(update={"kind": kind})
+    cell = configuration.model_copy(update={"motion": motion, "perception": perception})
+    found, _ = detectors.fitted(cell, load_product(configuration))
+    assert found.motion.separation.hand_error_m == pytest.approx(wanted_m, abs=1e-3)
 
 
 def test_every_task_has_a_trained_default() -> None:

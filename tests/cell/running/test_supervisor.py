@@ -91,7 +91,9 @@ SPOILS: dict[str, Spoil] = {
     "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),
     "camera_unhealthy": view(health="dark"),
     "camera_moved": lambda seen: replace(seen, parts=PartsView(seen.tick, seen.time_s, (), calibration="14 mm off")),
+    "bench_not_seen": view(unseen="the bench is not seen"),
     "hand_unknown": view(hand_unknown="it vanished"),
+    "hand_cues_disagree": view(unexplained="something reaches into the view"),
     "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),
     "tick_very_late": lambda seen: replace(seen, late_s=0.5),
@@ -99,6 +101,7 @@ SPOILS: dict[str, Spoil] = {
 
 
 OVER_TIME = ("arm_not_obeying", "gripper_not_obeying")  # no single observation shows them: see test_obeyed
+OF_HANDS = ("hand_detector_blind",)  # see test_hand_checks
 
 
 def hand_at(x_m: float, y_m: float) -> HandSample:
@@ -106,6 +109,20 @@ def hand_at(x_m: float, y_m: float) -> HandSample:
 
 
 STAY = JointTrajectory(np.array([0.0, 1.0]), np.full((2, 6), 0.1))
+
+
+@pytest.mark.parametrize(("hands", "slower"), [(0, True), (1, True), (2, False)])
+def test_the_arm_is_slow_where_the_camera_does_not_look_until_both_hands_are_seen(hands: int, slower: bool) -> None:
+    planner = motion_planner()
+    tool = planner.kinematics.forward(np.array(planner.bench.arm_look_rad))
+    beyond = replace(tool, position_m=(0.56, -0.75, 0.15))
+    joints = planner.kinematics.inverse(beyond, np.array(planner.bench.arm_look_rad))
+    assert joints is not None
+    one, *others = (*(hand_at(1.1, 0.4 + 0.1 * number) for number in range(hands)), None)
+    seen = view(hand=one, other_hands=tuple(other for other in others if other is not None))(sound(0))
+    seen = replace(seen, arm=replace(seen.arm, positions_rad=tuple(joints)))
+    found = make_supervisor(TABLE, planner).judge(seen)
+    assert ("blind_area" in [signal for signal, _ in found.reasons]) == slower
 
 
 def begun(signal: str = "") -> Supervisor:
@@ -153,7 +170,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 def test_every_signal_has_a_check_and_a_test() -> None:
     assert set(CHECKS) | {"hand_near", "hand_too_near", "blind_area"} == set(SIGNALS)
-    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME} == set(SIGNALS)
+    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME, *OF_HANDS} == set(SIGNALS)
 
 
 def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
@@ -359,7 +376,14 @@ def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
     return supervisor.judge(seen)
 
 
-OF_VIEW = ("hand_too_near", "bench_in_the_future", "camera_unhealthy", "hand_unknown")
+OF_VIEW = (
+    "hand_too_near",
+    "bench_in_the_future",
+    "camera_unhealthy",
+    "bench_not_seen",
+    "hand_unknown",
+    "hand_cues_disagree",
+)
 
 
 def test_the_same_observations_give_the_same_judgements() -> None:

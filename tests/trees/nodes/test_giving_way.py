@@ -136,7 +136,9 @@ def resting(room_m: float) -> HandSample:
     near, far = TOOL_M[0], 1.3
     for _ in range(30):
         middle = (near + far) / 2
-        room = PLANNER.separation.judge(OVER_P2_RAD, at(middle), 0.0, False).distance_m
+        room = PLANNER.separation.outline.distances(OVER_P2_RAD, PLANNER.separation.persons.wall(at(middle)), False)[
+            0
+        ].min()
         near, far = (near, middle) if room > room_m else (middle, far)
     return at(far)
 

@@ -1,4 +1,4 @@
-"""Bring the arm to joints or to a pose of its tool by a free way: MoveTo, GiveWay, MoveToJoints, MoveToPose."""
+"""Bring the arm to joints or to a pose of its tool by a free way, also by one that was planned, and seen, before."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from cell.interfaces.command import JointTrajectory
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -16,9 +17,10 @@ from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_
 from skills.grasping.phases import Move, Phase, PhasedSkill
 from skills.motion.grip import STROKE_M
 from skills.motion.near_hand import way_out
-from skills.motion.planner import Load, MotionPlanner, Plan
+from skills.motion.planner import Load, MotionPlanner, Plan, Planning
 
 NamedPose = Literal["park", "look"]
+SAME_RAD = 0.02  # a way that was approved is still the same where no joint differs by more
 
 
 class FreeMove(PhasedSkill):
@@ -41,15 +43,27 @@ class FreeMove(PhasedSkill):
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """One motion."""
+        held, _ = carried(self._planner, self._held, observation)
+        way = self._way(observation)
+        return (
+            way if isinstance(way, str) else [Move(f"moving to {self._to}", way, self._planner.settings, holding=held)]
+        )
+
+    def plan(self, observation: Observation) -> Plan:
+        """How it would move from where the arm stands, or why it cannot; nothing moves."""
+        way = self._way(observation)
+        return way if isinstance(way, str) else way(joints_of(observation))
+
+    def _way(self, observation: Observation) -> Planning | str:
+        """What plans the motion when it begins, or why there is none."""
         planner = self._planner
-        held, boxes = carried(planner, self._held, observation)
+        _, boxes = carried(planner, self._held, observation)
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
         load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
         goal = self.goal(observation, load)
         if isinstance(goal, str):
             return f"cannot move to {self._to}: {goal}"
-        way = partial(self.way, observation, goal, load)
-        return [Move(f"moving to {self._to}", way, planner.settings, holding=held)]
+        return partial(self.way, observation, goal, load)
 
     def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:
         """How to get there; where a near hand holds the arm, by a way that leads away from it, if there is one."""
@@ -137,3 +151,33 @@ class MoveToPose(FreeMove):
         """Joints for the pose, near to where the arm stands."""
         found = self._planner.reach([self._pose], joints_of(observation), load)
         return found if isinstance(found, str) else found[1]
+
+
+class FollowPlan(FreeMove):
+    """Move as planned before; not at all where the way has become another one, as nobody has approved that."""
+
+    def __init__(
+        self,
+        planner: MotionPlanner,
+        plan: JointTrajectory,
+        to: str,
+        standing: Sequence[PartDetection] = (),
+        held: str | None = None,
+    ) -> None:
+        super().__init__(planner, to, standing, held)
+        self._plan = plan
+
+    def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
+        """The end of the plan."""
+        end: Array = self._plan.positions_rad[-1]
+        return end
+
+    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:  # noqa: ARG002
+        """The plan made again with what is seen now, if it is the same."""
+        now = self._planner.free_move(start_rad, goal_rad, load)
+        if isinstance(now, str):
+            return now
+        shares = np.linspace(0.0, 1.0, 50)
+        before, after = (one.along(shares * one.duration_s) for one in (self._plan, now))
+        same = np.abs(before - after).max() <= SAME_RAD
+        return now if same else "the way is not the one that was planned; plan again"

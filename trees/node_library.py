@@ -10,13 +10,14 @@ import importlib
 import importlib.util
 import os
 import pkgutil
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
 
-import trees.nodes
+import trees.nodes.ported
 from cell.errors import InputError
 from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
@@ -64,7 +65,7 @@ def node_registry(
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
     """
-    modules = [*_package(trees.nodes), *_installed()]
+    modules = [*_package(trees.nodes), *_package(trees.nodes.ported), *_installed()]
     named = [*filter(None, os.environ.get(ALWAYS, "").split(os.pathsep)), *more]
     for name in dict.fromkeys(named):
         modules += _named(name)
@@ -179,7 +180,7 @@ def _file(file: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
     if spec is None or spec.loader is None or not file.is_file():
         raise InputError(f"{file}: there is no such Python file; give FILE.py or the name of a package")
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # the user's file may raise anything, or end the program

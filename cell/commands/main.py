@@ -23,7 +23,7 @@ OLD_COMMANDS = {
     "looks": "lab looks",
     "sweep": "lab sweep",
     "world": "lab world",
-    "schema": "lab schema",
+    "lab schema": "schema",
     "hands": "lab hands",
     "hands fetch": "lab hands",
     "train all": "train --all",
@@ -44,7 +44,9 @@ OLD_OPTIONS: dict[str, dict[str, str]] = {
         "--page-port": "--page PORT",
         **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
     },
-    **dict.fromkeys(("check", "show", "nodes", "replay"), _OWN),
+    "init": {"--schemas": "`cell schema`"},
+    **dict.fromkeys(("check", "show", "replay"), _OWN),
+    "nodes": {**_OWN, "--groot": "`--format groot > FILE`"},
     "lab eval": {
         **dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
         "--faults": "--drawn N beside --assemblies",
@@ -65,6 +67,11 @@ COMMANDS: Table = {
     "new": Command("cell.commands.new:new_app", "Start a tree file or a node of your own.", PROGRAM),
     "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
+    "convert": Command(
+        "cell.commands.tree_files:convert", "Turn tree files of BehaviorTree.CPP 3 into those of version 4.", PROGRAM
+    ),
+    "schema": Command("cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
+    "lsp": Command("cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
     "show": Command("cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
     "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),
     "replay": Command(

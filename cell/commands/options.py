@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from cell.errors import InputError
 from cell.files.files import own_or_shipped
+
+if TYPE_CHECKING:
+    from trees.files.build.registry import Registry
 
 CONFIGURATION = own_or_shipped("config", "cell.yaml")
 MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
@@ -21,6 +24,10 @@ _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
+NamesOption = Annotated[
+    Path | None,
+    typer.Option("--config", help="Names of parts, positions, goals and signals are those of this configuration."),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
@@ -137,6 +144,18 @@ def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path,
         if not holds_trees or (path.is_dir() and any(path.glob("*.py"))):
             nodes.append(one)
     return tuple(nodes), tuple(trees)
+
+
+def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
+    """The nodes that there are; with a configuration, ports take only names that it has."""
+    from trees.node_library import node_registry
+
+    if config is None:
+        return node_registry(more=own_nodes)
+    from cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(config)
+    return node_registry(load_product(configuration, config), own_nodes, configuration)
 
 
 def entries_of(given: Iterable[str] | None) -> dict[str, Any]:

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cell.commands.options import SetOption, WithOption, entries_of, own_files
-from cell.commands.show import write
+from cell.commands.options import NamesOption, SetOption, WithOption, entries_of, own_files, registry_of
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
-from trees.files.build.registry import Registry
+from cell.files.files import write_new
 from trees.files.check import Circumstances, findings
+from trees.files.parse.version3 import Converted
+from trees.files.parse.version3 import convert as to_version4
+from trees.files.parse.xml_file import read_xml
 from trees.node_library import node_registry
 from trees.views.palette import groot_model, named, palette_list, palette_text
 
 
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
-    config: Annotated[
-        Path | None,
-        typer.Option(help="Also check names of parts, positions, goals and signals against this configuration."),
-    ] = None,
+    config: NamesOption = None,
     own: WithOption = None,
     entries: SetOption = None,
     stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
@@ -36,7 +34,7 @@ def check(
     """Check tree files and list all mistakes."""
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
-    problems, warnings, notes = findings(files, _registry(config, nodes), known)
+    problems, warnings, notes = findings(files, registry_of(config, nodes), known)
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:
@@ -53,20 +51,41 @@ def check(
     return 0
 
 
-def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
-    """The nodes that there are; with a configuration, ports take only names that it has."""
-    if config is None:
-        return node_registry(more=own_nodes)
-    from cell.configuration import load_configuration, load_product
-
-    configuration = load_configuration(config)
-    return node_registry(load_product(configuration, config), own_nodes, configuration)
-
-
 def _problem_data(problem: Problem) -> dict[str, object]:
     place = problem.place
     where = {"file": str(place.file), "line": place.line, "column": place.column}
     return {**where, "what": problem.what, "legal": problem.legal}
+
+
+def convert(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files of BehaviorTree.CPP 3.")],
+    into: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write them there, and never over a file; else to stdout.")
+    ] = None,
+) -> int:
+    """Turn tree files of BehaviorTree.CPP 3 into those of version 4, and say what cannot be kept."""
+    made = {path: _converted(path) for path in files}
+    if into is None:
+        sys.stdout.writelines(one.text for one in made.values())
+    else:
+        if len({path.name for path in made}) < len(made):
+            raise InputError("two of these files have the same name; convert them into folders of their own")
+        write_new(into, {path.name: one.text.encode() for path, one in made.items()})
+    for one in made.values():
+        sys.stderr.writelines(f"{change.place}: note: {change.what}\n" for change in one.changes)
+        sys.stderr.writelines(f"{lost.place}: warning: {lost.what}; {lost.legal}\n" for lost in one.lost)
+    return 1 if any(one.lost for one in made.values()) else 0
+
+
+def _converted(path: Path) -> Converted:
+    text, root, malformed = read_xml(path)
+    found = root.get("BTCPP_format")
+    if malformed:
+        raise InputError(*malformed)
+    if root.tag != "root" or found not in (None, "3"):
+        what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
+        raise InputError(Problem(root.place_of("BTCPP_format"), what, "only files of version 3 are converted"))
+    return to_version4(path, text)
 
 
 class NodeFormat(StrEnum):
@@ -84,15 +103,12 @@ def nodes(
     style: Annotated[
         NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
     ] = NodeFormat.text,
-    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
     own: WithOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports; or one of them."""
     registry = node_registry(more=own_files(own)[0])
     chosen = tuple(registry.classes) if name is None else named(registry, name)
-    if groot is not None:
-        write(groot, groot_model(registry).encode())
-    elif style is NodeFormat.text:
+    if style is NodeFormat.text:
         sys.stdout.write(palette_text(registry, chosen))
     elif style is NodeFormat.json:
         sys.stdout.write(json.dumps(palette_list(registry, chosen)) + "\n")

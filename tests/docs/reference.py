@@ -45,8 +45,8 @@ HEAD = """# Every key of the configuration
 
 `make pictures` writes these pages from the models that read the files; edit their docstrings, not the pages.
 [bench.md](bench.md) and [product.md](product.md) are the guides. A key without a default must stand in the file.
-Unknown keys and values out of range are refused before anything moves, with file, line and column. `cell init` writes
-the same as JSON schemas, with which an editor completes and checks the files while you type.
+Unknown keys and values out of range are refused before anything moves, with file, line and column. `cell schema`
+writes the same as JSON schemas, with which an editor completes and checks the files while you type.
 """
 
 

@@ -33,10 +33,10 @@ class LiteralError(ValueError):
 
 def type_name(kind: Any) -> str:
     """A type as people write it: `int`, `list[str]`, `AssemblyState`."""
-    if kind is Any:
-        return "any"
+    if kind is Any or kind is ...:
+        return "any" if kind is Any else "..."
     if isinstance(kind, types.GenericAlias):
-        return str(kind).replace("typing.", "")
+        return f"{kind.__origin__.__name__}[{', '.join(map(type_name, kind.__args__))}]"
     return str(getattr(kind, "__name__", kind))
 
 

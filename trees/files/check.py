@@ -12,7 +12,8 @@ from trees.engine.node import FAILURE, Control, Node, TreeNode
 from trees.engine.ports import Port
 from trees.engine.status import Status
 from trees.engine.tree import Tree
-from trees.files.build.registry import BUILT_IN, Registry, is_leaf, is_reserved
+from trees.files.build.registry import BUILT_IN, Registry
+from trees.files.checks.structure import fits
 from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
 from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
@@ -40,11 +41,13 @@ class Circumstances:
         beside: further files, and folders with them, whose trees may be named.
         provided: entries of the main tree that are set before the first tick.
         stubs: unknown nodes are taken as they are.
+        opened: texts that an editor has open, by absolute path; they count instead of the files.
     """
 
     beside: tuple[Path, ...] = ()
     provided: Mapping[str, Any] = field(default_factory=dict)
     stubs: bool = False
+    opened: Mapping[Path, str] = field(default_factory=dict)
 
 
 def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
@@ -60,7 +63,7 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     notes: list[Problem] = []
     built: dict[Path, Tree] = {}
     for path in paths:
-        library = read_library(path, known.beside)
+        library = read_library(path, known.beside, known.opened)
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
         if library.main in library.trees and not library.incomplete:
@@ -108,23 +111,18 @@ class _Parent(Control):
 def with_stubs(library: Library, registry: Registry) -> Registry:
     """The registry with a stand-in for every node of a library that it does not know.
 
-    A node that only has the name of one that stands here, and other ports, is not known either.
+    A node that only has the name of one that stands here, and other ports or values, is not known either; nor is one of
+    this cell that has the name of a tree.
     """
+    trees = [tag for tag in library.trees if tag in registry.classes and registry.classes[tag] not in BUILT_IN]
+    registry = registry.extended((), without=trees) if trees else registry
     parents: dict[str, bool] = {}
     for element in _elements(library):
         tag = node_tag(element)
-        if tag and tag != "SubTree" and not _is_known(element, tag, registry):
+        if tag and tag != "SubTree" and not fits(element, library, registry):
             parents[tag] = parents.get(tag, False) or bool(element.children)
     stubs = [_stub(tag, _Parent if parent else _Leaf) for tag, parent in parents.items()]
     return registry.extended(stubs) if stubs else registry
-
-
-def _is_known(element: Element, tag: str, registry: Registry) -> bool:
-    node = registry.classes.get(tag)
-    if node is None or node in BUILT_IN or not is_leaf(node):
-        return node is not None
-    ports = registry.ports_in(tag, element.attributes)
-    return all(name in ports or is_reserved(name) for name in element.attributes)
 
 
 def _stub(tag: str, base: type[TreeNode]) -> type[TreeNode]:

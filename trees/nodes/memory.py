@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from trees.engine.blackboard import UNSET
@@ -117,10 +118,9 @@ class SaveBlackboard(CellNode):
     def update(self) -> Status:
         path, files, journal = self.file.get(), self.tools.files, self.tools.journal
         if (before := files.read(path, journal)) is not None:
-            _entries(before, path)  # what is another's stays
+            entries_in(before, path)  # what is another's stays
         entries = {name: _plain(name, port.get()) for name, port in further_of(self).items()}
-        text = json.dumps({"format": FORMAT, "version": 1, "entries": entries}, indent=1, allow_nan=False)
-        files.write(path, text + "\n", journal)
+        files.write(path, text_of(entries), journal)
         self.feedback_message = f"saved {', '.join(entries)} in {path}"
         return SUCCESS
 
@@ -140,7 +140,7 @@ class LoadBlackboard(CellNode):
         text = self.tools.files.read(path, self.tools.journal)
         if text is None:
             raise NodeError(f"there is no file {path}")
-        entries, ports = _entries(text, path), further_of(self)
+        entries, ports = entries_in(text, path), further_of(self)
         if missing := [name for name in ports if name not in entries]:
             raise NodeError(f"{path} has no '{missing[0]}'; it has: {', '.join(entries) or 'nothing'}")
         for name, port in ports.items():
@@ -177,6 +177,11 @@ class AppendRow(CellNode):
         return SUCCESS
 
 
+def text_of(entries: Mapping[str, object]) -> str:
+    """A file of saved values."""
+    return json.dumps({"format": FORMAT, "version": 1, "entries": entries}, indent=1, allow_nan=False) + "\n"
+
+
 def _plain(name: str, value: object) -> object:
     if isinstance(value, FramedPose):
         return {
@@ -208,8 +213,12 @@ def _value(plain: object, path: str) -> Any:
         raise NodeError(f"{path} holds a pose that is none: {error!r}") from None
 
 
-def _entries(text: str, path: str) -> dict[str, object]:
-    """What a file of this format holds."""
+def entries_in(text: str, path: str) -> dict[str, object]:
+    """What a file that SaveBlackboard wrote holds.
+
+    Raises:
+        NodeError: it was written otherwise.
+    """
     try:
         content = json.loads(text)
         entries = content["entries"]

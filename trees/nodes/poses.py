@@ -17,6 +17,7 @@ WORLD, TRAY, BRACKET, TOOL = "world", "tray", "bracket", "tool"
 FRAMES = (WORLD, TRAY, BRACKET, TOOL)
 FARTHEST_M = 10.0
 FINGERS_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))  # a pose's z points upwards, the tool's along the fingers
+STEP_S = 1e-3  # over which a speed is told from places
 BRACKET_GAP_M = 0.10  # nothing is let go this near to the bracket's middle line but by PlacePart, which is guarded
 
 
@@ -128,3 +129,10 @@ def near_bracket(services: Services, world: Pose) -> bool:
     x, y, _ = (services.tools.bench.bracket.pose.inverse() @ world).position_m
     holes = services.tools.product.bracket.holes_m.values()
     return any(abs(x - hole_x) < BRACKET_GAP_M and abs(y - hole_y) < BRACKET_GAP_M for hole_x, hole_y in holes)
+
+
+def tool_speed_m_s(services: Services) -> float:
+    """How fast the tool (TCP) moves, by what the joints measured."""
+    arm, kinematics = services.now.observation.arm, services.tools.motion.kinematics
+    joints, soon = np.array(arm.positions_rad), np.array(arm.velocities_rad_s) * STEP_S
+    return float(np.linalg.norm(kinematics.position_m(joints + soon) - kinematics.position_m(joints))) / STEP_S

@@ -13,7 +13,7 @@ from trees.engine.node import SKIPPED, StatusChange, TreeNode
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.views.palette import model_lines
+from trees.views.palette import models
 
 CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3, SKIPPED: 4}
 # A node that went idle is shown as this plus what it was before; in recorded transitions it is idle and no more.
@@ -31,10 +31,7 @@ def tree_xml(tree: Tree, registry: Registry) -> str:
         lines.append(f"  <BehaviorTree ID={quoteattr(identifier)} _fullpath={quoteattr(path)}>")
         lines += _node_lines(tree, root, waiting)
         lines.append("  </BehaviorTree>")
-    lines.append("  <TreeNodesModel>")
-    for tag, node in registry.classes.items():
-        lines += model_lines(tag, node, registry)
-    return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+    return "\n".join([*lines, *models(registry.classes, registry), "</root>", ""])
 
 
 def blackboards(tree: Tree, names: Iterable[str]) -> dict[str, dict[str, Any]]:

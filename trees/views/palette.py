@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from difflib import get_close_matches
 from xml.sax.saxutils import quoteattr
 
@@ -68,23 +68,38 @@ def palette_list(registry: Registry, chosen: Collection[str] | None = None) -> l
 
 def groot_model(registry: Registry) -> str:
     """A file whose TreeNodesModel Groot2 loads as its palette; built-in nodes it knows by itself."""
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">', "  <TreeNodesModel>"]
-    for tag, node in registry.classes.items():
-        if node not in BUILT_IN:
-            lines += model_lines(tag, node, registry)
-    return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+    head = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">']
+    own = [tag for tag, node in registry.classes.items() if node not in BUILT_IN]
+    return "\n".join([*head, *models(own, registry), "</root>", ""])
+
+
+def models(tags: Iterable[str], registry: Registry) -> Iterator[str]:
+    """Lines of a TreeNodesModel with these nodes."""
+    yield "  <TreeNodesModel>"
+    for tag in tags:
+        yield from _model(tag, registry)
+    yield "  </TreeNodesModel>"
+
+
+def node_text(tag: str, registry: Registry) -> str:
+    """A node for people: name, meaning, and a line for each port."""
+    return "\n".join(_node_lines(tag, registry))
+
+
+def port_line(port: Port) -> str:
+    """A port for people."""
+    arrow = {"input": "<-", "output": "->", "inout": "<>"}[port.direction]
+    default = "" if port.default is UNSET else f" = {default_text(port)}"
+    needed = "" if port.optional else ", mandatory"
+    line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}"
+    return f"{line}  ({port.meaning})" if port.meaning else line
 
 
 def _node_lines(tag: str, registry: Registry) -> Iterator[str]:
     node = registry.classes[tag]
     yield f"{tag}  [{node.node_type}]"
     yield from textwrap.wrap(meaning_of(node), WIDTH, initial_indent="    ", subsequent_indent="    ")
-    for port in registry.ports(tag).values():
-        arrow = {"input": "<-", "output": "->", "inout": "<>"}[port.direction]
-        default = "" if port.default is UNSET else f" = {_default(port)}"
-        needed = "" if port.optional else ", mandatory"
-        line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}"
-        yield f"{line}  ({port.meaning})" if port.meaning else line
+    yield from map(port_line, registry.ports(tag).values())
     yield from _further_line(node)
 
 
@@ -101,18 +116,20 @@ def _port_data(port: Port) -> dict[str, object]:
         "name": port.name,
         "direction": port.direction,
         "type": type_name(port.kind),
-        "default": None if port.default is UNSET else _default(port),
+        "default": default_text(port),
         "mandatory": not port.optional,
         "meaning": port.meaning,
     }
 
 
-def model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
+def _model(tag: str, registry: Registry) -> Iterator[str]:
     """A node of a TreeNodesModel."""
+    node = registry.classes[tag]
     yield f"    <{node.node_type} ID={quoteattr(tag)}>"
     yield f"      <MetadataFields><Metadata description={quoteattr(meaning_of(node))}/></MetadataFields>"
     for port in registry.ports(tag).values():
-        default = "" if port.default is UNSET else f" default={quoteattr(_default(port))}"
+        written = default_text(port)
+        default = "" if written is None else f" default={quoteattr(written)}"
         kind = quoteattr(type_name(port.kind))
         meaning = _escaped(port.meaning)
         name = f"{port.direction}_port"
@@ -120,9 +137,11 @@ def model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[
     yield f"    </{node.node_type}>"
 
 
-def _default(port: Port) -> str:
-    """A default as a tree file would write it."""
+def default_text(port: Port) -> str | None:
+    """A default as a tree file would write it; None where a port has none."""
     value = port.default
+    if value is UNSET:
+        return None
     if isinstance(value, Status):
         return value.name
     if isinstance(value, bool):

@@ -42,7 +42,6 @@ COMMANDS = {
         "cell.commands.lab.world:world",
         "Run the simulated cell by itself, for controllers that connect by `cell lab run --world`.",
     ),
-    "schema": Command("cell.commands.lab.schema:schema", "Write JSON schemas of all YAML files, for editors."),
     "hands": Command("cell.commands.lab.hands:fetch", "Fetch MediaPipe's hand networks."),
     "files": Command("cell.commands.lab.logs:files", "Write the files that a run was made with."),
     "sheet": Command("cell.commands.lab.logs:sheet", "Draw the contact sheet of a run."),

@@ -13,6 +13,7 @@ from tests import ROOT
 from tests.processes import finished
 
 FILES = {
+    ".vscode/settings.json",
     "README.md",
     "config/cell.yaml",
     "config/products.yaml",
@@ -24,6 +25,7 @@ FILES = {
     "config/schema/products.json",
     "config/schema/robot.json",
     "config/schema/sim.json",
+    "config/schema/trees.xsd",
     "config/sim.yaml",
     "tests/test_assemble.py",
     "trees/ahead.xml",
@@ -137,8 +139,9 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, capsys: pytest.Captur
     assert [path.name for path in tmp_path.rglob("*")] == ["mine", "notes.txt"]
 
 
-def test_schemas_alone_are_renewed_after_an_update(folder: Path) -> None:
+def test_schemas_alone_are_renewed_after_an_update(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = files_of(folder)
     (folder / "config" / "schema" / "look.json").write_text('{"$comment": "made by cell schema; do not edit"}')
-    assert main(["init", str(folder), "--schemas"]) == 0
+    monkeypatch.chdir(folder)
+    assert main(["schema"]) == 0
     assert files_of(folder) == before

@@ -173,10 +173,9 @@ def test_check_tells_editors_in_json(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert json.loads(capsys.readouterr().out) == {"problems": []}
 
 
-def test_the_palette_for_groot_names_ports(tmp_path: Path) -> None:
-    path = tmp_path / "palette.xml"
-    assert main(["nodes", "--groot", str(path)]) == 0
-    model = ElementTree.parse(path).getroot().find("TreeNodesModel/Action[@ID='PickPart']")
+def test_the_palette_for_groot_names_ports(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["nodes", "--format", "groot"]) == 0
+    model = ElementTree.fromstring(capsys.readouterr().out).find("TreeNodesModel/Action[@ID='PickPart']")
     assert model is not None
     assert [port.get("name") for port in model.iter("input_port")] == ["parts", "index"]
 

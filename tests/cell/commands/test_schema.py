@@ -1,4 +1,4 @@
-"""`cell lab schema`: what editors are told agrees with what the program reads."""
+"""`cell schema`: what editors are told agrees with what the program reads."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
+from lxml import etree
 
-from cell.commands.init import schema_texts
 from cell.commands.main import main
+from cell.commands.schema import schema_texts
 from sim.scene.look_range import LookFile
 from sim.scene.settings import SimSettings
 from tests import ROOT
+from trees.node_library import node_registry
 
 CONFIG = ROOT / "config"
 FILES = [
@@ -24,10 +26,11 @@ FILES = [
     *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),
     *(("look", path) for path in (CONFIG / "looks").glob("*.yaml")),
 ]
+TEXTS = schema_texts(node_registry())
 
 
 def errors(kind: str, data: object) -> list[str]:
-    validator = Draft202012Validator(json.loads(schema_texts()[f"{kind}.json"]))
+    validator = Draft202012Validator(json.loads(TEXTS[f"{kind}.json"]))
     return [error.message for error in validator.iter_errors(data)]
 
 
@@ -79,19 +82,100 @@ def test_models_of_a_look_have_names_of_their_own() -> None:
 
 
 def test_keys_are_explained() -> None:
-    properties = json.loads(schema_texts()["cell.json"])["$defs"]["ControllerSettings"]["properties"]
+    properties = json.loads(TEXTS["cell.json"])["$defs"]["ControllerSettings"]["properties"]
     assert properties["tick_hz"]["description"]
 
 
 def test_schemas_are_renewed_and_nothing_else_is_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "schema"
-    assert main(["lab", "schema", str(folder)]) == 0
+    assert main(["schema", str(folder)]) == 0
     assert f"# yaml-language-server: $schema={folder / 'cell.json'}" in capsys.readouterr().err
-    assert {path.name for path in folder.iterdir()} == set(schema_texts())
-    assert main(["lab", "schema", str(folder)]) == 0
+    assert {path.name for path in folder.iterdir()} == set(TEXTS)
+    assert main(["schema", str(folder)]) == 0
     (folder / "look.json").write_text("mine")
     (folder / "cell.json").unlink()
-    assert main(["lab", "schema", str(folder)]) == 2
+    assert main(["schema", str(folder)]) == 2
     assert f"{folder / 'look.json'}: was not written by this program" in capsys.readouterr().err
     assert (folder / "look.json").read_text() == "mine"
     assert not (folder / "cell.json").exists()
+
+
+TREES = sorted((ROOT / "trees").rglob("*.xml"))
+NODE = '''from trees import InputPort, Node
+
+
+class Greet(Node):
+    """Say hello."""
+
+    who = InputPort(str, "who is greeted")
+'''
+
+
+def tree_mistakes(content: str, xsd: str = TEXTS["trees.xsd"]) -> list[int]:
+    """Lines at which a validator marks something in a tree file, of which `content` is one tree."""
+    whole = (
+        content
+        if "<root" in content
+        else f'<root BTCPP_format="4"><BehaviorTree ID="M">{content}</BehaviorTree></root>'
+    )
+    schema = etree.XMLSchema(etree.fromstring(xsd.encode()))
+    schema.validate(etree.fromstring(whole.encode()))
+    return [error.line for error in schema.error_log]
+
+
+@pytest.mark.parametrize("path", TREES, ids=lambda path: path.stem)
+def test_shipped_trees_fit_the_schema(path: Path) -> None:
+    assert tree_mistakes(path.read_text().partition("?>")[2] or path.read_text()) == []
+
+
+def test_trees_are_tried() -> None:
+    assert len(TREES) >= 8
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '<MoveTu pose="park"/>',
+        "<MoveTo/>",
+        '<MoveTo pose="parc"/>',
+        '<MoveTo pose="park" pase="look"/>',
+        '<Repeat num_cycles="two"><Beep/></Repeat>',
+        '<Repeat num_cycles="2"><Beep/><Beep/></Repeat>',
+        '<Timeout msec="1.5"><Beep/></Timeout>',
+        '<PickPart parts="o1" index="0"/>',
+        '<SetSignal signal="lamp" value="yes"/>',
+        "<SubTree/>",
+        "<Sequence/>",
+        '<Beep _skipif="true"/>',
+    ],
+)
+def test_mistakes_in_trees_are_marked(content: str) -> None:
+    assert tree_mistakes(content)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '<MoveTo pose="{where}" name="there" _skipIf="n &gt; 3"/>',
+        '<Repeat num_cycles="{n}"><Beep/></Repeat>',
+        '<PickPart parts="{parts}" index="0"/>',
+        '<SubTree ID="Any" part="o1" _autoremap="true"/>',
+        '<SaveBlackboard file="a.json" count="{count}"/>',
+        '<Action ID="MoveTo" pose="park"/>',
+        '<Control ID="Sequence"><Beep/></Control>',
+        '<SetSignal signal="lamp" value="true"/>',
+    ],
+)
+def test_what_is_legal_in_trees_is_not_marked(content: str) -> None:
+    assert tree_mistakes(content) == []
+
+
+def test_the_schema_has_nodes_of_ones_own_and_names_of_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "greet.py").write_text(NODE)
+    config = str(CONFIG / "cell.yaml")
+    assert main(["schema", str(tmp_path / "out"), "--with", str(tmp_path / "greet.py"), "--config", config]) == 0
+    xsd = (tmp_path / "out" / "trees.xsd").read_text()
+    assert tree_mistakes('<Greet who="you"/>', xsd) == []
+    assert tree_mistakes("<Greet/>", xsd)
+    part = etree.fromstring(xsd.encode()).xpath("//*[@name='PlacePart']//*[@name='part']//*[@value='o1']")
+    assert len(part) == 1

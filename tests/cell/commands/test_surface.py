@@ -1,4 +1,4 @@
-"""What the command line has: fifteen commands in four panels, few options, and a word for each name of before."""
+"""What the command line has: eighteen commands in four panels, few options, and a word for each name of before."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests import ROOT
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
     "Start": ["init", "doctor", "run", "calibrate"],
-    "Program": ["new", "check", "nodes", "show", "monitor"],
+    "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
     "Test": ["replay", "report", "log"],
     "Train": ["train", "goals", "compare"],
 }
@@ -44,7 +44,7 @@ def options(*path: str) -> set[str]:
     return {name for one in asked for name in one.opts if name.startswith("--")} - {"--help"}
 
 
-def test_fifteen_commands_stand_in_four_panels(capsys: pytest.CaptureFixture[str]) -> None:
+def test_eighteen_commands_stand_in_four_panels(capsys: pytest.CaptureFixture[str]) -> None:
     assert {panel: [name for name, one in COMMANDS.items() if one.panel == panel] for panel in PANELS} == PANELS
     hidden = {name for name, one in command().commands.items() if one.hidden}
     assert hidden == {"lab", "_data", "_train"}

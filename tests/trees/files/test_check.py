@@ -202,7 +202,7 @@ MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><Alway
 GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
 BAD_FILES = [
     ("^<tree/>", "the outermost element is <tree>; must be <root>"),
-    (f'<root ^BTCPP_format="3">{GOOD}</root>', "BTCPP_format is '3'"),
+    (f'<root ^BTCPP_format="5">{GOOD}</root>', "BTCPP_format is '5'"),
     (f'<root BTCPP_format="4" ^main_tree="Main">{GOOD}</root>', "did you mean 'main_tree_to_execute'"),
     (f'<root BTCPP_format="4" ^main_tree_to_execute="Mian">{GOOD}</root>', "names 'Mian'.*did you mean 'Main'"),
     (f'<root BTCPP_format="4">^<Behaviortree/>{GOOD}</root>', "<Behaviortree> cannot stand in <root>"),

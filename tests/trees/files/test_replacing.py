@@ -73,9 +73,9 @@ def test_trees_of_files_and_folders_beside_may_be_named(tmp_path: Path) -> None:
 def test_stubs_stand_for_what_nobody_knows_and_doubts_become_warnings(tmp_path: Path) -> None:
     (file,) = files(
         tmp_path,
-        main="""<BehaviorTree ID="Main"><RecoveryNode number_of_retries="2">
+        main="""<BehaviorTree ID="Main"><PauseResumeController number_of_retries="2">
           <ComputePath goal="{goal}" path="{path}" planner="Grid; fast"/><Sequence><Spin turn="{angle}"/></Sequence>
-          </RecoveryNode></BehaviorTree>""",
+          </PauseResumeController></BehaviorTree>""",
     )
     assert len(findings([file], node_registry()).problems) == 1 + 1 + 1
     problems, warnings, _ = findings([file], node_registry(), Circumstances(stubs=True))

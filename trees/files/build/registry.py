@@ -80,11 +80,16 @@ class Registry:
         self.words: Words = words or {}
         self.classes: dict[str, type[TreeNode]] = {}
         self._ports: dict[str, dict[str, Port]] = {}
+        self._free: set[str] = set()
         self.enums: dict[str, Any] = dict(STATUS_WORDS)
         for node in (*BUILT_IN, *classes):
             self._add(node)
         for kind in enums:
             self._add_enum(kind)
+
+    def names_node(self, name: str) -> bool:
+        """Whether a node has this name, so that no tree may have it."""
+        return name in self.classes and name not in self._free
 
     def ports(self, tag: str) -> Mapping[str, Port]:
         """Ports of a class by their names in XML."""
@@ -102,10 +107,17 @@ class Registry:
         }
         return {**ports, **further} if further else ports
 
-    def extended(self, classes: Iterable[type[TreeNode]]) -> Registry:
-        """A registry with more nodes, also in the place of those of the same names."""
+    def extended(self, classes: Iterable[type[TreeNode]], without: Iterable[str] = ()) -> Registry:
+        """A registry with more nodes, also in the place of those of the same names.
+
+        Args:
+            without: nodes that it does not have; trees may have their names.
+        """
         more = Registry(words=self.words, remark=self.remark, entries=self.entries)
         more.classes, more._ports, more.enums = dict(self.classes), dict(self._ports), dict(self.enums)
+        more._free = self._free | set(without)
+        for tag in without:
+            more.classes.pop(tag, None)
         for node in classes:
             more.classes.pop(tag_of(node), None)
             more._add(node)

@@ -12,7 +12,7 @@ from trees.engine.node import TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, ScriptError, parse_script
 from trees.engine.vocabulary import misnomer
-from trees.files.build.registry import Registry
+from trees.files.build.registry import BUILT_IN, Registry
 from trees.files.checks.guarding import check_guards
 from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, is_near
 from trees.files.parse.replacing import REPLACES
@@ -39,7 +39,7 @@ def check_structure(library: Library, registry: Registry) -> list[Problem]:
     problems: list[Problem] = []
     checker = _Checker(library, registry, problems)
     for identifier, tree in library.trees.items():
-        if identifier in registry.classes and identifier not in library.replacing:
+        if registry.names_node(identifier) and identifier not in library.replacing:
             what = f"a node is named '{identifier}', too"
             problems.append(
                 Problem(tree.place_of("ID"), what, f'rename the tree, or let it take its place: {REPLACES}="true"')
@@ -47,6 +47,14 @@ def check_structure(library: Library, registry: Registry) -> list[Problem]:
         for child in tree.children:
             checker.check(child)
     return problems + list(_check_expansion(library)) + check_guards(library, registry)
+
+
+def fits(element: Element, library: Library, registry: Registry) -> bool:
+    """Whether a node is of the language, or one of this cell written as that takes it."""
+    tag, problems = node_tag(element), list[Problem]()
+    if registry.classes.get(tag) not in BUILT_IN:
+        _Checker(library, registry, problems).node(element)
+    return not problems
 
 
 class _Checker:
@@ -69,7 +77,7 @@ class _Checker:
             elif current.tag == "SubTree":
                 self._subtree(current)
             else:
-                self._node(current)
+                self.node(current)
             current.broken = current.broken or len(self._problems) > before
 
     def _report(self, place: Place, what: str, legal: str = "") -> None:
@@ -102,7 +110,8 @@ class _Checker:
             ):
                 self._report(element.place, f"SubTree '{identifier}' needs port '{name}'", f'{name}="..."')
 
-    def _node(self, element: Element) -> None:
+    def node(self, element: Element) -> None:
+        """What is wrong with a node, apart from those below it."""
         tag = node_tag(element)
         if not tag:
             self._report(element.place, f"this <{element.tag}> has no ID", f'like <{element.tag} ID="Name"/>')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,9 +11,11 @@ from cell.errors import InputError, Place, Problem
 from trees.engine.literals import TRUE_WORDS
 from trees.files.parse.in_python import InPython
 from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
+from trees.files.parse.version3 import Converted, convert
 from trees.files.parse.xml_file import FORMAT, Element, read_xml
 
 MOST_WORDS = 12
+CONVERT = "`cell convert` writes it as a file of version 4"
 UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100
@@ -57,6 +59,7 @@ class Library:
         texts: every file read, with its text.
         notes: what is left out of account here and means something elsewhere, such as to editors.
         replacing: trees that take the place of a tree or node of their name.
+        opened: texts of files that an editor has open, by their absolute path; they count instead of the files.
         incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
     """
 
@@ -67,16 +70,20 @@ class Library:
     problems: list[Problem] = field(default_factory=list)
     notes: list[Problem] = field(default_factory=list)
     replacing: dict[str, Element] = field(default_factory=dict)
+    opened: Mapping[Path, str] = field(default_factory=dict)
     incomplete: bool = False
 
 
-def read_library(source: Path | InPython, beside: Iterable[Path] = ()) -> Library:
+def read_library(
+    source: Path | InPython, beside: Iterable[Path] = (), opened: Mapping[Path, str] | None = None
+) -> Library:
     """Read a file, or what stands for one, and what it includes; what is wrong is in `problems`.
 
     Args:
         beside: further files, and folders with them, whose trees it may name.
+        opened: texts that count instead of files, by absolute path.
     """
-    library = Library()
+    library = Library(opened=opened or {})
     root = _read(library, source, None)
     own = tuple(library.trees)
     for file in _files(beside):
@@ -118,7 +125,7 @@ def called(library: Library, element: Element) -> list[Element]:
 def _read(library: Library, source: Path | InPython, included_at: Place | None) -> Element | None:
     path = source if isinstance(source, Path) else source.path
     try:
-        text, root, malformed = read_xml(path, None if isinstance(source, Path) else source.text)
+        text, root, malformed = read_xml(path, _opened(library, source))
     except InputError as error:
         library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]
@@ -134,20 +141,33 @@ def _read(library: Library, source: Path | InPython, included_at: Place | None) 
     if root.tag != "root":
         library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
         return None
-    _check_root(library, root)
+    older = not malformed and root.get("BTCPP_format") != FORMAT
+    _check_root(library, root, convert(path, text) if older else Converted())
     for element in root.children:
         if len(library.problems) < PROBLEM_LIMIT:
             _take(library, element, path, len([child for child in root.children if child.tag == "BehaviorTree"]) == 1)
     return root
 
 
-def _check_root(library: Library, root: Element) -> None:
+def _opened(library: Library, source: Path | InPython) -> str | None:
+    """The text that counts instead of a file's."""
+    return library.opened.get(source.resolve()) if isinstance(source, Path) else source.text
+
+
+def _check_root(library: Library, root: Element, version3: Converted) -> None:
     found, place = root.get("BTCPP_format"), root.place_of("BTCPP_format")
     if found is None:
         what = f'BTCPP_format is missing; the file is read as BTCPP_format="{FORMAT}"'
-        library.notes.append(Problem(place, what, "add it to the file"))
+        legal = "add it to the file"
+        if version3.changes:
+            first = version3.changes[0]
+            what += f", and would mean something else in version 3, as in line {first.place.line}: {first.what}"
+            legal = f"{CONVERT}, or {legal}"
+        library.notes.append(Problem(place, what, legal))
     elif found != FORMAT:
-        library.problems.append(Problem(place, f"BTCPP_format is '{found}'", f'must be BTCPP_format="{FORMAT}"'))
+        legal = f'must be BTCPP_format="{FORMAT}"' + (f"; {CONVERT}" if found == "3" else "")
+        same = found == "3" and not version3.changes and not version3.lost  # nothing in it means something else
+        (library.notes if same else library.problems).append(Problem(place, f"BTCPP_format is '{found}'", legal))
     _check_attributes(library, root, ("BTCPP_format", "main_tree_to_execute", "project_name"))
 
 
@@ -155,7 +175,8 @@ def _check_attributes(library: Library, element: Element, legal: tuple[str, ...]
     """An attribute that is written much like a legal one is a mistake; others are those of an editor."""
     for name, attribute in element.attributes.items():
         if name not in legal:
-            near = hint(name, legal) if is_near(name, legal) else ""
+            alike = [word for word in legal if word.startswith("_") == name.startswith("_")]
+            near = hint(name, legal) if is_near(name, alike) or f"_{name}" in legal else ""
             problem = Problem(attribute.place, f"<{element.tag}> has no attribute '{name}'", near or "it is ignored")
             (library.problems if near else library.notes).append(problem)
 

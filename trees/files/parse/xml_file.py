@@ -30,7 +30,7 @@ SCRIPTS_AFTER = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 # Attributes that Groot2 writes for itself.
 NOTES = ("_uid", "_description", "_fullpath")
 _POINTER = re.compile(r"\s*\{([^{}]*)\}\s*\Z")
-KEY = re.compile(r"@?[^\W\d][\w./-]*\Z")
+KEY = re.compile(r"@?[\w-][\w./-]*\Z")  # a script can name only those that begin with a letter
 
 
 @dataclass(frozen=True)

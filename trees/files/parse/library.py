@@ -244,7 +244,7 @@ def _take_models(library: Library, element: Element) -> None:
         ports = library.models.setdefault(identifier, {})
         for port in model.children:
             name = port.get("name")
-            if port.tag == "MetadataFields":
+            if port.tag == "MetadataFields" or (name or "").startswith("_"):  # as version 3 wrote what is no port
                 continue
             if port.tag not in ("input_port", "output_port", "inout_port") or not name:
                 library.problems.append(

@@ -11,7 +11,12 @@ import pytest
 
 from tests import ROOT
 
-SHARED = {"asking", "clearing", "kill_moment"}  # what several benchmarks use, or one that is long without it
+SHARED = {
+    "asking",
+    "clearing",
+    "clearing_stacks",
+    "kill_moment",
+}  # what several use, or a long one leaves out
 FOLDER = Path(__file__).parent
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py") if not path.stem.startswith("test_"))
 TORCH = {"track_probe"}
@@ -19,12 +24,12 @@ NAMED = [*(ROOT / "docs" / "figures").glob("*.json"), ROOT / "Makefile"]
 COMMANDS = {line for file in NAMED for line in re.findall(r"-m (tests\.benchmarks\.[^\n\"]*)", file.read_text())}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.torch] if name in TORCH else []) for name in NAMES]
+)
 def test_a_benchmark_says_how_it_is_run(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if name in TORCH:
-        pytest.importorskip("torch")
     module = importlib.import_module(f"tests.benchmarks.{name}")
     if name in SHARED:
         return

@@ -140,7 +140,7 @@ def _csv(log: Log, path: Path) -> int:
 
 
 def _parquet(rows: list[dict[str, Any]], path: Path) -> int:
-    arrow, parquet = (needed(name, "Parquet (not CSV)", "parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    arrow, parquet = (needed(name, "Parquet (--to csv does not)", "parquet") for name in ("pyarrow", "pyarrow.parquet"))
     parquet.write_table(arrow.Table.from_pylist(rows), str(path))
     return len(rows)
 

@@ -101,7 +101,7 @@ def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
     told = in_folder(folder, "cell", "run")
     assert told.returncode == 2
-    assert f"{tree}:10:7: there is no node 'ActivateGriper'" in told.stderr
+    assert f"{tree}:11:7: there is no node 'ActivateGriper'" in told.stderr
     assert set(files_of(folder)) == FILES, "no log is left"
 
 

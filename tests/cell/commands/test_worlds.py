@@ -22,4 +22,4 @@ def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
 
 
 def _workers() -> int:
-    return sum(isinstance(one, Worker) for one in gc.get_objects())
+    return sum(type(one) is Worker for one in gc.get_objects())

@@ -115,7 +115,7 @@ def test_the_command_takes_several_logs_for_a_data_set(
 
 def test_without_pyarrow_nothing_is_begun(assembly_log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match="needs pyarrow"):
+    with pytest.raises(InputError, match="needs the package pyarrow"):
         write_lerobot([assembly_log], tmp_path / "set")
     assert not (tmp_path / "set").exists()
 

@@ -16,7 +16,7 @@ from cell.recording.json_schema import fields_of, with_nulls, without_nulls
 from cell.recording.schemas import TOPICS, plain, schema
 
 UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
-LISTS_OF_LISTS = {"finished"}  # of a memory: no viewer reads a schema with them
+LISTS_OF_LISTS = {"finished", "lies_on"}  # of a memory: no viewer reads a schema with them
 
 PLAIN = {"boolean", "string", "number", "integer"}
 

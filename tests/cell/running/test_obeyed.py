@@ -109,7 +109,7 @@ MIDWAY = 5 + round(way().duration_s / TICK_S / 2)
 
 
 def words(bench: Bench) -> list[str]:
-    return [text for one in bench.judged for signal, text in one.reasons if signal not in ("blind_area",)]
+    return [text for one in bench.judged for signal, text in one.reasons if signal not in ("blind_area", "hand_near")]
 
 
 def test_an_arm_that_obeys_is_never_told_to_have_disobeyed() -> None:

@@ -95,9 +95,11 @@ class ImageHealth:
             hands: all that are seen in it.
         """
         looked = self._looked(frame.image)
-        health = self._fresh.judge(looked.samples) or _absolute(looked) or self._compared(looked.figures)
+        nothing = _absolute(looked)
+        health = self._fresh.judge(looked.samples) or nothing or self._compared(looked.figures)
         health = health or _glaring(looked) or self._focus(looked.grey)
-        self._evidence.see(frame, looked.small, looked.grey, hands)
+        if not nothing:  # such an image says nothing of where the camera looks
+            self._evidence.see(frame, looked.small, looked.grey, hands)
         self.unseen, self.unexplained = self._fresh.repeats or self._evidence.unseen, self._evidence.unexplained
         return health or self.unseen or self.unexplained
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from py_trees.common import Status
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
@@ -15,7 +14,7 @@ from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from tests.trees.nodes.rig import ScriptedGrasps, seen_parts, services
-from trees.engine.status import NodeError
+from trees.engine.status import NodeError, Status
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart
 from trees.nodes.lying import FindLying
 from trees.nodes.moving import MoveAside

@@ -28,7 +28,7 @@ from cell.settings import LogSettings
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from skills.drivers.can_gripper import CanFrame
 
-USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals")  # fields that most ticks leave out
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals", "held_by")  # most ticks leave them out
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 

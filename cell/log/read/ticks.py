@@ -196,6 +196,7 @@ class TickBuilder:
             operator=_adapter(OperatorState).validate_python(fields.get("operator", NOBODY)),
             signals=fields.get("signals", {}),
             share=fields.get("share", 1.0),
+            held_by=tuple(fields.get("held_by", ())),
             work_s=fields.get("work_s"),
         )
         inputs = tuple((kind, one) for kind, one in self._outside if one["tick"] <= number)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,11 @@ from mcap.stream_reader import StreamReader
 from cell.errors import InputError
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.notes import Topic
-from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
+from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation, Trouble
+from cell.interfaces.operator import OperatorState
+from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Pose
+from cell.log.read.reader import read_log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
 from cell.settings import LogSettings
@@ -95,6 +99,27 @@ def test_ticks_come_back_as_they_were(tmp_path: Path) -> None:
     ]
     assert found["/note/belief"][0][1] == {"tick": 0, "goals": {"g0": 0.75, "g1": 0.25}}
     assert len(found["/bench"]) == 1, "an answer is written when it is new"
+
+
+def test_every_field_of_an_observation_comes_back(tmp_path: Path) -> None:
+    """What a node may read and no log holds is decided otherwise in a replay."""
+    seen = replace(
+        record().observation,
+        parts=PartsView(4, 0.0, ()),
+        troubles=(Trouble("arm", "it is gone"),),
+        late_s=0.01,
+        acknowledged=True,
+        operator=OperatorState(present=True),
+        signals={"door": False},
+        share=0.0,
+        work_s=0.5,
+        held_by=("hand_too_near",),
+    )
+    usual = {one.name: one.default for one in fields(Observation) if one.default is not MISSING}
+    assert not [name for name, value in usual.items() if getattr(seen, name) == value], "say another value here"
+    written(tmp_path / "log.mcap", replace(record(), observation=seen))
+    (tick,) = read_log(tmp_path / "log.mcap").ticks
+    assert tick.observation == seen
 
 
 def test_numbers_come_back_bit_for_bit(tmp_path: Path) -> None:

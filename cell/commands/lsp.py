@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cell.commands.options import NamesOption, WithOption, own_files, registry_of
 from cell.errors import InputError, Problem
+from cell.files.packages import needed, version
 from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.files.parse.library import Library, read_library
@@ -60,10 +60,8 @@ class Workshop:
 
 def lsp(config: NamesOption = None, own: WithOption = None) -> None:
     """Serve an editor: the language server of tree files."""
-    try:
-        server = language_server(Workshop(config, own))
-    except ImportError:
-        raise InputError("the language server needs pygls: pip install 'cell[editor]'") from None
+    needed("pygls.lsp.server", "the language server", "editor")
+    server = language_server(Workshop(config, own))
     answers, sys.stdout = sys.stdout, sys.stderr  # what a node of the user's prints is no message to the editor
     server.start_io(sys.stdin.buffer, answers.buffer)
 
@@ -73,7 +71,7 @@ def language_server(shop: Workshop) -> LanguageServer:
     from lsprotocol import types
     from pygls.lsp.server import LanguageServer
 
-    server = LanguageServer("cell", metadata.version("cell"))
+    server = LanguageServer("cell", version())
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)

@@ -103,14 +103,14 @@ class Encounters(Observer):
 
     def judge(self, contact: Contact) -> dict[str, object]:
         """A contact as a row: did the arm move, and would an arm that keeps the protective distance have stood."""
-        last, moving = self._at(contact.start_s), contact.first_m_s > DRIVEN_M_S
+        last, moving = self._at(contact.start_s), bool(contact.first_m_s > DRIVEN_M_S)
         stood_s = contact.start_s - REACTS_S - contact.first_m_s / BRAKES_M_S2  # an arm that was told by then
         return {
             **vars(contact),
             "moving": moving,
-            "fast": contact.speed_m_s > REDUCED_M_S,
+            "fast": bool(contact.speed_m_s > REDUCED_M_S),
             **{
-                f"avoidable_{hand_m_s}": moving and since_s < stood_s
+                f"avoidable_{hand_m_s}": bool(moving and since_s < stood_s)
                 for hand_m_s, since_s in zip(HANDS_M_S, last.breached_s, strict=True)
             },
             "phase": last.phase,

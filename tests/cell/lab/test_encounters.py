@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -65,7 +66,9 @@ def test_few_contacts_with_a_moving_arm_pass_and_none_that_is_fast() -> None:
 
 @pytest.mark.slow
 def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast() -> None:
-    found = summary([encounter(DEFAULT_CONFIGURATION, ALGORITHM_1, "careless", 109, provoked=True)])
+    row = encounter(DEFAULT_CONFIGURATION, ALGORITHM_1, "careless", 109, provoked=True)
+    assert json.loads(json.dumps(row))["seed"] == 109
+    found = summary([row])
     assert int(str(found["encounters"])) >= 3
     assert len(found["phases"]) >= 3
     assert (found["contacts_fast"], found["moved_while_unknown"]) == (0, 0)

@@ -25,9 +25,10 @@ from learned.classical.box_model import check_image
 from learned.classical.colour import ColourModel
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.classical.hole_reader import ClassicalHoleReader
-from learned.classical.image_health import ImageHealth, TrackHealth
+from learned.classical.image_health import ImageHealth
 from learned.classical.part_detector import ClassicalPartDetector
 from learned.classical.settings import PerceptionSettings
+from learned.classical.track_health import TrackHealth
 from learned.inference.prefetch import Image
 
 NOWHERE = (0, 0, 0, 0)

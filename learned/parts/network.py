@@ -11,6 +11,19 @@ LYING = 9  # x axis and y axis in the crop's frame, and its middle along, across
 CORRECTIONS = 3  # along and across in centimetres, heading in radians
 
 
+def _of_crops(widths: tuple[int, int, int]) -> nn.Sequential:
+    """What the networks that look at a crop see of it."""
+    first, second, third = widths
+    return nn.Sequential(
+        _conv(PLANES, first, 2),
+        _conv(first, second, 2),
+        _conv(second, second),
+        _conv(second, third, 2),
+        _conv(third, third // 2, size=1),
+        nn.Flatten(),
+    )
+
+
 def _conv(inside: int, out: int, stride: int = 1, size: int = 3) -> nn.Sequential:
     convolution = nn.Conv2d(inside, out, size, stride, size // 2, bias=False)
     return nn.Sequential(convolution, nn.BatchNorm2d(out), nn.ReLU(inplace=True))
@@ -74,15 +87,7 @@ class StackNet(nn.Module):
 
     def __init__(self, types: int, widths: tuple[int, int, int], hidden: int = 96) -> None:
         super().__init__()
-        first, second, third = widths
-        self.seen = nn.Sequential(
-            _conv(PLANES, first, 2),
-            _conv(first, second, 2),
-            _conv(second, second),
-            _conv(second, third, 2),
-            _conv(third, third // 2, size=1),
-            nn.Flatten(),
-        )
+        self.seen = _of_crops(widths)
         self.hidden = nn.Sequential(nn.LazyLinear(hidden), nn.ReLU(inplace=True))
         self.lies = nn.Linear(hidden, types * LYING)
         self.stacked = nn.Linear(hidden, 2)
@@ -102,15 +107,7 @@ class PoseNet(nn.Module):
 
     def __init__(self, types: int, widths: tuple[int, int, int], hidden: int) -> None:
         super().__init__()
-        first, second, third = widths
-        self.seen = nn.Sequential(
-            _conv(PLANES, first, 2),
-            _conv(first, second, 2),
-            _conv(second, second),
-            _conv(second, third, 2),
-            _conv(third, third // 2, size=1),
-            nn.Flatten(),
-        )
+        self.seen = _of_crops(widths)
         self.hidden = nn.Sequential(nn.LazyLinear(hidden), nn.ReLU(inplace=True))
         self.corrections = nn.Linear(hidden, types * CORRECTIONS)
         self.kinds = nn.Linear(hidden, types + 1)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
 from cell.interfaces.perception import Frame, HandSample
-from learned.classical.image_health import ImageHealth, TrackHealth
+from learned.classical.image_health import ImageHealth
+from learned.classical.track_health import TrackHealth
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 from tests.learned.classical.scenes import classical_bench_watcher
 

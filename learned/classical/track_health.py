@@ -1,0 +1,71 @@
+"""Whether no hand in an image means that none is there."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Edge
+from learned.classical.bench_evidence import person_edge
+
+EDGE_PX = 6  # a box this near to the image's edge touches it
+LEAVES_S = 0.2  # a hand that is not seen any more is thought to have gone on for so long
+UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
+HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
+
+
+class TrackHealth:
+    """Says whether no hand means that there is none, and how fast a hand moves.
+
+    Attributes:
+        left_by: edges by which the hand left the view, or may have; empty while one is seen. Before the first one, the
+            person's: that no hand was seen so far does not mean that none is there.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        camera = bench.overhead.model
+        self._size = (camera.width_px, camera.height_px)
+        self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
+        self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
+        self._unknown = ""
+        self.left_by: tuple[Edge, ...] = (person_edge(bench),)
+
+    def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
+        """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
+        if palm_m is not None:
+            self._seen.append((time_s, palm_m, box_px))
+            self._unknown, self.left_by = "", ()
+        elif self._seen:
+            self.left_by = self._edges(time_s)
+            self._unknown = "" if self.left_by else "it vanished inside the view"
+            self._seen.clear()
+        return self._unknown
+
+    @property
+    def velocity_m_s(self) -> tuple[float, float] | None:
+        """Of the palm over the last frames; None where they are too few."""
+        if len(self._seen) < 2:
+            return None
+        (from_s, start, _), (to_s, end, _) = self._seen[0], self._seen[-1]
+        if to_s <= from_s:
+            return None
+        return (end[0] - start[0]) / (to_s - from_s), (end[1] - start[1]) / (to_s - from_s)
+
+    def _edges(self, time_s: float) -> tuple[Edge, ...]:
+        """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
+        last_s, _, box = self._seen[-1]
+        gone_s = time_s - last_s
+        ahead_s = min(gone_s, LEAVES_S)
+        speeds = self._box_speeds()
+        left, top, right, bottom = (value + speed * ahead_s for value, speed in zip(box, speeds, strict=True))
+        width, height = self._size
+        outer: dict[Edge, float] = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
+        inner: dict[Edge, float] = {"left": box[2], "top": box[3], "right": width - box[0], "bottom": height - box[1]}
+        most_px = self._fastest_px_s * gone_s + UNSEEN_PX
+        return tuple(edge for edge in outer if outer[edge] <= EDGE_PX and inner[edge] <= most_px)
+
+    def _box_speeds(self) -> tuple[float, ...]:
+        (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]
+        if to_s <= from_s:
+            return (0.0, 0.0, 0.0, 0.0)
+        return tuple((b - a) / (to_s - from_s) for a, b in zip(start, end, strict=True))

@@ -38,10 +38,8 @@ def needed(module: str, why: str, extra: str = "fleet") -> Any:
 
 def install_command(extra: str) -> str:
     """How this environment gets an extra: from where the project itself was installed, never by a bare name."""
-    try:
-        told = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
-    except metadata.PackageNotFoundError:
-        told = {}
+    records = [one.read_text("direct_url.json") for one in metadata.distributions(name=DISTRIBUTION)]
+    told = json.loads(next(filter(None, records), "{}"))  # a build leaves a second entry in the clone, without it
     where = str(told.get("url", "CLONE")).removeprefix("file://")
     editable = "-e " if told.get("dir_info", {}).get("editable") else ""
     return f'{sys.executable} -m pip install {editable}"{where}[{extra}]"'

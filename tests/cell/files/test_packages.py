@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
 
 from cell.errors import InputError
-from cell.files.packages import damaged_packages, missing_packages, needed
+from cell.files.packages import damaged_packages, install_command, missing_packages, needed
 
 
 @pytest.fixture
@@ -40,6 +41,26 @@ def test_all_packages_of_a_run_are_there() -> None:
     assert not missing
 
 
-def test_an_extra_is_got_from_where_the_project_came_from_and_never_by_a_bare_name() -> None:
-    with pytest.raises(InputError, match=r"tables needs the package nowhere .*pip install .*/.*\[fleet\]\"$"):
+@pytest.fixture
+def installed_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A clone with what a build leaves in it, found before the installed package's own entry."""
+    clone, site = tmp_path / "clone", tmp_path / "site"
+    for folder, name in ((clone / "bracket_cell.egg-info", "PKG-INFO"), (site / "bracket_cell-1.dist-info", "METADATA")):
+        folder.mkdir(parents=True)
+        (folder / name).write_text("Metadata-Version: 2.1\nName: bracket-cell\nVersion: 1\n")
+    (site / "bracket_cell-1.dist-info" / "direct_url.json").write_text(
+        json.dumps({"url": clone.as_uri(), "dir_info": {"editable": True}})
+    )
+    monkeypatch.setattr(sys, "path", [str(clone), str(site), *sys.path])
+    return clone
+
+
+def test_an_extra_is_got_from_where_the_project_came_from_and_never_by_a_bare_name(installed_from: Path) -> None:
+    with pytest.raises(InputError, match="tables needs the package nowhere") as told:
         needed("nowhere.at_all", "tables")
+    assert str(told.value).endswith(f'pip install -e "{installed_from}[fleet]"')
+
+
+def test_an_extra_of_a_project_that_came_from_nowhere_says_clone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.metadata.distributions", lambda **_: iter(()))
+    assert install_command("fleet").endswith('pip install "CLONE[fleet]"')

@@ -45,12 +45,11 @@ def test_all_packages_of_a_run_are_there() -> None:
 def installed_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A clone with what a build leaves in it, found before the installed package's own entry."""
     clone, site = tmp_path / "clone", tmp_path / "site"
-    for folder, name in ((clone / "bracket_cell.egg-info", "PKG-INFO"), (site / "bracket_cell-1.dist-info", "METADATA")):
+    left, installed = clone / "bracket_cell.egg-info", site / "bracket_cell-1.dist-info"
+    for folder, name in ((left, "PKG-INFO"), (installed, "METADATA")):
         folder.mkdir(parents=True)
         (folder / name).write_text("Metadata-Version: 2.1\nName: bracket-cell\nVersion: 1\n")
-    (site / "bracket_cell-1.dist-info" / "direct_url.json").write_text(
-        json.dumps({"url": clone.as_uri(), "dir_info": {"editable": True}})
-    )
+    (installed / "direct_url.json").write_text(json.dumps({"url": clone.as_uri(), "dir_info": {"editable": True}}))
     monkeypatch.setattr(sys, "path", [str(clone), str(site), *sys.path])
     return clone
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,9 @@ PACE_ACCELERATION_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
 LEAST_BRAKING = 0.5  # of that, also where the path itself asks for all of it
 TRACKING_LIMIT_RAD = 0.10
 TRACKING_PERIODS = 5
+FORCE_LIMIT_N = 150.0  # at the tool, as in the UR10's safety configuration; a bracket's assembly takes below 5 N
+SINGULAR = 1e-3  # of the largest singular value: a direction in which the joints feel nothing
+FELT_NM = 1.0  # a joint that feels less does not show such a force: the tool's centre would be 7 mm from its axis
 KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
 
 
@@ -46,6 +50,7 @@ class SimArm:
         self._late_periods = 0
         self._fault: str | None = None
         self._joints = len(world.arm_qpos)
+        self._tool = int(world.model.body("tool").id)
         self._samples = np.empty((KEPT_SAMPLES, 1 + 3 * self._joints))
         self._sampled = 0
         self.driven_rad_s: Array = np.zeros(self._joints)
@@ -112,6 +117,7 @@ class SimArm:
     def update(self, time_s: float, dt_s: float) -> None:
         """Set the servos for one control period."""
         self._watch_tracking()
+        self._watch_force()
         here = self._at(self._progress)
         if self._moving:
             before = self._rate
@@ -170,14 +176,31 @@ class SimArm:
         return positions
 
     def _watch_tracking(self) -> None:
-        """Protective stop: hold still once the arm is held back from its reference."""
+        """Protective stop once the arm is held back from its reference."""
         self._late_periods = self._late_periods + 1 if self.tracking_error_rad > TRACKING_LIMIT_RAD else 0
-        if self._late_periods >= TRACKING_PERIODS and self._fault is None:
+        if self._late_periods >= TRACKING_PERIODS:
             error = np.abs(self._positions() - self._at(self._progress))
-            self._fault = (
-                f"protective stop: {JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
+            self._protect(
+                f"{JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
                 f"limit {TRACKING_LIMIT_RAD} rad"
             )
+
+    def _watch_force(self) -> None:
+        """Protective stop once something pushes the tool, as the joints feel it."""
+        model, data = self._world.model, self._world.data
+        felt_nm = data.qfrc_constraint[self._qvel]
+        if np.abs(felt_nm).max() < FELT_NM:
+            return
+        jacobian = np.zeros((6, model.nv))
+        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self._tool)
+        wrench = np.linalg.lstsq(jacobian[:, self._qvel].T, felt_nm, rcond=SINGULAR)[0]
+        if (force_n := float(np.linalg.norm(wrench[:3]))) > FORCE_LIMIT_N:
+            self._protect(f"something pushes the tool with {force_n:.0f} N, limit {FORCE_LIMIT_N:.0f} N")
+
+    def _protect(self, why: str) -> None:
+        """Hold still where it is."""
+        if self._fault is None:
+            self._fault = f"protective stop: {why}"
             self._reference, self._progress = self._positions()[np.newaxis], 0.0
             self._stopping = self._following = False
 

@@ -238,6 +238,9 @@ class ArmMonitor:
         if far.max() > JUMP_RAD:
             joint = int(far.argmax())
             return f"{JOINTS[joint]} jumped by {moved[joint]:.2f} rad in {took_s:.2f} s"
+        if arm.mode in ("protective_stop", "recovery"):  # its brakes are on, and what pushes it may shake it
+            self._mismatches[:] = 0
+            return ""
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
         self._mismatches = np.where(np.abs(measured - told) > limit, self._mismatches + 1, 0)

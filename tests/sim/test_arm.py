@@ -123,6 +123,16 @@ def test_a_stop_of_a_standing_arm_is_harmless(make_rig: MakeRig) -> None:
 def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: Bench) -> None:
     rig = make_rig()
     rig.cell.arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
+    rig.cell.world.data.qfrc_applied[rig.cell.world.arm_qvel[0]] = 2000.0
+    rig.wait(1.0)
+    state = rig.cell.arm.state()
+    assert state.mode == "protective_stop"
+    assert re.search(r"protective stop: shoulder_pan is .* rad from its trajectory, limit", state.reason)
+
+
+def test_an_arm_that_meets_something_stops_and_says_why(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    rig.cell.arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
     rig.wait(3.2)
     into_the_table = np.array(bench.arm_look_rad)
     into_the_table[1] += 0.8
@@ -130,7 +140,7 @@ def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: B
     rig.wait(3.2)
     state = rig.cell.arm.state()
     assert state.mode == "protective_stop"
-    assert re.search(r"protective stop: .* rad from its trajectory, limit", state.reason)
+    assert re.search(r"protective stop: something pushes the tool with \d+ N, limit 150 N", state.reason)
     with pytest.raises(DeviceFault, match="protective stop"):
         rig.cell.arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
     rig.cell.arm.acknowledge()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import json
 import re
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from cell.errors import InputError
@@ -59,18 +61,18 @@ def missing_packages() -> tuple[list[str], list[str]]:
 
 def damaged_packages() -> dict[str, str]:
     """Installed packages of which a file is missing or has another size than was recorded, with the first such file."""
-    damaged = {}
-    for one in metadata.distributions():
-        for file in one.files or ():
-            if file.suffix == ".pyc" or (file.size is None and file.hash is None):
-                continue
-            path = one.locate_file(file)
-            try:
-                size = path.stat().st_size  # type: ignore[attr-defined]
-            except OSError:
-                damaged[one.name] = f"{file} is missing"
-                break
-            if file.size is not None and size != file.size:
-                damaged[one.name] = f"{file} has {size} bytes, not {file.size}"
-                break
-    return damaged
+    return {one.name: told for one in metadata.distributions() if (told := _damage(one))}
+
+
+def _damage(package: metadata.Distribution) -> str:
+    folder = str(package.locate_file(""))
+    for name, digest, size in csv.reader((package.read_text("RECORD") or "").splitlines()):
+        if not digest or name.endswith(".pyc"):
+            continue
+        try:
+            found = Path(folder, name).stat().st_size
+        except OSError:
+            return f"{name} is missing"
+        if size and found != int(size):
+            return f"{name} has {found} bytes, not {size}"
+    return ""

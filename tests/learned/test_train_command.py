@@ -62,6 +62,7 @@ def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
     assert shipped_weights("grasp", "pairwise").read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.torch
 @pytest.mark.usefixtures("short")
 def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys: pytest.CaptureFixture[str]) -> None:

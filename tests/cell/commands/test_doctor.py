@@ -20,6 +20,13 @@ from tests import ROOT
 Usage = namedtuple("Usage", "total used free")
 
 
+@pytest.fixture(autouse=True)
+def short_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looks at the cell for a moment, and not at the files of all packages."""
+    monkeypatch.setattr(doctor, "damaged_packages", dict)
+    monkeypatch.setattr(doctor, "TRIAL_S", 0.2)
+
+
 def configuration(folder: Path, old: str = "", new: str = "") -> Path:
     """A copy of the shipped configuration with one change."""
     shutil.copytree(ROOT / "config", folder / "config", ignore=shutil.ignore_patterns("*.py", "__pycache__"))

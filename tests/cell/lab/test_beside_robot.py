@@ -51,6 +51,7 @@ def pads(assembly: Assembly, number: int) -> np.ndarray:
     return np.array(assembly.moments[number].exposure.moments[-1][GEOM_POSITIONS][geoms])
 
 
+@pytest.mark.slow
 def test_person_and_robot_build_the_bracket_together(assembly: Assembly) -> None:
     last = assembly.moments[-1]
     found = holes_of(Source(assembly, PRODUCT, BENCH), last)

@@ -109,6 +109,7 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
     assert again[0]["told"] == rows[0]["told"]
 
 
+@pytest.mark.slow
 def test_weights_by_chance_answer_and_paper_has_all_channels_of_vgg16(tmp_path: Path) -> None:
     from torch import nn
 

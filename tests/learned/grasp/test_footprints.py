@@ -46,6 +46,7 @@ def test_seen_from_its_other_end_a_part_has_its_surroundings_turned() -> None:
     assert np.abs(there.astype(int) - again[:, ::-1, ::-1].astype(int)).max() <= 40  # a quarter of a pixel's edge
 
 
+@pytest.mark.slow
 def test_the_network_learns_where_parts_stand() -> None:
     from learned.grasp.footprints import fit_footprints, true_maps
 

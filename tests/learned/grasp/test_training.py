@@ -104,6 +104,7 @@ def drawn_for(settings: TrainingSettings) -> list[Scene]:
     return list(draw_scenes(PRODUCT, SEED, settings.scenes, "train", settings.data, settings.parts))
 
 
+@pytest.mark.slow
 def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: Trained) -> None:
     import torch
 
@@ -141,6 +142,7 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
         assert np.allclose([part.embedding for part in scene.parts], features, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_keeps_what_tells_footprints(
     tmp_path: Path, paper: Trained, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -196,6 +196,7 @@ def test_closeups_are_upright_and_their_truth_moves_with_them(data: HandData) ->
     assert np.allclose(seen, seen.mean(), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_refiner_learns_how_much_larger_a_hand_is_than_was_thought(data: HandData) -> None:
     torch.manual_seed(0)
     torch.set_num_threads(1)
@@ -236,6 +237,7 @@ def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Pat
     assert all(reading.held_part is None for reading in other.read(image, [np.array([240.0, 180.0])]))
 
 
+@pytest.mark.slow
 def test_a_training_that_was_interrupted_goes_on_after_the_networks_that_are_made(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

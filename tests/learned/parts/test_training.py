@@ -61,6 +61,7 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
         assert math.isfinite(one.confidence)
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.parts import train
     from learned.training.training_loop import fit_examples

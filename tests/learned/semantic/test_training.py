@@ -136,6 +136,7 @@ def test_training_on_another_product(kind: str, tmp_path: Path) -> None:
     assert set(plan.guidance) == set(HARDER.parts)
 
 
+@pytest.mark.slow
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
     from learned.semantic.train import train_semantic
 

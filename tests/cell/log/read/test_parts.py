@@ -232,6 +232,7 @@ def test_where_no_next_part_can_be_opened_the_old_one_goes_on(tmp_path: Path, mo
     assert len(opened) < 5, "it is tried again in every tick"
 
 
+@pytest.mark.slow
 def test_replay_over_parts_is_that_of_one_file(commission_log: Log, tmp_path: Path) -> None:
     end_s = 6.0
     parts = run_recorded(tmp_path, COMMISSION, end_s, settings="  rotate_s: 1.4\n")

@@ -41,6 +41,7 @@ def test_another_tree_is_named_before_all_else(assembly_log: Log) -> None:
     assert told.count("data:image/jpeg;base64,") == 2
 
 
+@pytest.mark.slow
 def test_other_seeds_are_said_to_have_seen_other_things(assembly_log: Log, tray_log: Log) -> None:
     said = why(assembly_log, tray_log, query.diff(assembly_log, tray_log))
     assert re.fullmatch(r"They saw different things first: \w+ at tick .*seeds are 1 and 3\. .*", said)

@@ -193,13 +193,13 @@ ALL_LEAVES = [
 ]
 
 
-def test_three_hundred_wrong_values_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hundred_wrong_values_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every value of the configuration in turn, with a number or shape that it cannot have."""
     rng = random.Random(0)
     inputs = [(path, value) for path in ALL_LEAVES for value in WRONG]
     assert len(inputs) > 300
     let_in = []
-    for path, value in rng.sample(inputs, 300):
+    for path, value in rng.sample(inputs, 100):
         config = write_cell(tmp_path, cell=(path, value))
         try:
             assert f"{config}:" in refused(config, capsys), (path, value)

@@ -13,8 +13,7 @@ from cell.faults.injection import FAULTS, OTHER_STATES, STATES, Injection, Injec
 from cell.lab.faults import chosen, fast_rows, fault_try
 
 SAMPLE = {
-    "carry": ("arm_frozen", "arm_safeguard", "gripper_refuses", "camera_black", "gripper_reboots"),
-    "down": ("arm_protective_stop",),
+    "carry": ("arm_frozen", "gripper_refuses", "camera_black"),
     "lower": ("arm_velocity_nan", "arm_protective_stop"),
     "lift": ("status_lost",),
     "above": ("sighup", "camera_frozen"),

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import get_args
 
 from cell.errors import InputError
+from cell.files.words.message import Message
 from cell.interfaces.command import Display
 from cell.interfaces.operator import LETTERS_MAX, OperatorOrder, OperatorState, OrderKind, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
@@ -50,26 +51,37 @@ class OperatorChannel:
     def refusal(self, order: OperatorOrder) -> str:
         """Why an order cannot be taken now; empty where it can."""
         if order.kind not in get_args(OrderKind):
-            return f"no order {order.kind!r}; legal: {', '.join(get_args(OrderKind))}"
+            return Message(
+                "no order {kind}; legal: {legal}", kind=f"{order.kind!r}", legal=", ".join(get_args(OrderKind))
+            )
         if len(self._waiting) >= WAITING:
             return "too many orders at once"
         if order.kind == "pause" and order.value not in ("now", "after part"):
-            return f"a pause is 'now' or 'after part', not {order.value!r}"
+            return Message("a pause is 'now' or 'after part', not {value}", value=f"{order.value!r}")
         if order.kind == "goal" and order.value not in self._goals:
-            return f"no goal {order.value!r}; legal: {', '.join(sorted(self._goals))}"
+            return Message(
+                "no goal {value}; legal: {goals}", value=f"{order.value!r}", goals=", ".join(sorted(self._goals))
+            )
         return self._no_answer(order) if order.kind == "answer" else ""
 
     def _no_answer(self, order: OperatorOrder) -> str:
         question = next((one for one in self.questions if one.number == order.question), None)
         if question is None:
             standing = ", ".join(str(one.number) for one in self.questions) or "none"
-            return f"no question {order.question} is asked now; questions: {standing}"
+            return Message(
+                "no question {question} is asked now; questions: {standing}", question=order.question, standing=standing
+            )
         if question.kind == "text":
             legal_text = 0 < len(order.value.strip()) <= LETTERS_MAX and order.value.isprintable()
-            return "" if legal_text else f"an answer is a line of 1 to {LETTERS_MAX} letters"
+            return "" if legal_text else Message("an answer is a line of 1 to {most} letters", most=LETTERS_MAX)
         legal = [answer.value for answer in question.answers]
         if order.value not in legal:
-            return f"{order.value!r} answers no question {order.question}; legal: {', '.join(legal) or 'nothing'}"
+            return Message(
+                "{value} answers no question {question}; legal: {legal}",
+                value=f"{order.value!r}",
+                question=order.question,
+                legal=", ".join(legal) or "nothing",
+            )
         return ""
 
     def shown(self, display: Display) -> None:

@@ -231,6 +231,8 @@ class Controller:
 
     def _announce(self) -> None:
         """Tell people what the supervisor does, and what waits for them, when that changes."""
+        while self._operator.jobs.news:
+            self._observers.say("warning", self._operator.jobs.news.pop(0))
         while self._watchdog.news:
             self._observers.say("error", self._watchdog.news.pop(0))
         unacknowledged = self._supervisor.unacknowledged

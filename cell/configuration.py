@@ -25,6 +25,7 @@ from cell.settings import (
     WEIGHTS,
     ControllerSettings,
     LogSettings,
+    PageSettings,
     Perception,
     Planners,
     PlannerSettings,
@@ -73,6 +74,7 @@ class Configuration(Model):
     motion: MotionSettings = MotionSettings()
     devices: DeviceSettings = DeviceSettings()
     log: LogSettings = LogSettings()
+    page: PageSettings = PageSettings()
 
     @property
     def signals(self) -> SignalSettings | OwnDevice | None:
@@ -132,6 +134,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "perception": read.perception.model_copy(update=perception),
             "planners": read.planners.model_copy(update=planners),
             "devices": devices,
+            "page": read.page.model_copy(update=_tls(read.page, folder)),
             "motion": read.motion.of(read.robot),
             "log": log,
         }
@@ -194,6 +197,11 @@ def _beside(planner: PlannerSettings, folder: Path) -> dict[str, Path]:
     if not isinstance(planner, SemanticPlannerSettings):
         return {}
     files = {"goals": planner.goals, "confusions": planner.confusions}
+    return {name: folder / file for name, file in files.items() if file is not None}
+
+
+def _tls(page: PageSettings, folder: Path) -> dict[str, Path]:
+    files = {"certificate": page.certificate, "key": page.key}
     return {name: folder / file for name, file in files.items() if file is not None}
 
 

@@ -13,6 +13,7 @@ from pydantic import (
 from cell.files.files import shipped
 from cell.files.model import Model
 from cell.files.units import Duration
+from cell.files.words.catalogue import languages
 from cell.interfaces.planning import weights_file
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
 from learned.hands.mediapipe.hands import ON_THE_BENCH, folder_in_use, model_folder, network_file
@@ -174,6 +175,29 @@ class Planners(Model):
 
     semantic: SemanticPlannerSettings
     grasp: PlannerSettings
+
+
+class PageSettings(Model):
+    """The operator's page, and what the panel says.
+
+    Attributes:
+        language: of the words at the bench: en, de, or another that has a catalogue.
+        certificate: PEM file with the certificate by which the page is served over TLS, relative to this file; needed
+            where the page is open to other machines over a network that others use.
+        key: PEM file with its private key, relative to this file.
+    """
+
+    language: str = "en"
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PageSettings:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key belong together")
+        if self.language not in languages():
+            raise ValueError(f"no language {self.language!r}; there are: {', '.join(languages())}")
+        return self
 
 
 class LogSettings(Model):

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product as all_of
 
+from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -64,11 +65,14 @@ class SetUpright(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp from which the part can be put down better than it lies now."""
         planner, part = self._planner, self._part
-        kind, reason = planner.product.parts[part.part], f"cannot take {part.part} as it lies: no room for the fingers"
+        kind, reason = (
+            planner.product.parts[part.part],
+            Message("cannot take {part} as it lies: no room for the fingers", part=part.part),
+        )
         if part.lies is None:
-            return f"cannot take {part.part}: it is not clear how it lies"
+            return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         if (full := why_not_empty(observation)) is not None:
-            return f"cannot take {part.part}: {full}"
+            return Message("cannot take {part}: {full}", part=part.part, full=full)
         left = turns_left(kind, side_up(part.lies))
         carry_m = carry_over_bracket_m(planner, kind)
         for hold, tool, joints in grasps_of_lying(planner, part, self._others, joints_of(observation)):
@@ -77,7 +81,11 @@ class SetUpright(PhasedSkill):
             take = take_lying(planner, part, self._others, (hold, tool, joints), carry_m)
             lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
-                reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
+                reason = (
+                    take
+                    if isinstance(take, str)
+                    else Message("cannot lift {part}: out of the arm's reach", part=part.part)
+                )
                 continue
             put = put_lying(planner, part.part, hold, observation, self._others, (hold.turn.then,), lifted)
             if isinstance(put, str):
@@ -91,7 +99,9 @@ class SetUpright(PhasedSkill):
     def done(self) -> str:
         """What the skill has achieved, in words."""
         return (
-            f"{self._part.part} stands upright" if self._then == UPRIGHT else f"{self._part.part} lies on another side"
+            Message("{part} stands upright", part=self._part.part)
+            if self._then == UPRIGHT
+            else Message("{part} lies on another side", part=self._part.part)
         )
 
 
@@ -106,20 +116,20 @@ class PickLying(PhasedSkill):
         """Any grasp that the arm reaches."""
         planner, part = self._planner, self._part
         if part.lies is None:
-            return f"cannot take {part.part}: it is not clear how it lies"
+            return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         if (full := why_not_empty(observation)) is not None:
-            return f"cannot take {part.part}: {full}"
+            return Message("cannot take {part}: {full}", part=part.part, full=full)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
         for chosen in grasps_of_lying(planner, part, self._others, joints_of(observation)):
             phases = take_lying(planner, part, self._others, chosen, carry_m)
             if not isinstance(phases, str):
                 return phases
-        return f"cannot take {part.part} as it lies: no room for the fingers"
+        return Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"holding {self._part.part} as it lay"
+        return Message("holding {part} as it lay", part=self._part.part)
 
 
 class LayAside(PhasedSkill):
@@ -137,15 +147,19 @@ class LayAside(PhasedSkill):
         """A grasp with which the part can be put down on the side on which it lies, or on another one."""
         planner, part = self._planner, self._part
         if (full := why_not_empty(observation)) is not None:
-            return f"cannot take {part.part}: {full}"
+            return Message("cannot take {part}: {full}", part=part.part, full=full)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
-        reason = f"cannot take {part.part} as it lies: no room for the fingers"
+        reason = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
         for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
             hold, tool, joints = chosen
             take = take_lying(planner, part, self._others, chosen, carry_m)
             lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
-                reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
+                reason = (
+                    take
+                    if isinstance(take, str)
+                    else Message("cannot lift {part}: out of the arm's reach", part=part.part)
+                )
                 continue
             put = put_lying(planner, part.part, hold, observation, self._others, hold.sides, lifted)
             if isinstance(put, str):
@@ -157,7 +171,7 @@ class LayAside(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._part.part} moved aside"
+        return Message("{part} moved aside", part=self._part.part)
 
 
 def why_not_lifted(
@@ -165,9 +179,9 @@ def why_not_lifted(
 ) -> str | None:
     """Why the arm cannot take a part as it lies, or None where it can."""
     if part.lies is None:
-        return f"cannot take {part.part}: it is not clear how it lies"
+        return Message("cannot take {part}: it is not clear how it lies", part=part.part)
     if next(ways_to_lift(planner, part, others, near_rad), None) is None:
-        return f"cannot take {part.part} as it lies: no room for the fingers"
+        return Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
     return None
 
 
@@ -244,22 +258,29 @@ def take_lying(
     )
     above = planner.kinematics.inverse(at_height(tool, over_m), joints)
     if above is None:
-        return f"cannot take {name}: out of the arm's reach above it"
+        return Message("cannot take {name}: out of the arm's reach above it", name=name)
     on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
     if isinstance(way := planner.straight_move(above, tool, around), str):
-        return f"cannot take {name}: {way}"
+        return Message("cannot take {name}: {way}", name=name, way=way)
     if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
-        return f"cannot lift {name}: {up}"
+        return Message("cannot lift {name}: {up}", name=name, up=up)
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
-        Move(f"moving above {name}", lambda start: planner.free_move(start, above, on_way), settings),
+        Move(
+            Message("moving above {name}", name=name), lambda start: planner.free_move(start, above, on_way), settings
+        ),
         FingersRest("opening the fingers", settings),
         Descend(name, planner, tool, around, feels=bool(part.lies_on)),
-        SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
-        Move(f"lifting {name}", lambda start: planner.rise(start, carry_m, opening_m), settings, holding=name),
+        SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
+        Move(
+            Message("lifting {name}", name=name),
+            lambda start: planner.rise(start, carry_m, opening_m),
+            settings,
+            holding=name,
+        ),
     ]
 
 
@@ -274,7 +295,7 @@ def put_lying(
 ) -> list[Phase] | str:
     """Phases that put the held part down in the tray, with one of these sides up, the first that there is room for."""
     kind, tray = planner.product.parts[name], planner.bench.tray
-    reason = f"no free spot in the tray for {name}"
+    reason = Message("no free spot in the tray for {name}", name=name)
     for up in sides:
         lies = laid_out(kind, up)
         if lies is None or hold.lean_rad(up) > MOST_LEAN_RAD:
@@ -304,7 +325,7 @@ def put_lying_down(
     """Phases that put a part down on a spot that is held as it lay: as near to standing as the hold allows."""
     hold = planner.lying
     assert hold is not None
-    reason = f"cannot put {name} there"
+    reason = Message("cannot put {name} there", name=name)
     for up, turn in all_of(hold.sides, HEADINGS):
         found = laid_out(planner.product.parts[name], up)
         if found is None or hold.lean_rad(up) > MOST_LEAN_RAD:
@@ -335,16 +356,21 @@ def put_at(
     tool = world_from_part @ hold.part_from_tool
     found = planner.reach([tool], near_rad, lowering)
     if isinstance(found, str):
-        return f"cannot put {name} there: {found}"
+        return Message("cannot put {name} there: {found}", name=name, found=found)
     carry_m = max(carry_over_bracket_m(planner, kind), tool.position_m[2])
     above = planner.kinematics.inverse(at_height(tool, carry_m), found[1])
     if above is None:
-        return f"cannot put {name} there: out of the arm's reach above it"
+        return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     for way in (planner.free_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
         if isinstance(way, str):
-            return f"cannot put {name} there: {way}"
+            return Message("cannot put {name} there: {way}", name=name, way=way)
     return [
-        Move(f"turning {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(
+            Message("turning {name}", name=name),
+            lambda start: planner.free_move(start, above, carrying),
+            settings,
+            holding=name,
+        ),
         SetDown(name, planner, tool, lowering, slipped_m),
         *release_phases(planner, name, opening_m, carry_m),
     ]

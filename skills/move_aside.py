@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.bench import Tray
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -44,7 +45,7 @@ class MoveAside(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Find a spot, then a grasp."""
         if (full := why_not_empty(observation)) is not None:
-            return f"cannot take {self._part.part}: {full}"
+            return Message("cannot take {part}: {full}", part=self._part.part, full=full)
         planner, part = self._planner, self._part
         kind = planner.product.parts[part.part]
         near = joints_of(observation)
@@ -56,7 +57,7 @@ class MoveAside(PhasedSkill):
         if isinstance(take, str):
             return take
         obstacles = tray_boxes(planner, self._others)
-        reason = f"no free spot in the tray for {part.part}"
+        reason = Message("no free spot in the tray for {part}", part=part.part)
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
             put = put_phases(
                 planner, part.part, chosen[0].hold, target, obstacles, near, carry_m, slipped_m=slips_m(kind)
@@ -69,7 +70,7 @@ class MoveAside(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._part.part} moved aside"
+        return Message("{part} moved aside", part=self._part.part)
 
     def _carry_m(self, kind: PartType) -> float:
         """Height of the carried body's bottom that clears all other parts in the tray."""

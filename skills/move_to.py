@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
@@ -46,7 +47,9 @@ class FreeMove(PhasedSkill):
         held, _ = carried(self._planner, self._held, observation)
         way = self._way(observation)
         return (
-            way if isinstance(way, str) else [Move(f"moving to {self._to}", way, self._planner.settings, holding=held)]
+            way
+            if isinstance(way, str)
+            else [Move(Message("moving to {to}", to=self._to), way, self._planner.settings, holding=held)]
         )
 
     def plan(self, observation: Observation) -> Plan:
@@ -62,7 +65,7 @@ class FreeMove(PhasedSkill):
         load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
         goal = self.goal(observation, load)
         if isinstance(goal, str):
-            return f"cannot move to {self._to}: {goal}"
+            return Message("cannot move to {to}: {goal}", to=self._to, goal=goal)
         return partial(self.way, observation, goal, load)
 
     def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:
@@ -77,7 +80,7 @@ class FreeMove(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"arm at {self._to}"
+        return Message("arm at {to}", to=self._to)
 
 
 class MoveTo(FreeMove):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.product import PartType, Product
@@ -62,7 +63,7 @@ class Pick(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
         if (full := why_not_empty(observation)) is not None:
-            return f"cannot take {self._part.part}: {full}"
+            return Message("cannot take {part}: {full}", part=self._part.part, full=full)
         planner = self._planner
         chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
         if isinstance(chosen, str):
@@ -73,7 +74,7 @@ class Pick(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"holding {self._part.part}"
+        return Message("holding {part}", part=self._part.part)
 
 
 class Place(PhasedSkill):
@@ -94,9 +95,16 @@ class Place(PhasedSkill):
         """Refuse a filled hole, choose a heading of the tool."""
         planner, placed = self._planner, seen_in_holes(observation)
         if planner.lying is not None:
-            return f"cannot put {self._part} at {self._position}: it is held as it lay"
+            return Message(
+                "cannot put {part} at {position}: it is held as it lay", part=self._part, position=self._position
+            )
         if self._position in placed:
-            return f"cannot put {self._part} at {self._position}: {placed[self._position]} is there"
+            return Message(
+                "cannot put {part} at {position}: {placed} is there",
+                part=self._part,
+                position=self._position,
+                placed=placed[self._position],
+            )
         obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self._tray_parts))
         target = hole_pose(planner.product, planner.bench, self._position)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part])
@@ -106,7 +114,7 @@ class Place(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._part} placed at {self._position}"
+        return Message("{part} placed at {position}", part=self._part, position=self._position)
 
 
 def can_place(planner: MotionPlanner, part: str, position: str) -> bool:

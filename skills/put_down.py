@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
@@ -50,9 +51,11 @@ class PutDown(PhasedSkill):
         """Choose a heading of the tool."""
         planner = self._planner
         if not observation.gripper.holding:
-            return f"cannot put {self._part} down: the gripper holds nothing"
+            return Message("cannot put {part} down: the gripper holds nothing", part=self._part)
         if self._spot.rotation[2, 2] < UPRIGHT:
-            return f"cannot put {self._part} down at {self._where}: nothing stands on a tilted spot"
+            return Message(
+                "cannot put {part} down at {where}: nothing stands on a tilted spot", part=self._part, where=self._where
+            )
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
         kind = planner.product.parts[self._part]
         if planner.lying is not None:
@@ -70,7 +73,7 @@ class PutDown(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._part} stands at {self._where}"
+        return Message("{part} stands at {where}", part=self._part, where=self._where)
 
 
 def stands_at(world_from_spot: Pose, peg_length_m: float) -> Pose:
@@ -103,7 +106,7 @@ class PutBack(PhasedSkill):
         )
         held = PartDetection(self._part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
         hold = present_hold(planner, self._part, observation)
-        reason = f"no free spot in the tray for {self._part}"
+        reason = Message("no free spot in the tray for {part}", part=self._part)
         for target in free_spots(held, kind, self._tray_parts, tray, planner.settings):
             phases = put_phases(
                 planner,
@@ -123,4 +126,4 @@ class PutBack(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._part} put back into the tray"
+        return Message("{part} put back into the tray", part=self._part)

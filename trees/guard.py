@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import Field
 
 from cell.files.model import Model
+from cell.files.words.message import Message
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
@@ -84,32 +85,71 @@ class Guard:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
         if state.told_goal is None and self._contradicted(plan.goal, state):
-            return Verdict("ask", f"this was taken for {plan.goal}, and a person showed that it is another")
+            return Verdict(
+                "ask", Message("this was taken for {goal}, and a person showed that it is another", goal=plan.goal)
+            )
         if position in state.placed:
-            return Verdict("wait", f"{position} already holds {state.placed[position]}")
+            return Verdict(
+                "wait", Message("{position} already holds {placed}", position=position, placed=state.placed[position])
+            )
         if self._remaining(state)[part] <= 0:
-            return Verdict("wait", f"no {part} remains to be placed")
+            return Verdict("wait", Message("no {part} remains to be placed", part=part))
         hole = holes.get(position)
         if hole is None:
-            return Verdict("wait", f"{position} has not been seen yet")
+            return Verdict("wait", Message("{position} has not been seen yet", position=position))
         if hole.part is not None:
-            return Verdict("wait", f"{position} is seen to hold {hole.part}")
+            return Verdict("wait", Message("{position} is seen to hold {part}", position=position, part=hole.part))
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if unknown >= self._settings.ask_probability and state.told_goal is None:
-            return Verdict("ask", f"this looks like no known goal (probability {unknown:.2f})")
+            return Verdict(
+                "ask", Message("this looks like no known goal (probability {unknown})", unknown=f"{unknown:.2f}")
+            )
         probability = plan.next_belief.get((part, position), 0.0)
         if probability < self._settings.act_probability:
             return Verdict(
-                "wait", f"{part} at {position} has probability {probability:.2f} < {self._settings.act_probability}"
+                "wait",
+                Message(
+                    "{part} at {position} has probability {probability} < {act_probability}",
+                    part=part,
+                    position=position,
+                    probability=f"{probability:.2f}",
+                    act_probability=self._settings.act_probability,
+                ),
             )
         if not reachable:
-            return Verdict("ask", f"the arm cannot reach {position} with {part}")
+            return Verdict("ask", Message("the arm cannot reach {position} with {part}", position=position, part=part))
         if may_ask and state.told_goal is None and self._doubts(unknown, probability):
-            return Verdict("ask", f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}")
+            return Verdict(
+                "ask",
+                Message(
+                    "is this {goal}? A goal that I do not know has probability {unknown}",
+                    goal=plan.goal,
+                    unknown=f"{unknown:.3f}",
+                ),
+            )
         if probability < self._act_probability:
-            least = f"{self._act_probability:.3f}, as many goals are in use"
-            return Verdict("wait", f"{part} at {position} has probability {probability:.3f} < {least}")
-        return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
+            least = Message(
+                "{act_probability}, as many goals are in use", act_probability=f"{self._act_probability:.3f}"
+            )
+            return Verdict(
+                "wait",
+                Message(
+                    "{part} at {position} has probability {probability} < {least}",
+                    part=part,
+                    position=position,
+                    probability=f"{probability:.3f}",
+                    least=least,
+                ),
+            )
+        return Verdict(
+            "act",
+            Message(
+                "{part} at {position} has probability {probability}",
+                part=part,
+                position=position,
+                probability=f"{probability:.2f}",
+            ),
+        )
 
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
         """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.

@@ -41,7 +41,7 @@ OLD_OPTIONS: dict[str, dict[str, str]] = {
         "--monitor-hooks": "--breakpoints",
         "--monitor-port": "--monitor PORT",
         "--live-port": "--live PORT",
-        "--page-port": "--page PORT",
+        "--page-port": "--page [HOST:]PORT",
         **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
     },
     "init": {"--schemas": "`cell schema`"},

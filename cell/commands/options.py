@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from trees.files.build.registry import Registry
 
 CONFIGURATION = own_or_shipped("config", "cell.yaml")
-MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
+MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
-PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
+_ADDRESS = re.compile(r"(\S*:)?\d+\Z")
+PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT, "--opcua": OPCUA_PORT}
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
 NamesOption = Annotated[
@@ -128,7 +129,7 @@ def with_ports(words: Iterable[str]) -> list[str]:
     given = list(words)
     following = [*given[1:], ""]
     return [
-        f"{word}={PORTS[word]}" if word in PORTS and not after.isdecimal() else word
+        f"{word}={PORTS[word]}" if word in PORTS and not _ADDRESS.match(after) else word
         for word, after in zip(given, following, strict=True)
     ]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-OrderKind = Literal["acknowledge", "answer", "finish", "goal", "pause", "place", "resume", "stop"]
+OrderKind = Literal["acknowledge", "answer", "finish", "goal", "job", "pause", "place", "resume", "speed", "stop"]
 Pause = Literal["none", "now", "after part"]
 QuestionKind = Literal["help", "mend", "goal", "where", "bracket", "choice", "text"]
 
@@ -15,13 +15,16 @@ ORDERS: dict[OrderKind, str] = {
     "answer": "answer the question with this number",
     "finish": "end the shift after this bracket",
     "goal": "say which goal is being built",
+    "job": "take a work order: JSON with variant, amount and, if wanted, id, due, cancelled",
     "pause": "now: stand still at once; after part: take no further part",
     "place": "I place the part that the robot asks for or is about to fetch",
     "resume": "go on after a pause",
+    "speed": "share of the arm's speed in percent, 10 to 100; separation may allow less",
     "stop": "end the run in a safe stop",
 }
 LETTERS_MAX = 200  # of an answer in words of one's own
 HELP_GIVEN, PLACED_BY_HAND, IS_RIGHT = "done", "placed", "right"
+SLOWEST, FASTEST = 10, 100  # percent of the arm's speed
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,8 @@ class OperatorOrder:
     """Something an operator says or presses.
 
     Attributes:
-        value: a pause's "now" or "after part", a goal's name, a part's type, or the answer.
+        value: a pause's "now" or "after part", a goal's name, a part's type, percent of speed, a work order as JSON,
+            or the answer.
         question: number of the question that is answered, None for an order that answers none.
         time_s: when the cell took it.
     """
@@ -82,6 +86,32 @@ class OperatorOrder:
 
 
 @dataclass(frozen=True)
+class WorkOrder:
+    """Brackets that somebody ordered: what is expected to be built next, not a command.
+
+    Attributes:
+        id: its name in log and report.
+        variant: name of the goal.
+        amount: how many brackets.
+        due: when they are wanted (ISO 8601), or empty.
+        done: how many are finished.
+        cancelled: they are not wanted any more.
+    """
+
+    id: str
+    variant: str
+    amount: int = 1
+    due: str = ""
+    done: int = 0
+    cancelled: bool = False
+
+    @property
+    def open(self) -> bool:
+        """Whether some of it is still to be built."""
+        return not self.cancelled and self.done < self.amount
+
+
+@dataclass(frozen=True)
 class OperatorState:
     """What the cell knows of the operator in a tick.
 
@@ -90,12 +120,21 @@ class OperatorState:
         pause: whether the cell stands still, or takes no further part.
         brackets: how many are to be made in this shift; None for until it is stopped.
         said: the newest orders, oldest first: nodes that are not ticked in every tick find them here.
+        speed: share of the arm's speed that is wanted, 0.1 to 1.
+        jobs: work orders that are open, the next one first; the nearest few.
     """
 
     present: bool = False
     pause: Pause = "none"
     brackets: int | None = None
     said: tuple[OperatorOrder, ...] = ()
+    speed: float = 1.0
+    jobs: tuple[WorkOrder, ...] = ()
+
+    @property
+    def job(self) -> WorkOrder | None:
+        """The work order that is expected to be built now."""
+        return self.jobs[0] if self.jobs else None
 
     def newest(self, kind: OrderKind, after_s: float) -> OperatorOrder | None:
         """The newest order of a kind that came after a time."""

@@ -107,12 +107,14 @@ class Product(Model):
         parts: part types by name, in the order that planners index them.
         bracket: what the parts are put into.
         goals: by goal name, the part type at every position, in the order of `bracket.holes_m`.
+        goal_titles: names of goals for people; a goal without one goes by its own.
     """
 
     name: str
     parts: dict[str, PartType] = Field(min_length=1)
     bracket: Bracket
     goals: dict[str, tuple[str, ...]] = Field(min_length=1)
+    goal_titles: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -128,6 +130,10 @@ class Product(Model):
         """Like "gate valve (o1)"; what is no part type stays as it is."""
         return f"{self.parts[part].title} ({part})" if part in self.parts else part
 
+    def goal_title(self, goal: str) -> str:
+        """Its name for people."""
+        return self.goal_titles.get(goal, goal)
+
     def goal_placements(self, goal: str) -> dict[str, str]:
         """Part type by position in one goal."""
         return dict(zip(self.positions, self.goals[goal], strict=True))
@@ -142,6 +148,8 @@ class Product(Model):
             elif types in seen:
                 problems.append((("goals", goal), f"goal {goal} is the same configuration as {seen[types]}"))
             seen.setdefault(types, goal)
+        unknown = sorted(set(self.goal_titles) - set(self.goals))
+        problems += [(("goal_titles", goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
         if problems:
             raise Disagreement(problems)
         return self

@@ -171,6 +171,8 @@ def _encoded(value: Any) -> object:
     if isinstance(value, can.Message):
         flags = (value.is_extended_id, value.is_remote_frame, value.is_error_frame, value.is_fd)
         return value.arbitration_id, bytes(value.data), value.dlc, flags
+    if isinstance(value, str):  # a message that other languages know, in English
+        return str(value)
     raise NotImplementedError(f"{type(value).__name__} is nothing that is said to another process")
 
 

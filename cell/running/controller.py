@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
@@ -176,9 +177,14 @@ class Controller:
             if self._operator.stopped:
                 return _Ending("interrupted", "stopped by the operator")
             if self._signals.name:
-                return _Ending("interrupted", f"stopped by {self._signals.name}")
+                return _Ending("interrupted", Message("stopped by {name}", name=self._signals.name))
             if self._clock.now_s() - began_s >= self._settings.max_duration_s:
-                return _Ending("timeout", f"not finished after {self._settings.max_duration_s:g} s")
+                return _Ending(
+                    "timeout",
+                    Message(
+                        "not finished after {max_duration_s} s", max_duration_s=f"{self._settings.max_duration_s:g}"
+                    ),
+                )
             self._sleep()
 
     def _tick(self, tree: TickedTree, services: TickServices) -> Status | None:
@@ -225,6 +231,8 @@ class Controller:
 
     def _announce(self) -> None:
         """Tell people what the supervisor does, and what waits for them, when that changes."""
+        while self._operator.jobs.news:
+            self._observers.say("warning", self._operator.jobs.news.pop(0))
         while self._watchdog.news:
             self._observers.say("error", self._watchdog.news.pop(0))
         unacknowledged = self._supervisor.unacknowledged

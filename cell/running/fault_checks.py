@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import ArmMode, Observation
@@ -126,8 +127,12 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
     def stale(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         age_s, repeats_s = seen.time_s - seen.arm.time_s, watched(seen, memory).repeats_s
         if not age_s <= STALE_ARM_S:
-            return Detection(f"the arm's state is {age_s:.2f} s old")
-        return Detection(f"the arm moves and tells the same for {repeats_s:.2f} s") if repeats_s > REPEATS_S else None
+            return Detection(Message("the arm's state is {age_s} s old", age_s=f"{age_s:.2f}"))
+        return (
+            Detection(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
+            if repeats_s > REPEATS_S
+            else None
+        )
 
     def path_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         path = memory.trajectory
@@ -155,7 +160,12 @@ def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None
     """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
     words = _why_off_path(seen, memory.trajectory)
     if words and memory.given_up >= VAIN_TIMES:
-        return Detection(f"{words}, although it was acknowledged {memory.given_up} times in a row", vain=True)
+        return Detection(
+            Message(
+                "{words}, although it was acknowledged {given_up} times in a row", words=words, given_up=memory.given_up
+            ),
+            vain=True,
+        )
     return Detection(words) if words else None
 
 
@@ -166,10 +176,10 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
         off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
-        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > OFF_PATH_RAD else ""
     if seen.arm.moving:  # somewhere along its path
         off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())
-        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > OFF_PATH_RAD else ""
     return "the arm does not follow its trajectory" if _missed_rad(seen, sent) > _near_rad(sent) else ""
 
 
@@ -204,7 +214,11 @@ def _of_gripper(words: Callable[[Observation, Memory], str]) -> Check:
 
 def _restarted(how: str, words: str) -> Check:
     def check(_: Observation, __: Command, memory: Memory) -> Detection | None:
-        return Detection(f"the gripper restarted {words}") if memory.gripper.restarted == how else None
+        return (
+            Detection(Message("the gripper restarted {words}", words=words))
+            if memory.gripper.restarted == how
+            else None
+        )
 
     return check
 
@@ -213,7 +227,11 @@ def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     if seen.bench is None:
         return Detection("no view of the bench yet")
     age_s = seen.time_s - seen.bench.time_s
-    return Detection(f"the view of the bench is {age_s:.1f} s old") if not age_s <= STALE_BENCH_S else None
+    return (
+        Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
+        if not age_s <= STALE_BENCH_S
+        else None
+    )
 
 
 def _future_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
@@ -235,7 +253,7 @@ def _health(view: BenchView) -> str:
 
 
 def _with(beginning: str, found: str) -> str:
-    return f"{beginning} {found}" if found else ""
+    return Message("{beginning} {found}", beginning=beginning, found=found) if found else ""
 
 
 def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None:
@@ -249,13 +267,21 @@ def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
 
 def _late(limit_s: float) -> Check:
     def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
-        return Detection(f"a tick came {seen.late_s:.2f} s late") if seen.late_s > limit_s else None
+        return (
+            Detection(Message("a tick came {late_s} s late", late_s=f"{seen.late_s:.2f}"))
+            if seen.late_s > limit_s
+            else None
+        )
 
     return check
 
 
 def _contested(_: Observation, command: Command, __: Memory) -> Detection | None:
-    return Detection(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
+    return (
+        Detection(Message("two nodes commanded the {contested}", contested=" and the ".join(command.contested)))
+        if command.contested
+        else None
+    )
 
 
 def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import GripperState, ObjectStatus, Observation
@@ -75,7 +76,7 @@ class GripperMemory:
         if not (math.isfinite(gripper.opening_m) and math.isfinite(gripper.current_a)):
             return "the gripper told a value that is not finite"
         if not OPENINGS_M[0] <= gripper.opening_m <= OPENINGS_M[1]:
-            return f"the gripper told an opening of {gripper.opening_m * 1000:.0f} mm"
+            return Message("the gripper told an opening of {opening_m} mm", opening_m=f"{gripper.opening_m * 1000:.0f}")
         return ""
 
     def _elsewhere(self, gripper: GripperState, now_s: float) -> str:
@@ -92,20 +93,35 @@ class GripperMemory:
             return ""
         told = gripper.object_status.name.lower().replace("_", " ")
         sent = "to open" if self._opens else "to close"
-        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent {sent}"
+        return Message(
+            "the fingers say {told}, {beyond_m} mm beside where they were sent {sent}",
+            told=told,
+            beyond_m=f"{abs(beyond_m) * 1000:.0f}",
+            sent=sent,
+        )
 
     def _disobeys(self, gripper: GripperState, now_s: float) -> str:
         if now_s - self._echoed_s > ECHO_S:
-            return f"for {now_s - self._echoed_s:.2f} s the gripper does not repeat what it was told"
+            return Message(
+                "for {now_s} s the gripper does not repeat what it was told", now_s=f"{now_s - self._echoed_s:.2f}"
+            )
         if self._goal is None or not self._settled(gripper, now_s):
             return ""
         if gripper.object_status is not ObjectStatus.MOVING:
             moved_m = abs(gripper.opening_m - self._opening_m)
-            return f"the fingers moved by {moved_m * 1000:.0f} mm unasked" if moved_m > OFF_M else ""
+            return (
+                Message("the fingers moved by {moved_m} mm unasked", moved_m=f"{moved_m * 1000:.0f}")
+                if moved_m > OFF_M
+                else ""
+            )
         longest_s = OPENINGS_M[1] / self._goal.speed_m_s + SLOWEST_S
         if now_s - self._moved_s > STILL_S:
-            return f"the fingers do not move for {STILL_S} s, although they say so"
-        return f"the fingers do not arrive within {longest_s:.1f} s" if now_s - self._free_s > longest_s else ""
+            return Message("the fingers do not move for {still_s} s, although they say so", still_s=STILL_S)
+        return (
+            Message("the fingers do not arrive within {longest_s} s", longest_s=f"{longest_s:.1f}")
+            if now_s - self._free_s > longest_s
+            else ""
+        )
 
     def _settled(self, gripper: GripperState, now_s: float) -> bool:
         """The status is about what the fingers were told, and nothing stops them."""
@@ -115,7 +131,9 @@ class GripperMemory:
 def stale_words(seen: Observation) -> str:
     """How old the status is, where that is too old."""
     age_s = seen.time_s - seen.gripper.time_s
-    return f"the gripper's status is {age_s:.2f} s old" if not age_s <= STALE_GRIPPER_S else ""
+    return (
+        Message("the gripper's status is {age_s} s old", age_s=f"{age_s:.2f}") if not age_s <= STALE_GRIPPER_S else ""
+    )
 
 
 def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
@@ -123,4 +141,4 @@ def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
     if gripper.node_state == "stopped":
         return "the gripper's node is stopped"
     refused = memory.ever_active and gripper.activated and gripper.fault > 0
-    return f"the gripper takes no command, gFLT 0x{gripper.fault:02X}" if refused else ""
+    return Message("the gripper takes no command, gFLT 0x{fault}", fault=f"{gripper.fault:02X}") if refused else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, HoleView
 
@@ -64,5 +65,7 @@ class HandMemory:
             if max(self._hand_s, self._held_s) >= change.after_s - BESIDE_S:
                 del self._changes[place]
             elif self._holes[place].seen_s >= change.seen_s + BESIDE_S:
-                self.blind = f"the part at {place} changed, but no hand was seen: the hand detector may be blind"
+                self.blind = Message(
+                    "the part at {place} changed, but no hand was seen: the hand detector may be blind", place=place
+                )
                 del self._changes[place]

@@ -82,7 +82,7 @@ class Supervisor:
         found: list[tuple[Action, str, str]] = []
         if observation.operator.pause == "now":  # no fault, and so in no table
             found.append((Action.HOLD, PAUSED, "paused by the operator"))
-        share = 1.0
+        share = observation.operator.speed  # what is seen may only take from it
         for fault, _, state in self._rows:
             if state.active_s is None:
                 continue

@@ -81,9 +81,21 @@ class RunOptions:
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
     entries: Mapping[str, Any] = field(default_factory=dict)
-    page_port: Annotated[
-        int | None,
-        Option("--page", metavar="[PORT]", min=0, max=65535, help="Serve the operator's page; port 8780."),
+    page: Annotated[
+        str | None,
+        Option(
+            "--page",
+            metavar="[HOST:PORT]",
+            help="Serve the operator's page; port 8780 of this machine, or of a host that others open.",
+        ),
+    ] = None
+    opcua: Annotated[
+        str | None,
+        Option("--opcua", metavar="[HOST:PORT]", help=r"Serve the run's numbers by OPC UA; port 4840; cell\[opcua]."),
+    ] = None
+    work_orders: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),
     ] = None
     orders: Orders | None = None
     brackets: Annotated[
@@ -118,7 +130,7 @@ class RunOptions:
     @property
     def attended(self) -> bool:
         """Whether somebody is there who answers questions."""
-        return self.brackets is not None or self.page_port is not None or self.orders is not None
+        return self.brackets is not None or self.page is not None or self.orders is not None
 
     def load(self, product: Product, configuration: Configuration) -> Tree:
         """The tree as it stands in its files now.

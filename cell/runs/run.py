@@ -23,6 +23,7 @@ from cell.configuration import (
 )
 from cell.errors import InputError, LogError, Place, Problem
 from cell.faults.injection import Injection, Injections
+from cell.files.words.catalogue import catalogue
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.faults import FaultTable
@@ -37,6 +38,7 @@ from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor, make_supervisor
 from cell.running.watchdog import TICK_S, Watchdog
+from cell.running.work_orders import WorkOrders
 from cell.runs.heading import Counts, heading, log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
 from cell.runs.viewers import open_viewers
@@ -171,14 +173,17 @@ def _run(
         moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
         lateness = _lateness(files, devices, alarm)
         counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
-        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
-        operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
+        words = catalogue(configuration.page.language)
+        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words)
+        jobs = WorkOrders(product.goals, options.work_orders)
+        shift = options.brackets is not None
+        operator = OperatorChannel(product.goals, options.attended, options.brackets or None, shift, jobs)
         if options.orders is not None:
             options.orders(operator.put, lambda: operator.questions, console.print)
-        viewers = open_viewers(options, files, recorder, operator.put, devices.clock.now_s, stack)
+        viewers = open_viewers(options, files, recorder, operator.press, devices.clock.now_s, stack, model)
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
-        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers, *viewers.observers)
+        observers: tuple[Observer, ...] = (recorder, progress, moments, jobs, *counts.observers, *viewers.observers)
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, product))
         ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree

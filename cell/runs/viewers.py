@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 from cell.files.files import shipped
 from cell.interfaces.operator import OperatorOrder
 from cell.recording.recorder import McapRecorder
+from cell.recording.scene import CellModel
 from cell.runs.heading import tree_texts
 from cell.runs.options import Files, RunOptions
+from cell.viewing.gate import Address
+from cell.viewing.production import Production
 from cell.watching.observer import Observer
 from trees.engine.tree import Tree
 from trees.node_library import node_registry
@@ -19,6 +22,7 @@ from trees.node_library import node_registry
 if TYPE_CHECKING:
     from cell.viewing.live_server import LiveServer
     from cell.viewing.monitor import Monitor
+    from cell.viewing.opcua_server import OpcuaServer
     from cell.viewing.page.page import OperatorPage
 
 LAYOUT = shipped("config", "foxglove_layout.json")
@@ -32,17 +36,25 @@ class Viewers:
     live: LiveServer | None
     monitor: Monitor | None
     page: OperatorPage | None
+    opcua: OpcuaServer | None
+    production: Production
 
     @property
     def observers(self) -> tuple[Observer, ...]:
         """They see every tick."""
-        return tuple(one for one in (self.live, self.monitor, self.page) if one is not None)
+        return tuple(
+            one for one in (self.production, self.live, self.monitor, self.page, self.opcua) if one is not None
+        )
 
     @property
     def addresses(self) -> list[str]:
         """Where they are found, a line each."""
-        live = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
-        return live if self.page is None else [*live, f"the operator's page: {self.page.address}"]
+        told = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
+        if self.page is not None:
+            told.append(f"the operator's page: {self.page.address}")
+            told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
+            told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
+        return told if self.opcua is None else [*told, f"OPC UA: {self.opcua.address}"]
 
     def edited(self, tree: Tree, time_s: float) -> None:
         """An edited tree took over: the log keeps its text, monitor and page show it."""
@@ -59,6 +71,7 @@ def open_viewers(
     put: Callable[[OperatorOrder], None],
     now_s: Callable[[], float],
     stack: ExitStack,
+    model: CellModel,
 ) -> Viewers:
     """Open those that were asked for.
 
@@ -67,9 +80,10 @@ def open_viewers(
         stack: ends them where the run breaks off.
 
     Raises:
-        InputError: a port is taken.
+        InputError: a port is taken, or an extra is missing.
     """
-    live, monitor, page = None, None, None
+    live, monitor, page, opcua = None, None, None, None
+    production = Production()
     if options.live_port is not None:
         from cell.viewing.live_server import LiveServer
 
@@ -84,11 +98,18 @@ def open_viewers(
         registry = node_registry(more=options.nodes)
         monitor = Monitor(files.tree, registry, options.monitor_port, options.monitor_hooks, hooked)
         stack.callback(monitor.abandon)
-    if options.page_port is not None:
+    if options.page is not None:
         from cell.viewing.page.page import OperatorPage
 
         told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
         told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
-        page = OperatorPage(files.product, files.configuration.bench, told, files.tree, put, options.page_port)
+        told |= {"shift": "yes"} if options.brackets is not None else {}
+        where, settings = Address.parse(options.page, "--page"), files.configuration.page
+        page = OperatorPage(model, told, files.tree, put, where, settings, production)
         stack.callback(page.abandon)
-    return Viewers(recorder, live, monitor, page)
+    if options.opcua is not None:
+        from cell.viewing.opcua_server import OpcuaServer
+
+        opcua = OpcuaServer(production, Address.parse(options.opcua, "--opcua"))
+        stack.callback(opcua.abandon)
+    return Viewers(recorder, live, monitor, page, opcua, production)

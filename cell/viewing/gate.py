@@ -12,13 +12,65 @@ import secrets
 import socket
 import threading
 from collections.abc import Iterable
+from dataclasses import dataclass
 from urllib.parse import urlsplit
+
+from cell.errors import InputError
 
 LOOPBACK = "127.0.0.1"
 CONNECTIONS_N = 32
 HEAD_S, HEAD_BYTES = 5.0, 16_384  # for a caller to say what it wants
 PIECE_BYTES = 65_536
 STOP_S = 3.0
+EVERYWHERE = ("", "0.0.0.0", "::", "*")
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a server listens.
+
+    Attributes:
+        port: 0 for any that is free.
+        host: name or address that people type.
+        option: of the command line, for messages.
+    """
+
+    port: int
+    host: str = LOOPBACK
+    option: str = "--page"
+
+    @staticmethod
+    def parse(text: str, option: str) -> Address:
+        """Of "PORT" or "HOST:PORT".
+
+        Raises:
+            InputError: it is neither, or no host is named.
+        """
+        host, colon, port = text.rpartition(":")
+        if not (port.isdecimal() and int(port) <= 65535):
+            raise InputError(f"{option} {text}: must be PORT or HOST:PORT, as 8780 or cell-3.local:8780")
+        if colon and host.strip("[]") in EVERYWHERE:
+            raise InputError(f"{option} {text}: name the host as people type it, like {socket.gethostname()}:{port}")
+        return Address(int(port), host.strip("[]") or LOOPBACK, option)
+
+    @property
+    def local(self) -> bool:
+        """Only programs of this machine reach it."""
+        return self.host in (LOOPBACK, "localhost")
+
+    def listening(self, backlog: int) -> socket.socket:
+        """A socket that listens there.
+
+        Raises:
+            InputError: that cannot be.
+        """
+        try:
+            family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0][0]
+            return socket.create_server((self.host, self.port), family=family, backlog=backlog)
+        except OSError as error:
+            where = f"port {self.port}" if self.local else f"{self.host}:{self.port}"
+            problem = f"{where} cannot be used: {error.strerror}; choose another with {self.option} PORT or HOST:PORT"
+            raise InputError(problem) from None
 
 
 def hidden_address() -> str:

@@ -11,8 +11,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from cell.files.words.catalogue import SOURCE, Catalogue, catalogue
+from cell.files.words.message import Message, listed
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
+from cell.interfaces.product import Product
+from cell.viewing.instruction import Instructor
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 
 REFRESH_S = 0.1  # of wall time
@@ -24,8 +28,15 @@ URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # 
 class LiveProgress(Observer):
     """An observer that shows what the person at the bench and the robot do."""
 
-    def __init__(self, console: Console, period_s: float) -> None:
-        self._console = console
+    def __init__(
+        self,
+        console: Console,
+        period_s: float,
+        product: Product | None = None,
+        words: Catalogue | None = None,
+    ) -> None:
+        self._console, self._words = console, words or catalogue(SOURCE)
+        self._instructor = None if product is None else Instructor(product)
         self._period_s = period_s
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
         self._display = Display()
@@ -44,6 +55,8 @@ class LiveProgress(Observer):
             if record.command.display.beeps > self._display.beeps:
                 self._console.bell()
             self._display = record.command.display
+        if self._instructor is not None:
+            self._instructor.take(record)
         view = record.observation.bench
         if view is not None:
             self._hand = str(view.action) if view.hand is not None else "no hand in view"
@@ -54,7 +67,10 @@ class LiveProgress(Observer):
             self._live.update(self._panel(record), refresh=True)
 
     def message(self, time_s: float, level: Level, text: str) -> None:
-        self._console.print(_line(time_s, "cell", text.splitlines()[-1]), style=STYLES[level], markup=False)
+        if self._instructor is not None:
+            self._instructor.say(text)
+        shown = self._words(text).splitlines()[-1]
+        self._console.print(_line(time_s, "cell", shown), style=STYLES[level], markup=False)
 
     def alarm(self, text: str) -> None:
         """Show a trouble of the cell until another text comes; an empty one takes it away."""
@@ -70,7 +86,9 @@ class LiveProgress(Observer):
 
     def _panel(self, record: TickRecord) -> Panel:
         rate_hz = self._tick_rate_hz()
+        you = () if self._instructor is None else (("you", self._instructor.now().words),)
         rows = [
+            *you,
             ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}"),
             ("hand", self._hand),
             ("goal", belief_text(self._display.goal_belief)),
@@ -85,6 +103,7 @@ class LiveProgress(Observer):
         ]
         table = Table.grid(padding=(0, 2))
         for name, text in rows:
+            text = self._words(text)
             if text or name not in URGENT:  # as Text: "[g0 | g1]" in a str would be taken for a style
                 table.add_row(Text(name, URGENT.get(name, "")), Text(text, URGENT[name] if name == "alarm" else ""))
         return Panel(table, title="cell", title_align="left")
@@ -99,11 +118,11 @@ class LiveProgress(Observer):
             "guidance": guidance_text(self._display.guidance, self._display.any_part),
             "robot": self._display.message,
             "help": self._display.help_request or "",
-            "asks": "; ".join(map(question_text, self._display.questions)),
+            "asks": listed(list(map(question_text, self._display.questions))),
         }
         for name, text in told.items():
             if text and text != self._said.get(name):
-                self._console.print(_line(time_s, name, text), markup=False, highlight=False)
+                self._console.print(_line(time_s, name, self._words(text)), markup=False, highlight=False)
         self._said = told
 
 
@@ -116,7 +135,10 @@ def belief_text(belief: Mapping[str, float]) -> str:
 def question_text(question: Question) -> str:
     """A question with its number and the answers that may be typed, for people."""
     answers = " | ".join(answer.value for answer in question.answers)
-    return f"{question.number}: {question.reason}; {question.todo}" + (f" [{answers}]" if answers else "")
+    words = {"number": question.number, "reason": question.reason, "todo": question.todo}
+    if not answers:
+        return Message("{number}: {reason}; {todo}", **words)
+    return Message("{number}: {reason}; {todo} [{answers}]", **words, answers=answers)
 
 
 def guidance_text(guidance: Mapping[str, tuple[str, ...]], any_part: tuple[str, ...] = ()) -> str:

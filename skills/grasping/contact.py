@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array, Pose
@@ -60,7 +61,7 @@ class Descend:
         """
         self._name, self._planner, self._feels = name, planner, feels
         self._move = Move(
-            f"going down to {name}",
+            Message("going down to {name}", name=name),
             lambda start: planner.straight_move(start, target, load, speed_m_s),
             planner.settings,
         )
@@ -71,8 +72,8 @@ class Descend:
         if progress.status is SkillStatus.RUNNING and meets_something(self._planner, self._move, observation):
             if self._feels:
                 command.follow, command.stop_arm = None, True
-                return done(f"the fingers feel what {self._name} lies on")
-            return failed(f"the fingers met something on the way down to {self._name}")
+                return done(Message("the fingers feel what {name} lies on", name=self._name))
+            return failed(Message("the fingers met something on the way down to {name}", name=self._name))
         return progress
 
 
@@ -90,7 +91,7 @@ class SetDown:
         """
         self._name, self._planner, self._goal, self._slipped_m = name, planner, goal, slipped_m
         self._move = Move(
-            f"lowering {name}",
+            Message("lowering {name}", name=name),
             lambda start: planner.straight_move(start, goal, load),
             planner.settings,
             holding=name,
@@ -106,9 +107,17 @@ class SetDown:
             return progress
         above_m = tool_height_m(self._planner, observation) - self._goal.position_m[2]
         if above_m > self._slipped_m:
-            return failed(f"lowering {self._name}: it met something {above_m * 1000:.0f} mm above where it should rest")
+            return failed(
+                Message(
+                    "lowering {name}: it met something {above_m} mm above where it should rest",
+                    name=self._name,
+                    above_m=f"{above_m * 1000:.0f}",
+                )
+            )
         command.follow, command.stop_arm = None, True
-        return done(f"{self._name} rests {above_m * 1000:.0f} mm higher than expected")
+        return done(
+            Message("{name} rests {above_m} mm higher than expected", name=self._name, above_m=f"{above_m * 1000:.0f}")
+        )
 
 
 class Insert:
@@ -140,18 +149,22 @@ class Insert:
             return progress
         command.follow, command.stop_arm = None, True
         if tool_height_m(self._planner, observation) - self._goal.position_m[2] < RESTS_M:
-            return done(f"{self._name} rests on the bracket")
+            return done(Message("{name} rests on the bracket", name=self._name))
         self._shifts_m.pop(0)
         if not self._shifts_m:
-            return failed(f"the peg of {self._name} does not find its hole")
+            return failed(Message("the peg of {name} does not find its hole", name=self._name))
         self._descending, self._move = False, self._way_back()
-        return Progress(SkillStatus.RUNNING, f"{self._name} met the rim")
+        return Progress(SkillStatus.RUNNING, Message("{name} met the rim", name=self._name))
 
     def _descent(self) -> Move:
-        return self._line(f"lowering {self._name}", 0.0, self._planner.settings.insertion_speed_m_s)
+        return self._line(Message("lowering {name}", name=self._name), 0.0, self._planner.settings.insertion_speed_m_s)
 
     def _way_back(self) -> Move:
-        return self._line(f"trying {self._name} {self._shifts_m[0] * 1000:+.1f} mm beside", self._depth_m, None)
+        return self._line(
+            Message("trying {name} {shifts_m} mm beside", name=self._name, shifts_m=f"{self._shifts_m[0] * 1000:+.1f}"),
+            self._depth_m,
+            None,
+        )
 
     def _line(self, doing: str, rise_m: float, speed_m_s: float | None) -> Move:
         shifted = self._goal @ Pose((0.0, self._shifts_m[0], -rise_m))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -85,7 +86,9 @@ def choose_grasp(
             return chosen
         if hold.place_m == 0.0:
             reasons[hold.grip] = f"{chosen} {hold.grip.value}"
-    return f"cannot take {part.part}: {', '.join(reasons.values()) or 'too wide for the fingers'}"
+    return Message(
+        "cannot take {part}: {why}", part=part.part, why=", ".join(reasons.values()) or "too wide for the fingers"
+    )
 
 
 def ways_to_hold(kind: PartType, settings: MotionSettings) -> Iterator[tuple[Hold, bool]]:
@@ -122,7 +125,7 @@ def take_phases(
     approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
     above = planner.kinematics.inverse(approach, joints)
     if above is None:
-        return f"cannot take {name}: out of the arm's reach above it"
+        return Message("cannot take {name}: out of the arm's reach above it", name=name)
     bottom_m = part.world_from_part.position_m[2]
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
@@ -131,11 +134,20 @@ def take_phases(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
-        Move(f"moving above {name}", lambda start: planner.free_move(start, above, above_part), settings),
+        Move(
+            Message("moving above {name}", name=name),
+            lambda start: planner.free_move(start, above, above_part),
+            settings,
+        ),
         FingersRest("opening the fingers", settings),
         Descend(name, planner, grasp.world_from_tool, around_part, descent_m_s),
-        SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
-        Move(f"lifting {name}", lambda start: planner.rise(start, lifted_m, grasp.opening_m), settings, holding=name),
+        SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
+        Move(
+            Message("lifting {name}", name=name),
+            lambda start: planner.rise(start, lifted_m, grasp.opening_m),
+            settings,
+            holding=name,
+        ),
     ]
 
 
@@ -165,12 +177,12 @@ def put_phases(
     lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=False), close=True)
     found = planner.reach(place_poses(target, kind, settings, hold), near_rad, lowering)
     if isinstance(found, str):
-        return f"cannot put {name} there: {found}"
+        return Message("cannot put {name} there: {found}", name=name, found=found)
     pose, joints = found
     rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
     above = planner.kinematics.inverse(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
-        return f"cannot put {name} there: out of the arm's reach above it"
+        return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
     before = at_height(pose, pose.position_m[2] + depth_m)
     clear_m = _clear_height_m(planner, kind, target)
@@ -178,12 +190,20 @@ def put_phases(
     if into_hole:
         lowered = [
             Move(
-                f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name
+                Message("lowering {name}", name=name),
+                lambda start: planner.straight_move(start, before, lowering),
+                settings,
+                holding=name,
             ),
             Insert(name, planner, pose, depth_m, lowering),
         ]
     return [
-        Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(
+            Message("carrying {name}", name=name),
+            lambda start: planner.free_move(start, above, carrying),
+            settings,
+            holding=name,
+        ),
         *lowered,
         *release_phases(planner, name, opening_m, clear_m),
     ]
@@ -194,8 +214,8 @@ def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m:
     settings = planner.settings
     release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
-        SetGripper(f"letting go of {name}", release, settings),
-        Move(f"leaving {name}", lambda start: planner.rise(start, clear_m, opening_m), settings),
+        SetGripper(Message("letting go of {name}", name=name), release, settings),
+        Move(Message("leaving {name}", name=name), lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
 
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ObjectStatus, Observation
 from cell.interfaces.skill import Progress, SkillStatus
@@ -49,7 +50,7 @@ class Move:
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Wait for standstill, plan and start, then watch."""
         if self._lost(observation):
-            return failed(f"{self._holding} was dropped while {self._doing}")
+            return failed(Message("{holding} was dropped while {doing}", holding=self._holding, doing=self._doing))
         if self._deadline_s is None:
             self._deadline_s = observation.worked_s + self._settings.arm_timeout_s
         if self._asked is not None and self._asked.follow is not self.trajectory:
@@ -68,7 +69,7 @@ class Move:
             return self._running(observation)
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):
-            return failed(f"{self._doing}: {plan}")
+            return failed(Message("{doing}: {plan}", doing=self._doing, plan=plan))
         self.trajectory, self.started_s, self._started_worked_s = plan, observation.time_s, observation.worked_s
         if plan.duration_s == 0:
             return done(self._doing)
@@ -95,7 +96,7 @@ class Move:
     def _running(self, observation: Observation) -> Progress:
         assert self._deadline_s is not None
         if observation.worked_s > self._deadline_s:
-            return failed(f"{self._doing}: the arm did not arrive in time")
+            return failed(Message("{doing}: the arm did not arrive in time", doing=self._doing))
         return Progress(SkillStatus.RUNNING, self._doing)
 
     def followed_s(self, observation: Observation) -> float:
@@ -129,12 +130,18 @@ class SetGripper:
             return Progress(SkillStatus.RUNNING, self._doing) if self._wait else done(self._doing)
         if observation.gripper.object_status is ObjectStatus.MOVING:
             if observation.worked_s > self._deadline_s:
-                return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+                return failed(
+                    Message(
+                        "{doing}: the fingers did not come to rest in {timeout_s} s",
+                        doing=self._doing,
+                        timeout_s=self._timeout_s,
+                    )
+                )
             return Progress(SkillStatus.RUNNING, self._doing)
         if self._must_hold and not observation.gripper.holding:
-            return failed(f"{self._doing}: nothing between the fingers")
+            return failed(Message("{doing}: nothing between the fingers", doing=self._doing))
         if not self._must_hold and observation.gripper.holding:
-            return failed(f"{self._doing}: the fingers still hold something")
+            return failed(Message("{doing}: the fingers still hold something", doing=self._doing))
         return done(self._doing)
 
 
@@ -152,7 +159,13 @@ class FingersRest:
         if observation.gripper.object_status is not ObjectStatus.MOVING:
             return done(self._doing)
         if observation.worked_s > self._deadline_s:
-            return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+            return failed(
+                Message(
+                    "{doing}: the fingers did not come to rest in {timeout_s} s",
+                    doing=self._doing,
+                    timeout_s=self._timeout_s,
+                )
+            )
         return Progress(SkillStatus.RUNNING, self._doing)
 
 
@@ -170,7 +183,12 @@ class Activate:
             command.activate_gripper = True
             self._deadline_s = observation.worked_s + ACTIVATION_TIMEOUT_S
         if self._deadline_s is not None and observation.worked_s > self._deadline_s:
-            return failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
+            return failed(
+                Message(
+                    "the gripper did not finish its activation in {timeout_s} s",
+                    timeout_s=ACTIVATION_TIMEOUT_S,
+                )
+            )
         return Progress(SkillStatus.RUNNING, "activating the gripper")
 
 
@@ -225,7 +243,9 @@ class PhasedSkill:
         if self._waits_since_s is None:
             self._waits_since_s = observation.worked_s
         if observation.worked_s - self._waits_since_s > STOP_TIMEOUT_S:
-            return self._finish(failed(f"the arm did not come to rest in {STOP_TIMEOUT_S} s"))
+            return self._finish(
+                failed(Message("the arm did not come to rest in {timeout_s} s", timeout_s=STOP_TIMEOUT_S))
+            )
         return Progress(SkillStatus.RUNNING, "waiting until the arm has stopped")
 
     def _finish(self, progress: Progress) -> Progress:
@@ -267,4 +287,4 @@ class MoveFingers(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"{self._doing}: done"
+        return Message("{doing}: done", doing=self._doing)

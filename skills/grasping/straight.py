@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -49,7 +50,7 @@ class StraightMove(PhasedSkill):
         target = self._target(planner.kinematics.forward(joints_of(observation)))
         return [
             Move(
-                f"moving straight to {self._to}",
+                Message("moving straight to {to}", to=self._to),
                 lambda start: planner.straight_move(start, target, load, self._speed_m_s),
                 planner.settings,
                 holding=held,
@@ -59,7 +60,7 @@ class StraightMove(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"tool at {self._to}"
+        return Message("tool at {to}", to=self._to)
 
 
 class MoveUntilContact(PhasedSkill):

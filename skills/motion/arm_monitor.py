@@ -14,6 +14,7 @@ from typing import get_args
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.observation import ArmMode, ArmState
@@ -163,7 +164,9 @@ class ArmMonitor:
             self._excess_s = max(0.0, self._excess_s + grew_s - SPEED_TOLERANCE * self._allowed_s)
         self._path_s, self._allowed_s = arm.path_s, 0.0
         if self._excess_s > WAY_TOLERANCE_S:
-            return f"the arm is {self._excess_s:.2f} s farther along its path than it may be"
+            return Message(
+                "the arm is {excess_s} s farther along its path than it may be", excess_s=f"{self._excess_s:.2f}"
+            )
         return self._too_far(arm)
 
     def _too_far(self, arm: ArmState) -> str:
@@ -174,7 +177,11 @@ class ArmMonitor:
         tool_m = self._tool_m(np.array(arm.positions_rad))
         self._held_at_m = tool_m if self._held_at_m is None else self._held_at_m
         way_m = float(np.linalg.norm(tool_m - self._held_at_m))
-        return f"the tool went {way_m:.2f} m since it was to stand" if way_m > self._limits.way_m else ""
+        return (
+            Message("the tool went {way_m} m since it was to stand", way_m=f"{way_m:.2f}")
+            if way_m > self._limits.way_m
+            else ""
+        )
 
     def _moves(self, arm: ArmState) -> str:
         """A joint moves although the arm must stand; in a protective stop somebody may move it."""
@@ -189,7 +196,11 @@ class ArmMonitor:
         moved = np.abs(positions - self._anchor)
         joint = int(moved.argmax())
         if moved[joint] > STAYS_RAD:
-            return f"{JOINTS[joint]} moved by {moved[joint]:.2f} rad, although the arm must stand"
+            return Message(
+                "{joint} moved by {moved} rad, although the arm must stand",
+                joint=JOINTS[joint],
+                moved=f"{moved[joint]:.2f}",
+            )
         return ""
 
     def _stuck(self, arm: ArmState, path: JointTrajectory | None) -> str:
@@ -203,14 +214,21 @@ class ArmMonitor:
         if not free or grows:
             self._advanced_s = self._now_s
         if self._now_s - self._advanced_s > STUCK_S:
-            return f"the arm does not go on for {STUCK_S} s, although it may and says that it moves"
+            return Message(
+                "the arm does not go on for {stuck_s} s, although it may and says that it moves", stuck_s=STUCK_S
+            )
         return ""
 
     def _wrong(self, arm: ArmState) -> str:
         """What a sound arm cannot tell."""
         counts = len(arm.positions_rad), len(arm.velocities_rad_s)
         if counts != (len(JOINTS), len(JOINTS)):
-            return f"the arm told {counts[0]} positions and {counts[1]} speeds, not {len(JOINTS)}"
+            return Message(
+                "the arm told {positions} positions and {speeds} speeds, not {wanted}",
+                positions=counts[0],
+                speeds=counts[1],
+                wanted=len(JOINTS),
+            )
         path_s = 0.0 if arm.path_s is None else arm.path_s
         if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s, path_s))):
             return "the arm told a value that is not finite"
@@ -222,7 +240,7 @@ class ArmMonitor:
         if path_s < 0:
             return "the arm told a place before the beginning of its path"
         if arm.mode not in MODES:
-            return f"the arm told a mode {arm.mode!r} that there is not"
+            return Message("the arm told a mode {mode} that there is not", mode=f"{arm.mode!r}")
         return self._contradicts(arm, positions, speeds)
 
     def _contradicts(self, arm: ArmState, positions: Array, speeds: Array) -> str:
@@ -237,7 +255,12 @@ class ArmMonitor:
         far = np.abs(moved) - self._speed_rad_s * took_s
         if far.max() > JUMP_RAD:
             joint = int(far.argmax())
-            return f"{JOINTS[joint]} jumped by {moved[joint]:.2f} rad in {took_s:.2f} s"
+            return Message(
+                "{joint} jumped by {moved} rad in {took_s} s",
+                joint=JOINTS[joint],
+                moved=f"{moved[joint]:.2f}",
+                took_s=f"{took_s:.2f}",
+            )
         if arm.mode in ("protective_stop", "recovery"):  # its brakes are on, and what pushes it may shake it
             self._mismatches[:] = 0
             return ""
@@ -247,4 +270,9 @@ class ArmMonitor:
         if self._mismatches.max() < SPEEDS_OFF:
             return ""
         joint = int(self._mismatches.argmax())
-        return f"{JOINTS[joint]} moves at {measured[joint]:.2f} rad/s and tells {told[joint]:.2f} rad/s"
+        return Message(
+            "{joint} moves at {measured} rad/s and tells {told} rad/s",
+            joint=JOINTS[joint],
+            measured=f"{measured[joint]:.2f}",
+            told=f"{told[joint]:.2f}",
+        )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
@@ -96,11 +97,11 @@ class MotionPlanner:
         up = self.rise(start_rad, height, load.opening_m)
         down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
         if isinstance(up, str) or down is None:
-            return f"no free way: {contact}"
+            return Message("no free way: {contact}", contact=contact)
         across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
         rest = joined([across, _reversed(down)])
         still = self._contact(rest.positions_rad, load)
-        return joined([up, rest]) if still is None else f"no free way: {still}"
+        return joined([up, rest]) if still is None else Message("no free way: {still}", still=still)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up, which takes it away from all that stands beside or below it."""
@@ -118,7 +119,7 @@ class MotionPlanner:
         if line is None:
             return "the arm cannot follow a straight line there"
         contact = self._contact(line.positions_rad, load)
-        return line if contact is None else f"no free way: {contact}"
+        return line if contact is None else Message("no free way: {contact}", contact=contact)
 
     def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
         """The tool on a straight line without a look at what is in the way, as that is to be felt."""

@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.perception import PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
@@ -47,7 +48,7 @@ class ChooseSparePart(CellNode):
         status, seen = self._chosen(), self.now.observation
         waits = status is Status.RUNNING and seen.time_s - self._begun_s >= TELLS_S and not seen.arm.moving
         if waits and +remaining(self.services, self.state.get()):
-            self.now.show(message=f"waiting: {self.feedback_message}")
+            self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return status
 
     def _chosen(self) -> Status:
@@ -103,10 +104,10 @@ class HoldsNeededPart(CellNode):
             self.feedback_message = "nothing is in the gripper"
             return Status.FAILURE
         if self.memory.held_lying:
-            self.feedback_message = f"{part} is held as it lay, and fits into no hole so"
+            self.feedback_message = Message("{part} is held as it lay, and fits into no hole so", part=part)
             return Status.FAILURE
         if remaining(self.services, self.state.get())[part] <= 0:
-            self.feedback_message = f"no {part} is needed any more"
+            self.feedback_message = Message("no {part} is needed any more", part=part)
             return Status.FAILURE
         self.part.set(Part(part))
         self.feedback_message = part
@@ -134,22 +135,22 @@ class AwaitPosition(CellNode):
     def update(self) -> Status:
         part, state, plan = self.part.get(), self.state.get(), self.plan.get()
         if remaining(self.services, state)[part] <= 0 or not self.now.observation.gripper.holding:
-            self.feedback_message = f"no {part} to be placed"
+            self.feedback_message = Message("no {part} to be placed", part=part)
             return Status.FAILURE
         position, reason = sure_position(self.services, plan, state, part)
         if position is None:
             self._sure_since_s = None
         elif self._waits_for_hand(position):
-            position, reason = None, f"the hand is near the way to {position}"
+            position, reason = None, Message("the hand is near the way to {position}", position=position)
         if position is None:
             if reason != self.feedback_message or not self.now.observation.arm.moving:
                 self.feedback_message = reason
-                self.now.show(message=f"holding {part}; {reason}")
+                self.now.show(message=Message("holding {part}; {reason}", part=part, reason=reason))
             return Status.RUNNING
         self.position.set(Hole(position))
         note_verdict(self.services, part, position, judge(self.services, plan, state, part, position))
-        self.now.show(message=f"bringing {part} to {position}")
-        self.feedback_message = f"{part} to {position}"
+        self.now.show(message=Message("bringing {part} to {position}", part=part, position=position))
+        self.feedback_message = Message("{part} to {position}", part=part, position=position)
         return Status.SUCCESS
 
     def _waits_for_hand(self, position: str) -> bool:
@@ -203,7 +204,7 @@ def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, 
         if verdict.decision != "act":
             reason = verdict.reason
         elif position == theirs:
-            reason = f"the person is filling {position}"
+            reason = Message("the person is filling {position}", position=position)
         else:
             sure.append(position)
     return max(sure, key=lambda position: _ease(services, position), default=None), reason

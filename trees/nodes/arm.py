@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
@@ -95,7 +96,7 @@ class MoveBy(SkillNode):
         def target(world_from_tool: Pose) -> Pose:
             return moved_by(world_from_tool @ FINGERS_DOWN, axes, by.pose) @ FINGERS_DOWN
 
-        return StraightMove(services.tools.motion, target, f"by {by}", speed, *self.surroundings)
+        return StraightMove(services.tools.motion, target, Message("by {by}", by=by), speed, *self.surroundings)
 
 
 class MoveUntilContact(SkillNode):
@@ -187,7 +188,11 @@ class OpenGripper(SkillNode):
         if services.now.observation.gripper.holding and near_bracket(services, tool_pose(services)):
             raise NodeError("a part would be let go over the bracket; PlacePart does that, behind its guard")
         goal = GripperCommand(opening, speed)
-        return MoveFingers(services.tools.motion.settings, goal, f"opening the fingers to {opening * 1000:.0f} mm")
+        return MoveFingers(
+            services.tools.motion.settings,
+            goal,
+            Message("opening the fingers to {opening} mm", opening=f"{opening * 1000:.0f}"),
+        )
 
 
 class CloseGripper(SkillNode):
@@ -205,7 +210,9 @@ class CloseGripper(SkillNode):
         force = _within("force_n", self.force_n.get(), FORCE_N)
         goal = GripperCommand(0.0, _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S), force)
         settings, must_hold = self.tools.motion.settings, self.on_something.get()
-        return MoveFingers(settings, goal, f"closing the fingers with {force:.0f} N", must_hold=must_hold)
+        return MoveFingers(
+            settings, goal, Message("closing the fingers with {force} N", force=f"{force:.0f}"), must_hold=must_hold
+        )
 
 
 class SetGripForce(SkillNode):
@@ -222,7 +229,9 @@ class SetGripForce(SkillNode):
         if not self.now.observation.gripper.holding:
             raise NodeError("the gripper holds nothing")
         goal = GripperCommand(0.0, SPEED_M_S[0], force)
-        return MoveFingers(self.tools.motion.settings, goal, f"holding with {force:.0f} N", must_hold=True)
+        return MoveFingers(
+            self.tools.motion.settings, goal, Message("holding with {force} N", force=f"{force:.0f}"), must_hold=True
+        )
 
 
 def _within(name: str, value: float, limits: tuple[float, float]) -> float:

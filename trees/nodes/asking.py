@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from cell.files.words.message import Message, listed
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
@@ -40,7 +41,7 @@ class Asks(CellNode):
         """Whether nobody answered in time; then it is said."""
         if self.now.observation.time_s - self._asked_s <= wait_s:
             return False
-        self.feedback_message = f"nobody answered within {wait_s:g} s"
+        self.feedback_message = Message("nobody answered within {wait_s} s", wait_s=f"{wait_s:g}")
         return True
 
     def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
@@ -70,8 +71,9 @@ class AskForHelp(Asks):
         title = services.tools.product.title(part)
         reasons, services.memory.reasons = services.memory.reasons, {}
         reason = next(reversed(list(reasons)), "")
-        tried = "; ".join(f"{why} ({count} times)" for why, count in reasons.items() if count > 1)
-        text = ": ".join(words for words in (title if part else "", reason, self.text.get()) if words)
+        times = "{why} ({count} times)"
+        tried = listed([Message(times, why=why, count=count) for why, count in reasons.items() if count > 1])
+        text = listed([words for words in (title if part else "", reason, self.text.get()) if words], ": ")
         services.now.show(help_request=text)
         services.tools.journal.note("help", text=text, part=part, reason=reason, tried=tried)
         self.feedback_message = text
@@ -79,7 +81,7 @@ class AskForHelp(Asks):
         if self.wait_s.get() > 0:
             todo = self.text.get()
             answers = (Answer(HELP_GIVEN, "done, look again"), Answer(PLACED_BY_HAND, "I place it myself"))
-            asked = reason or (f"I need help with the {title}" if part else todo)
+            asked = reason or (Message("I need help with the {title}", title=title) if part else todo)
             self._question = services.ask("help", asked, tried=tried, todo=todo, part=part, answers=answers)
 
     def update(self) -> Status:
@@ -130,13 +132,13 @@ class AskOperator(Asks):
         self._question = self.services.ask("choice" if answers else "text", text, todo=text, answers=answers)
         self.now.show(help_request=text)
         self.tools.journal.note("help", text=text, answers=[one.value for one in answers])
-        self.feedback_message = f"asks: {text}"
+        self.feedback_message = Message("asks: {text}", text=text)
 
     def update(self) -> Status:
         said, wait_s = self.answered(), self.wait_s.get()
         if said is not None:
             self.answer.set(said)
-            self.feedback_message = f"answered: {said}"
+            self.feedback_message = Message("answered: {said}", said=said)
             return Status.SUCCESS
         return Status.FAILURE if wait_s > 0 and self.late(wait_s) else Status.RUNNING
 
@@ -164,7 +166,7 @@ class AskWhichGoal(Asks):
         if self._asks and state.told_goal is None and answer is not None:
             tell_goal(self, state, answer)
         if self._asks and (told := self.state.get().told_goal) is not None:
-            self.feedback_message = f"it is {told}"
+            self.feedback_message = Message("it is {told}", told=told)
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
         if not services.tools.guard.asks_for_goal(plan, state):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
@@ -182,20 +184,28 @@ class AskWhichGoal(Asks):
         product = services.tools.product
         ranked = sorted(product.goals, key=lambda goal: -plan.goal_belief.get(goal, 0.0))[:LIKELIEST_N]
         answers = [
-            Answer(goal, f"{goal} ({plan.goal_belief.get(goal, 0.0):.0%})", product.goal_placements(goal))
+            Answer(
+                goal,
+                Message("{goal} ({share})", goal=goal, share=f"{plan.goal_belief.get(goal, 0.0):.0%}"),
+                product.goal_placements(goal),
+            )
             for goal in ranked
         ]
         answers.append(Answer(UNKNOWN_GOAL, "a new one"))
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        reason = f"I am not sure that this is {plan.goal}: a product that I do not know has probability {unknown:.2f}"
+        reason = Message(
+            "I am not sure that this is {goal}: a product that I do not know has probability {unknown}",
+            goal=plan.goal,
+            unknown=f"{unknown:.2f}",
+        )
         if plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
         elif state.taken_out:
-            reason = f"I took this for {plan.goal}, and what I placed was taken out again"
+            reason = Message("I took this for {goal}, and what I placed was taken out again", goal=plan.goal)
         elif services.tools.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
-        services.now.show(help_request=f"{reason}; which one is it?")
+        services.now.show(help_request=Message("{reason}; which one is it?", reason=reason))
         services.tools.journal.note("help", text=reason, goals=ranked)
         self.feedback_message = reason
 
@@ -214,7 +224,7 @@ class HearOperator(CellNode):
         if said is not None:
             self._heard_s = said.time_s
             tell_goal(self, self.state.get(), said.value)
-            self.feedback_message = f"the operator says {said.value}"
+            self.feedback_message = Message("the operator says {goal}", goal=said.value)
         return Status.SUCCESS
 
 

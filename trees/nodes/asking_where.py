@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
+from cell.files.words.message import Message
 from cell.interfaces.operator import PLACED_BY_HAND, Answer
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
 from trees.engine.ports import InOutPort, InputPort
@@ -82,8 +83,8 @@ class AskPosition(Asks):
         services, state = self.services, self.state.get()
         positions = tuple(name for name in services.tools.product.positions if name not in state.placed)
         title = services.tools.product.title(part)
-        listed = f"{', '.join(positions[:-1])} or {positions[-1]}"
-        reason = f"where does the {title} go: {listed}?"
+        listed = Message("{first} or {last}", first=", ".join(positions[:-1]), last=positions[-1])
+        reason = Message("where does the {title} go: {listed}?", title=title, listed=listed)
         answers = (*(Answer(name, name) for name in positions), Answer(PLACED_BY_HAND, "I place it myself"))
         self._part, self._asked_s = part, services.now.observation.time_s
         self._question = services.ask(
@@ -97,4 +98,4 @@ class AskPosition(Asks):
         self._told, state = (self._part, position), self.state.get()
         self.state.set(replace(state, told_parts={**state.told_parts, position: self._part}))
         self.tools.journal.note("belief", told_part=[self._part, position])
-        self.feedback_message = f"{self._part} goes to {position}"
+        self.feedback_message = Message("{part} goes to {position}", part=self._part, position=position)

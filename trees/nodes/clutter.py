@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from cell.files.words.message import Message
 from cell.interfaces.memory import without
 from cell.interfaces.perception import PartDetection, PartsView
 from trees.engine.ports import InputPort, OutputPort
@@ -60,7 +61,9 @@ class FindPart(CellNode):
             self.feedback_message = f"no {part} in the tray"
             lies = any(seen.part == part for seen in parts.others)
             title = self.tools.product.title(part)
-            self.memory.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")
+            self.memory.failed(
+                lies_on_its_side(title) if lies else Message("there is no {title} in the tray", title=title)
+            )
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
         vain = {i: self.memory.tried_in_vain(parts.seen[i]) for i in candidates}
@@ -109,10 +112,12 @@ class DecodeSolution(CellNode):
     def _why(self, parts: PartsView, index: int) -> str:
         title = self.tools.product.title(seen_part(parts, index).part)
         if parts.on_top(index):
-            return f"the {title} cannot be taken: something lies on it, and I do not see how"
+            return Message("the {title} cannot be taken: something lies on it, and I do not see how", title=title)
         why = self.services.why_not_graspable(parts, index) or "what stands around it cannot be moved away"
         lying = self._lying_in_the_way(parts, index)
-        return f"the {title} cannot be taken: {lying or why.partition(': ')[2] or why}"
+        return Message(
+            "the {title} cannot be taken: {lying}", title=title, lying=lying or why.partition(": ")[2] or why
+        )
 
     def _lying_in_the_way(self, parts: PartsView, index: int) -> str:
         """What lies nearest to a part that could be taken if nothing lay there."""
@@ -123,7 +128,7 @@ class DecodeSolution(CellNode):
         near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))
         if near.part not in self.tools.product.parts:
             return "something that I do not know lies in the way"
-        return f"the {self.tools.product.title(near.part)} that lies on its side is in the way"
+        return Message("the {part} that lies on its side is in the way", part=self.tools.product.title(near.part))
 
 
 def seen_part(parts: PartsView, index: int) -> PartDetection:
@@ -139,7 +144,7 @@ def seen_part(parts: PartsView, index: int) -> PartDetection:
 
 def lies_on_its_side(title: str) -> str:
     """Why a part cannot be taken that is seen, but not standing."""
-    return f"the {title} lies on its side, as far as I see"
+    return Message("the {title} lies on its side, as far as I see", title=title)
 
 
 def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cell.files.words.message import Message
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, Answer
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
@@ -132,7 +133,11 @@ class AskToMend(Asks):
             keep(self, self._asked, "a person says that it is right")
             return Status.SUCCESS
         if (named := self._named(answer)) is not None:
-            keep(self, tuple(one for one in self._asked if one is not named), f"a person says that {answer} is wrong")
+            keep(
+                self,
+                tuple(one for one in self._asked if one is not named),
+                Message("a person says that {answer} is wrong", answer=answer),
+            )
             self.terminate(Status.RUNNING)
             self._asked, self._asked_s = (named,), services.now.observation.time_s
             self._ask("")
@@ -150,16 +155,20 @@ class AskToMend(Asks):
         reason, todo = reason_of(services.tools.product, mistakes), todo_of(mistakes)
         answers = [Answer(HELP_GIVEN, "done, look again")]
         if mistakes[0].kind == "surplus" and len(mistakes) > 1:
-            answers += [Answer(one.position, f"{one.position} is wrong") for one in mistakes]
+            answers += [Answer(one.position, Message("{position} is wrong", position=one.position)) for one in mistakes]
         if mistakes[0].kind != "hidden":
             answers.append(Answer(IS_RIGHT, "it is right so"))
         positions = tuple(one.position for one in mistakes)
         self._question = services.ask(
             "mend", reason, tried=tried, todo=todo, positions=positions, answers=tuple(answers)
         )
-        services.now.show(help_request=f"{reason}: {todo}")
+        services.now.show(help_request=Message("{reason}: {todo}", reason=reason, todo=todo))
         services.tools.journal.note(
-            "help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions)
+            "help",
+            text=Message("{reason}: {todo}", reason=reason, todo=todo),
+            reason=reason,
+            tried=tried,
+            positions=list(positions),
         )
         self.feedback_message = reason
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
@@ -64,7 +65,7 @@ class GiveWay(SkillNode):
         if seen.time_s - self._out_s > self.wait_s.get() or self._left(seen):
             return Status.SUCCESS
         self.feedback_message = "waits until the hand has left"
-        self.now.show(message=f"waiting: {self.feedback_message}")
+        self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return Status.RUNNING
 
     def _begin(self, seen: Observation) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from cell.files.words.message import Message
 from cell.interfaces.memory import more, without
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.skill import Skill
@@ -61,7 +62,9 @@ class FindLying(CellNode):
         if turned < self.turns.get():
             return False
         title = self.tools.product.title(one.part)
-        self.memory.failed(f"I turned the {title} {turned} times, and still see it lie on its side")
+        self.memory.failed(
+            Message("I turned the {title} {turned} times, and still see it lie on its side", title=title, turned=turned)
+        )
         return True
 
 

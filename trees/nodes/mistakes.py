@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from cell.files.words.message import Message, listed
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
@@ -74,24 +75,38 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
     """What is wrong, for people."""
     kind, names = mistakes[0].kind, _listed([one.position for one in mistakes])
     if kind == "wrong":
-        return "; ".join(
-            f"{one.position} holds the {product.title(one.part or '')}, where this bracket needs the"
-            f" {product.title(one.wanted or '')}"
-            for one in mistakes
+        return listed(
+            [
+                Message(
+                    "{position} holds the {part}, where this bracket needs the {wanted}",
+                    position=one.position,
+                    part=product.title(one.part or ""),
+                    wanted=product.title(one.wanted or ""),
+                )
+                for one in mistakes
+            ]
         )
     if kind == "surplus":
         there = Counter(one.part or "" for one in mistakes)
         takes = {part: product.parts[part].quantity if part in product.parts else 0 for part in there}
-        return "; ".join(
-            f"{names} holds the {product.title(part)}, which is one too many"
-            if there[part] == 1 and takes[part]
-            else f"{_listed([one.position for one in mistakes if one.part == part])} hold the {product.title(part)},"
-            f" and a bracket takes {takes[part] or 'none'} of them"
-            for part in there
+        return listed(
+            [
+                Message("{names} holds the {part}, which is one too many", names=names, part=product.title(part))
+                if there[part] == 1 and takes[part]
+                else Message(
+                    "{names} hold the {part}, and a bracket takes {takes} of them",
+                    names=_listed([one.position for one in mistakes if one.part == part]),
+                    part=product.title(part),
+                    takes=takes[part] or "none",
+                )
+                for part in there
+            ]
         )
     if kind == "crooked":
-        return f"the {product.title(mistakes[0].part or '')} in {names} does not stand straight"
-    return f"I have not been able to see into {names} for a while"
+        return Message(
+            "the {part} in {names} does not stand straight", part=product.title(mistakes[0].part or ""), names=names
+        )
+    return Message("I have not been able to see into {names} for a while", names=names)
 
 
 def todo_of(mistakes: Mistakes) -> str:
@@ -101,4 +116,6 @@ def todo_of(mistakes: Mistakes) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    if len(names) == 1:
+        return names[0]
+    return Message("{first} and {last}", first=", ".join(names[:-1]), last=names[-1])

@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from cell.files.words.message import Message
 from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.pose import Array
@@ -50,7 +51,7 @@ class WaitForAction(CellNode):
     def update(self) -> Status:
         seen, awaited = self.action.get_or(None), self.awaited.get().value
         if seen is None or seen.action.kind != awaited or seen.started_s <= self._served_s:
-            self.feedback_message = f"waits for: {awaited}"
+            self.feedback_message = Message("waits for: {awaited}", awaited=awaited)
             self._say(awaited)
             return Status.RUNNING
         self._served_s = seen.started_s
@@ -61,7 +62,7 @@ class WaitForAction(CellNode):
         """Once, so that what is told after it stays."""
         if not self._said and self.now.observation.time_s - self._began_s >= self.say_s.get():
             self._said = True
-            self.now.show(message=f"waiting until you {DONE_BY[awaited]}")
+            self.now.show(message=Message("waiting until you {act}", act=DONE_BY[awaited]))
 
 
 class ShowHand(CellNode):
@@ -90,7 +91,7 @@ class ShowHand(CellNode):
         if not self._said and waited_s >= self.say_s.get():
             self._said = True
             self.now.show(message="show your hand to the overhead camera")
-        self.feedback_message = f"no hand was seen for {waited_s:.0f} s"
+        self.feedback_message = Message("no hand was seen for {waited_s} s", waited_s=f"{waited_s:.0f}")
         return Status.FAILURE if waited_s > self.wait_s.get() else Status.RUNNING
 
 
@@ -124,8 +125,8 @@ class HandWatch(CellNode):
         nearest_m = min(distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m))
         if nearest_m >= self.distance_m.get():
             return Status.SUCCESS
-        self.feedback_message = f"the hand is near the way to {name}"
-        self.now.show(message=f"waiting: {self.feedback_message}")
+        self.feedback_message = Message("the hand is near the way to {name}", name=name)
+        self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return Status.RUNNING
 
 
@@ -147,7 +148,7 @@ class WaitForHandClearOfPart(HandWatch):
 
     def target(self) -> tuple[str, Array]:
         part = seen_part(self.parts.get(), self.index.get())
-        return f"{part.part} in the tray", np.array(part.world_from_part.position_m[:2])
+        return Message("{part} in the tray", part=part.part), np.array(part.world_from_part.position_m[:2])
 
 
 class WaitForHandClearOfSpot(HandWatch):
@@ -215,7 +216,7 @@ class AssemblyFinished(CellNode):
         seen = services.now.observation
         told = self._full_since_s is not None and seen.time_s - self._full_since_s >= TELLS_S
         if told and not seen.arm.moving:
-            services.now.show(message=f"waiting: {reason}")
+            services.now.show(message=Message("waiting: {reason}", reason=reason))
         return Status.FAILURE
 
     def _why_not(self) -> str:
@@ -224,14 +225,14 @@ class AssemblyFinished(CellNode):
         view, placed = services.now.observation.bench, state.placed
         if open_positions := [position for position in services.tools.product.positions if position not in placed]:
             self._full_since_s = self._away_since_s = None
-            return f"{len(open_positions)} positions are open"
+            return Message("{count} positions are open", count=len(open_positions))
         now_s = services.now.observation.time_s
         self._full_since_s = now_s if self._full_since_s is None else self._full_since_s
         left = self.action.get().action.kind == "idle" or self._left(view)
         asked = {position for position, part in state.kept.items() if part is None}
         seen = {} if view is None else {position: hole.part for position, hole in view.holes.items()}
         if unseen := [position for position in placed if seen.get(position) is None and position not in asked]:
-            return f"not yet seen filled: {' '.join(unseen)}"
+            return Message("not yet seen filled: {unseen}", unseen=" ".join(unseen))
         return "" if left else "the hand still moves"
 
     def _left(self, view: BenchView | None) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cell.files.words.message import Message
 from cell.interfaces.memory import more, without
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
@@ -61,7 +62,9 @@ class PlacedInVain(CellNode):
         if memory.unplaced.get(where, 0) < self.tries.get():
             return Status.FAILURE
         memory.unplaced = without(memory.unplaced, where)
-        self.feedback_message = f"the {self.tools.product.title(part)} does not go into {position}"
+        self.feedback_message = Message(
+            "the {part} does not go into {position}", part=self.tools.product.title(part), position=position
+        )
         memory.failed(self.feedback_message)
         return Status.SUCCESS
 
@@ -83,10 +86,10 @@ class VerifyPlacement(CellNode):
         view = self.now.observation.bench
         hole = view.holes.get(position) if view else None
         if hole is not None and hole.seen_s > self._begun_s and hole.part == part and hole.upright:
-            self.feedback_message = f"{part} is at {position}"
+            self.feedback_message = Message("{part} is at {position}", part=part, position=position)
             return Status.SUCCESS
         seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
-        self.feedback_message = f"sees {seen} at {position}"
+        self.feedback_message = Message("sees {seen} at {position}", seen=seen, position=position)
         late = self.now.observation.time_s - self._begun_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 
@@ -103,7 +106,7 @@ class RecordPlacement(CellNode):
         state = self.state.get()
         by_robot = {**state.by_robot, position: part}
         self.state.set(replace(state.with_placement(part, position), by_robot=by_robot))
-        self.now.show(message=f"placed {part} at {position}")
+        self.now.show(message=Message("placed {part} at {position}", part=part, position=position))
         self.tools.journal.note("belief", edge=[part, position], source="robot")
         return Status.SUCCESS
 

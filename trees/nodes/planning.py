@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cell.files.words.message import Message
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
@@ -104,14 +105,14 @@ class ChoosePosition(CellNode):
             self.feedback_message = verdict.reason
             if verdict.decision == "act":
                 self.position.set(Hole(position))
-                self.now.show(message=f"fetching {part} for {position}")
+                self.now.show(message=Message("fetching {part} for {position}", part=part, position=position))
                 return Status.SUCCESS
             if verdict.decision == "ask":
                 self.now.show(help_request=verdict.reason)
                 if not self.now.observation.operator.present:  # else AskWhichGoal asks, and waits for the answer
                     self.tools.journal.note("help", text=verdict.reason)
                 return Status.FAILURE
-        self.now.show(message=f"waiting: {self.feedback_message}")
+        self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return Status.FAILURE
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cell.errors import InputError
+from cell.files.words.message import Message
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
@@ -36,11 +37,15 @@ class WaitForEmptyBracket(CellNode):
         view = services.now.observation.bench
         filled = filled_holes(self)
         if view is not None and filled is not None and self._goes_on(filled):
-            self.feedback_message = f"goes on with the bracket that is there: {' '.join(filled) or 'still empty'}"
+            self.feedback_message = Message(
+                "goes on with the bracket that is there: {filled}", filled=" ".join(filled) or "still empty"
+            )
             return Status.SUCCESS
         if view is None or filled is None or filled:
             self._empty_s = None
-            self.feedback_message = f"still there: {' '.join(filled)}" if filled else "not all holes were seen yet"
+            self.feedback_message = (
+                Message("still there: {filled}", filled=" ".join(filled)) if filled else "not all holes were seen yet"
+            )
             if filled and self._question is None:
                 todo = "take the bracket out and put an empty one in"
                 self._question = services.ask("bracket", "the bracket is finished", todo=todo)
@@ -76,8 +81,8 @@ class BeginBracket(CellNode):
         self.state.set(left.state if resumed else AssemblyState({}))
         memory.brackets += 1
         self.tools.journal.note("bracket", number=number, edge="begin", **({"resumed": True} if resumed else {}))
-        self.now.show(message=f"bracket {number}", help_request=None)
-        self.feedback_message = f"bracket {number}"
+        self.now.show(message=Message("bracket {number}", number=number), help_request=None)
+        self.feedback_message = Message("bracket {number}", number=number)
         return Status.SUCCESS
 
 
@@ -126,7 +131,9 @@ class EndBracket(CellNode):
         parts = tuple(part for part in seen if part is not None)
         finished = len(parts) == len(seen)
         learned = services.learn(parts) if finished and not kept else None
-        self.feedback_message = f"bracket {self.number.get()} {'finished' if finished else 'taken away'}"
+        self.feedback_message = Message(
+            "bracket {number} {value}", number=self.number.get(), value="finished" if finished else "taken away"
+        )
         services.tools.journal.note(
             "bracket",
             number=self.number.get(),
@@ -149,7 +156,9 @@ class ShiftIsOver(CellNode):
     def update(self) -> Status:
         wanted = self.now.observation.operator.brackets
         done = self.number.get()
-        self.feedback_message = f"{done} of {'any number' if wanted is None else max(wanted, done)} done"
+        self.feedback_message = Message(
+            "{done} of {value} done", done=done, value="any number" if wanted is None else max(wanted, done)
+        )
         return Status.SUCCESS if wanted is not None and done >= wanted else Status.FAILURE
 
 
@@ -183,6 +192,6 @@ class TeachGoal(CellNode):
         except InputError as error:
             raise NodeError(str(error)) from None
         self.feedback_message = f"goal {name}: {' '.join(parts)}"
-        services.now.show(message=f"learned goal {name}")
+        services.now.show(message=Message("learned goal {name}", name=name))
         services.tools.journal.note("belief", goal=name, parts=list(parts), source="shown")
         return SUCCESS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from cell.files.words.message import Message
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
@@ -169,7 +170,7 @@ class ReconcileGraph(CellNode):
             self._again_s[position] = hole.seen_s
             self._note("looked at again", position, said, hole)
         if hole.seen_s - self._again_s[position] < self.settle_s.get():
-            self.feedback_message = f"looks at {position} again"
+            self.feedback_message = Message("looks at {position} again", position=position)
             return False
         if hole.confidence >= self.sure.get():
             self._note("the hole is believed", position, said, hole)
@@ -178,8 +179,11 @@ class ReconcileGraph(CellNode):
         if position not in self._asked:
             self._asked.add(position)
             self._note("asked", position, said, hole)
-            text = (
-                f"what is in {position}? The hand seemed to place {said.part}, the hole shows {hole.part or 'nothing'}"
+            text = Message(
+                "what is in {position}? The hand seemed to place {part}, the hole shows {seen}",
+                position=position,
+                part=said.part,
+                seen=hole.part or "nothing",
             )
             self.now.show(help_request=text)
             self.tools.journal.note("help", text=text)

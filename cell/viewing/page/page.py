@@ -6,16 +6,18 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from cell.interfaces.bench import Bench
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame, PendingFrame
-from cell.interfaces.product import Product
-from cell.viewing.page.server import PageServer
+from cell.recording.scene import CellModel
+from cell.settings import PageSettings
+from cell.viewing.gate import Address
+from cell.viewing.page.scene import scene_of
+from cell.viewing.page.server import PageServer, Role
 from cell.viewing.page.state import PageState
+from cell.viewing.production import Production
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from trees.engine.tree import Tree
 
-DEFAULT_PORT = 8780
 KEPT_FRAMES = 8  # that detectors have not answered yet
 EVERY_S = 0.1  # of wall time, between two states
 
@@ -26,23 +28,25 @@ class OperatorPage(Observer):
     Args:
         heading: what is shown of the run, by name.
         obey: takes an operator's order.
-        port: 0 for any that is free.
+        production: its numbers are served, too.
 
     Raises:
-        InputError: the port is taken.
+        InputError: the port is taken, or a TLS file cannot be used.
     """
 
     def __init__(
         self,
-        product: Product,
-        bench: Bench,
+        model: CellModel,
         heading: Mapping[str, str],
         tree: Tree,
         obey: Callable[[OperatorOrder], None],
-        port: int = DEFAULT_PORT,
+        where: Address,
+        settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
+        production: Production | None = None,
     ) -> None:
-        self._state = PageState(product, bench, heading, tree)
-        self._server = PageServer(port, obey)
+        self._state = PageState(model, heading, tree)
+        self._production = production or Production()
+        self._server = PageServer(where, obey, settings, scene_of(model), self._production.metrics)
         self._server.still(self._state.still())
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
@@ -52,6 +56,20 @@ class OperatorPage(Observer):
     def address(self) -> str:
         """Where an operator opens it."""
         return self._server.address
+
+    def address_of(self, role: Role) -> str:
+        """Where somebody opens it who operates, or only looks."""
+        return self._server.address_of(role)
+
+    @property
+    def local(self) -> bool:
+        """Only browsers of this machine reach it."""
+        return self._server.where.local
+
+    @property
+    def in_clear(self) -> bool:
+        """It goes over a network, and not by TLS."""
+        return not self.local and self._server.scheme == "http"
 
     @property
     def port(self) -> int:

@@ -1,4 +1,4 @@
-"""Serves the operator's page on loopback: pictures and state go out, orders come in; others are refused.
+"""Serves the operator's page: pictures and state go out, orders come in; who has no token is refused.
 
 Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
 newest one when it has taken the one before, and a client that takes none for a while is dropped.
@@ -10,12 +10,11 @@ import asyncio
 import hmac
 import json
 import secrets
-import socket
 import threading
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import cv2
 import orjson
@@ -29,11 +28,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cell.errors import InputError
+from cell.files.words.catalogue import catalogue, languages
 from cell.interfaces.observation import Image
 from cell.interfaces.operator import OperatorOrder, OrderKind
+from cell.settings import PageSettings
+from cell.viewing.gate import LOOPBACK, Address
 
 STATIC = Path(__file__).parent / "static"
-LOOPBACK = "127.0.0.1"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
 CLIENTS_N, CONNECTIONS_N = 16, 64
@@ -48,43 +49,62 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+Role = Literal["operate", "look"]
+NO_ROLE = "this needs a token: open an address that `cell run` printed"
 
 
 class PageServer:
     """One server for one run.
 
     Args:
-        port: 0 for any that is free.
+        where: beyond this machine, who only looks needs a token, too.
         obey: takes an order; raises InputError for one that makes no sense now.
+        settings: TLS files and the language.
+        scene: of the three-dimensional view.
+        metrics: numbers of the run in Prometheus' text format.
 
     Attributes:
+        where, scheme: as it was asked for, http or https.
         port: where it listens.
-        token: every order must carry it; only the address that the terminal prints has it.
+        tokens: by role; every order must carry the first. Only the addresses that the terminal prints have them.
 
     Raises:
-        InputError: the port is taken.
+        InputError: the port is taken, or a TLS file cannot be used.
     """
 
-    def __init__(self, port: int, obey: Callable[[OperatorOrder], None]) -> None:
-        self._obey = obey
-        self.token = secrets.token_urlsafe(24)
+    def __init__(
+        self,
+        where: Address,
+        obey: Callable[[OperatorOrder], None],
+        settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
+        scene: Mapping[str, Any] | None = None,
+        metrics: Callable[[], str] = str,
+    ) -> None:
+        self._obey, self.where, self._settings, self._metrics = obey, where, settings, metrics
+        self._scene = orjson.dumps(scene or {})
+        self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
         self._still = self._state = b"{}"
         self._number = 0
         self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
         self._jpeg: tuple[int, bytes] = (-1, b"")
         self._news: set[asyncio.Event] = set()
         self._closing = False
-        self._socket = _listening(port)
+        self.scheme = "http" if settings.certificate is None else "https"
+        self._socket = where.listening(BACKLOG_N)
         self.port: int = self._socket.getsockname()[1]
-        self._hosts = {f"{name}:{self.port}" for name in (LOOPBACK, "localhost")}
+        names = (LOOPBACK, "localhost") if where.local else (where.host,)
+        self._hosts = {f"{name}:{self.port}" for name in names} | (set() if where.local else {where.host})
         routes = [
             Route("/", self._page),
             Route("/events", self._events),
             Route("/camera.jpg", self._camera),
+            Route("/scene.json", self._told_scene),
+            Route("/words/{language}.json", self._words),
+            Route("/metrics", self._told_metrics),
             Route("/order", self._order, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        app = _Gate(Starlette(routes=routes), self._hosts)
+        app = _Gate(Starlette(routes=routes), self._hosts, self.scheme)
         config = uvicorn.Config(
             app,
             http=_Connection,
@@ -93,7 +113,14 @@ class PageServer:
             access_log=False,
             timeout_graceful_shutdown=1,
             backlog=BACKLOG_N,
+            ssl_certfile=settings.certificate,
+            ssl_keyfile=settings.key,
         )
+        try:
+            config.load()
+        except OSError as error:  # ssl.SSLError is one
+            self._socket.close()
+            raise InputError(f"page.certificate {settings.certificate}: cannot be used: {error}") from None
         self._server = uvicorn.Server(config)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread(target=self._serve, name="operator's page", daemon=True)
@@ -102,7 +129,20 @@ class PageServer:
     @property
     def address(self) -> str:
         """Where an operator opens it; the token stands behind #, which browsers never send."""
-        return f"http://{LOOPBACK}:{self.port}/#{self.token}"
+        return self.address_of("operate")
+
+    def address_of(self, role: Role) -> str:
+        """The same for who operates, or only looks."""
+        return f"{self.scheme}://{self.where.host}:{self.port}/#{self.tokens[role]}"
+
+    def _role(self, request: Request) -> Role | None:
+        """What somebody may do, by a token in a header or, where a browser sends none, in the address."""
+        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
+        given = request.headers.get("x-cell-token") or request.query_params.get("token") or bearer
+        for role, token in self.tokens.items():
+            if hmac.compare_digest(given.encode(), token.encode()):
+                return role
+        return "look" if self.where.local else None
 
     @property
     def watched(self) -> bool:
@@ -151,8 +191,29 @@ class PageServer:
     async def _page(self, _: Request) -> Response:
         return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
 
+    async def _told_scene(self, request: Request) -> Response:
+        if self._role(request) is None:
+            return PlainTextResponse(NO_ROLE, 401)
+        return Response(self._scene, media_type="application/json")
+
+    async def _words(self, request: Request) -> Response:
+        """A catalogue; "usual" is that of the configuration."""
+        name = request.path_params["language"]
+        name = self._settings.language if name == "usual" else name
+        if name not in languages():
+            return PlainTextResponse(f"no language {name!r}; there are: {', '.join(languages())}", 404)
+        told = {"language": name, "languages": languages(), "texts": dict(catalogue(name).texts)}
+        return Response(orjson.dumps(told), media_type="application/json")
+
+    async def _told_metrics(self, request: Request) -> Response:
+        if self._role(request) is None:
+            return PlainTextResponse(NO_ROLE, 401)
+        return Response(self._metrics(), media_type="text/plain; version=0.0.4")
+
     async def _camera(self, request: Request) -> Response:
         """The image with the number that is asked for, or the newest."""
+        if self._role(request) is None:
+            return PlainTextResponse(NO_ROLE, 401)
         images, wanted = list(self._images), request.query_params.get("sequence", "")
         if not images:
             return Response(status_code=204)
@@ -161,17 +222,18 @@ class PageServer:
             self._jpeg = image[0], await asyncio.to_thread(_encoded, image[1])
         return Response(self._jpeg[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
-    async def _events(self, _: Request) -> Response:
+    async def _events(self, request: Request) -> Response:
+        role = self._role(request)
+        if role is None:
+            return PlainTextResponse(NO_ROLE, 401)
         if len(self._news) >= CLIENTS_N:
             return PlainTextResponse("too many pages are open already", 503)
-        return _Events(self)
+        return _Events(self, role)
 
     async def _order(self, request: Request) -> Response:
-        token = request.headers.get("x-cell-token", "")
-        if not hmac.compare_digest(token.encode(), self.token.encode()):
-            return PlainTextResponse(
-                "this page is view-only; to give orders, open the address that `cell run` printed", 401
-            )
+        if "x-cell-token" not in request.headers or self._role(request) != "operate":
+            problem = "this page is view-only; to give orders, open the address that `cell run` printed"
+            return PlainTextResponse(problem, 401)
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return PlainTextResponse("an order must be JSON", 415)
         body = b""
@@ -197,9 +259,9 @@ class PageServer:
 class _Events(Response):
     """Server-sent events for one client: what stands still, then the newest state each time that it took the last."""
 
-    def __init__(self, server: PageServer) -> None:
+    def __init__(self, server: PageServer, role: Role) -> None:
         super().__init__()
-        self._server = server
+        self._server, self._role = server, role
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
         server, news = self._server, asyncio.Event()
@@ -209,6 +271,7 @@ class _Events(Response):
         server._news.add(news)
         try:
             await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await self._tell(send, b"role", self._role.encode())
             await self._tell(send, b"still", server._still)
             told = -1
             while not gone.done() and not (server._closing and told == server._number):
@@ -263,10 +326,10 @@ class _Connection(H11Protocol):
 
 
 class _Gate:
-    """Lets in who asks for this very machine: other names and other pages' requests are refused."""
+    """Lets in who asks for the server by its name: other names and other pages' requests are refused."""
 
-    def __init__(self, app: ASGIApp, hosts: set[str]) -> None:
-        self._app, self._hosts = app, hosts
+    def __init__(self, app: ASGIApp, hosts: set[str], scheme: str) -> None:
+        self._app, self._hosts, self._scheme = app, hosts, scheme
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -275,7 +338,7 @@ class _Gate:
         origin = headers.get("origin")
         if headers.get("host") not in self._hosts:
             await PlainTextResponse("unknown host", 403)(scope, receive, send)
-        elif origin is not None and origin not in {f"http://{host}" for host in self._hosts}:
+        elif origin is not None and origin not in {f"{self._scheme}://{host}" for host in self._hosts}:
             await PlainTextResponse("foreign origin", 403)(scope, receive, send)
         else:
             await self._app(scope, receive, _with_headers(send))
@@ -314,16 +377,3 @@ def _order_of(read: object) -> OperatorOrder:
     if question is not None and (not isinstance(question, int) or isinstance(question, bool)):
         raise ValueError("a question is a number")
     return OperatorOrder(cast(OrderKind, kind), value, question)  # the channel refuses other kinds
-
-
-def _listening(port: int) -> socket.socket:
-    listening = socket.socket()
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((LOOPBACK, port))
-        listening.listen(BACKLOG_N)
-    except OSError as error:
-        listening.close()
-        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another with --page PORT"
-        raise InputError(problem) from None
-    return listening

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
-from cell.interfaces.bench import Bench
+from cell.files.words.message import data_of
 from cell.interfaces.command import Display
 from cell.interfaces.faults import ACKNOWLEDGE, USUAL
-from cell.interfaces.perception import BenchView
-from cell.interfaces.product import Product
+from cell.interfaces.operator import Question
+from cell.interfaces.perception import BenchView, PartsView
+from cell.recording.scene import CellModel
 from cell.recording.schemas import plain
+from cell.viewing.instruction import Hole, Instructor
+from cell.viewing.page.scene import marks_of, pose_of
 from cell.watching.observer import Level, Outcome, TickRecord
-from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 
 HISTORY_N = 400  # changes of the belief that a newcomer sees
 LINES_N = 60
+BRACKETS_N = 20
 TRACK_N = 45  # places of the hand
 
 
@@ -26,29 +30,29 @@ class PageState:
     """Follows a run; not thread-safe: the loop calls it, and what it answers is never changed afterwards.
 
     Args:
-        goals: of the product, by name.
+        heading: what is shown of the run, by name.
     """
 
-    def __init__(self, product: Product, bench: Bench, heading: Mapping[str, str], tree: Tree) -> None:
-        self._product, self._heading = product, dict(heading)
-        self._image_px = bench.overhead.width_px, bench.overhead.height_px
+    def __init__(self, model: CellModel, heading: Mapping[str, str], tree: Tree) -> None:
+        self._product, self._heading = model.product, dict(heading)
+        overhead = model.bench.overhead
+        self._image_px, self._marks = (overhead.width_px, overhead.height_px), marks_of(model.product, model.bench)
+        self.instructor = Instructor(model.product)
         self._display = Display()
-        self._placed: dict[str, str] = {}
-        self._by: dict[str, str] = {}
-        self._next: dict[str, object] = {}
-        self._why = ""
         self._history: deque[tuple[float, dict[str, float]]] = deque(maxlen=HISTORY_N)
-        self._lines: deque[tuple[float, str, str]] = deque(maxlen=LINES_N)
+        self._lines: deque[tuple[float, str, Any]] = deque(maxlen=LINES_N)
         self._track: deque[tuple[int, int]] = deque(maxlen=TRACK_N)
         self._sequence = -1
-        self._brackets: list[dict[str, object]] = []
-        self._statuses: dict[int, tuple[str, str]] = {}
-        self._ended, self._asks = "", False
+        self._parts: tuple[PartsView | None, list[dict[str, object]]] = (None, [])
+        self._brackets: deque[dict[str, object]] = deque(maxlen=BRACKETS_N)
+        self._statuses: dict[int, tuple[str, Any]] = {}
+        self._ended = ""
         self.watch(tree)
 
     def watch(self, tree: Tree) -> None:
         """Show this tree from now on."""
         self._statuses = {}
+        self.instructor.watch()
         depth: dict[int, int] = {}
         for node in tree.nodes:
             depth |= {id(child): depth.get(id(node), 0) + 1 for child in node.children}
@@ -64,7 +68,11 @@ class PageState:
         return {
             "run": self._heading,
             "image_px": self._image_px,
-            "goals": {name: product.goal_placements(name) for name in product.goals},
+            "marks": self._marks,
+            "goals": {
+                name: {"title": product.goal_title(name), "placements": product.goal_placements(name)}
+                for name in product.goals
+            },
             "parts": {
                 name: {"title": part.title, "rgb": [round(255 * value) for value in part.colour_rgb]}
                 for name, part in product.parts.items()
@@ -77,12 +85,12 @@ class PageState:
     def take(self, record: TickRecord) -> None:
         """One more tick."""
         seen, now_s = record.observation, record.observation.time_s
-        if seen.acknowledged or record.judgement is None or not record.judgement.reasons:
-            self._asks = False
+        self.instructor.take(record)
         for change in record.changes:
-            self._statuses[change.uid] = (change.new.name, change.feedback)
+            self._statuses[change.uid] = (change.new.name, data_of(change.feedback))
         for topic, fields in record.notes:
-            self._note(topic, fields, now_s)
+            if topic == "bracket":
+                self._bracket_noted(fields, now_s)
         if record.command.display is not None:
             belief = dict(record.command.display.goal_belief)
             if belief and belief != dict(self._display.goal_belief):
@@ -95,100 +103,79 @@ class PageState:
             else:
                 left, top, right, bottom = seen.bench.hand.box_px
                 self._track.append(((left + right) // 2, (top + bottom) // 2))
-        if "PutBack" in {_tag(change) for change in record.changes if change.new.name == "SUCCESS"}:
-            self._next.pop("robot", None)
 
     def say(self, time_s: float, level: Level, text: str) -> None:
         """The controller says something; it may wait for somebody to acknowledge that."""
-        self._asks |= text.endswith(ACKNOWLEDGE)
-        self._lines.append((round(time_s, 2), level, text.splitlines()[-1]))
+        self.instructor.say(text)
+        self._lines.append((round(time_s, 2), level, data_of(text) if "\n" not in text else text.splitlines()[-1]))
 
     def end(self, outcome: Outcome) -> None:
         """The run is over."""
+        self.instructor.end(outcome)
         self._ended = f"{outcome.end}: {outcome.reason}; {outcome.condition}"
 
     def now(self, record: TickRecord) -> dict[str, Any]:
         """Everything that changes, as it is after this tick."""
-        seen, judged = record.observation, record.judgement
-        reasons = [] if judged is None else [list(reason) for reason in judged.reasons if reason[0] not in USUAL]
-        if self._asks:
-            reasons.append(["acknowledge", ACKNOWLEDGE])
-        moving = seen.arm.moving or not seen.arm.stands
+        seen, judged, told = record.observation, record.judgement, self.instructor.now()
+        reasons = [] if judged is None else [(name, data_of(what)) for name, what in judged.reasons]
+        alarms = [list(reason) for reason in reasons if reason[0] not in USUAL]
+        if self.instructor.asks:
+            alarms.append(["acknowledge", ACKNOWLEDGE])
+        following = self.instructor.next
         return {
             "time_s": round(seen.time_s, 2),
             "tick": seen.tick,
             "status": record.status,
             "ended": self._ended,
             "share": round(seen.share, 2),
-            "alarms": reasons,
+            "instruction": {**asdict(told), "words": data_of(told.words)},
+            "alarms": alarms,
             "held": judged is not None and judged.action.name in ("HOLD", "STOP"),
-            "questions": plain(self._display.questions),
+            "asks": self.instructor.asks,
+            "questions": [_question(one) for one in self._display.questions],
             "operator": plain(seen.operator),
             "hand": self._hand(seen.bench),
             "belief": {name: _finite(value) for name, value in self._display.goal_belief.items()},
             "point": self._history[-1] if self._history else None,
-            "bracket": self._bracket(seen.bench),
+            "bracket": {name: asdict(hole) for name, hole in self.instructor.holes.items()},
             "robot": {
-                "now": self._display.message,
-                "moving": moving,
+                "now": data_of(self._display.message),
+                "moving": seen.arm.moving or not seen.arm.stands,
                 "holding": seen.gripper.holding,
-                "next": self._next.get("robot"),
-                "why": self._why,
-                "help": self._display.help_request,
+                "next": following,
+                "doubt": data_of(self.instructor.doubt),
             },
-            "brackets": self._brackets[-20:],
+            "pose": pose_of(seen),
+            "tray": self._seen_parts(seen.parts),
+            "brackets": list(self._brackets),
             "lines": list(self._lines),
             "statuses": {uid: list(told) for uid, told in self._statuses.items()},
         }
 
-    def _note(self, topic: str, fields: Mapping[str, Any], now_s: float) -> None:
-        if topic == "belief" and fields.get("edge"):
-            part, position = fields["edge"]
-            if part is None:
-                self._placed.pop(position, None)
-            else:
-                self._placed[position] = part
-                source, planned = fields.get("source"), self._next.get("robot")
-                mine = planned == {"part": part, "positions": [position]} and source != "action"
-                self._by[position] = "robot" if source == "robot" or mine else self._by.get(position, "person")
-        elif topic == "plan" and fields.get("next"):
-            part, *positions = fields["next"]
-            self._next["robot"] = {"part": part, "positions": list(positions)}
-        elif topic == "verdict":
-            self._why = "" if fields.get("decision") == "act" else str(fields.get("reason", ""))
-            if fields.get("decision") == "act":
-                part, _, position = str(fields.get("subject")).partition(" at ")
-                self._next["robot"] = {"part": part, "positions": [position]}
-        elif topic == "bracket":
-            self._bracket_noted(fields, now_s)
-
     def _bracket_noted(self, fields: Mapping[str, Any], now_s: float) -> None:
+        """A bracket begins, or ends with what was placed by whom."""
         if fields["edge"] == "begin":
-            self._placed, self._by, self._next, self._why = {}, {}, {}, ""
             self._brackets.append({"number": fields["number"], "begin_s": round(now_s, 1)})
         elif self._brackets:
-            self._brackets[-1] |= {"end_s": round(now_s, 1), "finished": fields["finished"], "goal": fields["goal"]}
+            holes = self.instructor.holes
+            by = Counter(hole.who for hole in holes.values() if hole.fate == "placed")
+            goal, order = fields["goal"], fields.get("order", "")
+            placed = _placed(holes)
+            ended = {"end_s": round(now_s, 1), "finished": fields["finished"], "goal": goal, "order": order}
+            self._brackets[-1] = {**self._brackets[-1], **ended, "by": dict(by), "placed": placed}
 
-    def _bracket(self, view: BenchView | None) -> list[dict[str, object]]:
-        """Every position: what is there, what belongs there, and who does it."""
-        wanted = {position: part for part, to in self._display.guidance.items() for position in to}
-        robot: Any = self._next.get("robot") or {}
-        told = []
-        for position in self._product.positions:
-            hole = view.holes.get(position) if view is not None else None
-            part = self._placed.get(position)
-            mine = part is None and position in robot.get("positions", ())[:1]
-            told.append(
-                {
-                    "position": position,
-                    "part": part or (robot.get("part") if mine else wanted.get(position)),
-                    "any_part": position in self._display.any_part,
-                    "placed": part is not None,
-                    "upright": hole is None or hole.upright,
-                    "who": self._by.get(position) if part is not None else ("robot" if mine else "person"),
-                }
+    def _seen_parts(self, view: PartsView | None) -> list[dict[str, object]]:
+        """Parts in the tray as they were seen last."""
+        if view is not self._parts[0]:
+            told = [] if view is None else [(one.part, one.lies or one.world_from_part) for one in view.detections]
+            self._parts = (
+                view,
+                [
+                    {"part": part, "position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
+                    for part, pose in told
+                ],
             )
-        return told
+        return self._parts[1]
 
     def _hand(self, view: BenchView | None) -> dict[str, object]:
         if view is None:
@@ -198,15 +185,22 @@ class PageState:
         return {
             "sequence": view.sequence,
             "action": str(view.action),
-            "unknown": view.hand_unknown or view.health,
+            "unknown": data_of(view.hand_unknown or view.health),
             "box": None if hand is None else list(hand.box_px),
             "held": None if hand is None else hand.held_part,
+            "at_m": None if hand is None else [*hand.fingertips_m, *hand.palm_m],
             "track": list(self._track),
         }
 
 
-def _tag(change: StatusChange) -> str:
-    return change.path.rpartition("/")[2].partition("::")[0]
+def _question(question: Question) -> dict[str, Any]:
+    answers = [{**plain(answer), "words": data_of(answer.words)} for answer in question.answers]
+    words = {name: data_of(getattr(question, name)) for name in ("reason", "tried", "todo")}
+    return {**plain(question), **words, "answers": answers}
+
+
+def _placed(holes: Mapping[str, Hole]) -> dict[str, list[str]]:
+    return {name: [hole.parts[0], hole.who] for name, hole in holes.items() if hole.fate == "placed"}
 
 
 def _finite(value: float) -> float:

@@ -1,29 +1,38 @@
 // Draws what the cell tells, and says what the operator presses. No framework, no build step.
-import { STRINGS as S } from "./strings.js";
+import { learn, t } from "./words.js";
 
-const SVG = ["svg", "rect", "circle", "text", "polyline", "g"];
+const SVG = ["svg", "rect", "circle", "text", "polyline", "polygon", "path", "g"];
 const COLOURS = ["#3b82d6", "#d9822b", "#2a9d74", "#a24bb3", "#c23b4e", "#6b7a1f", "#8a8f98"];
-const ORDERS = [
-  ["pauseNow", "p", () => say("pause", "now")],
-  ["pausePart", "a", () => say("pause", "after part")],
-  ["resume", "r", () => say("resume")],
-  ["place", "i", () => say("place", planned)],
-  ["acknowledge", "k", () => say("acknowledge")],
-  ["finish", "e", () => say("finish")],
-  ["stop", "s", stop],
+const SIGNS = { alarm: "!", question: "?", waits: "✋", brings: "✋", finished: "✓", paused: "II", over: "■" };
+const NOTICE_S = 20; // a change of the orders is told for so long
+const UNKNOWN = "none of these";
+// name, key, words, what it says, and why it does nothing now: null where it does something
+const BUTTONS = [
+  ["pauseNow", "p", "Pause now", () => say("pause", "now"), (s) => (s.operator.pause === "now" ? "it is paused already" : null)],
+  ["pausePart", "a", "Pause after the part", () => say("pause", "after part"), (s) => (s.operator.pause === "none" ? null : "it is paused already")],
+  ["resume", "r", "Resume", () => say("resume"), (s) => (s.operator.pause === "none" ? "nothing is paused" : null)],
+  ["acknowledge", "k", "Acknowledge", () => say("acknowledge"), (s) => (s.asks ? null : "nothing waits to be acknowledged")],
+  ["place", "i", "I place this one", () => say("place", planned), () => (planned ? null : "no part is asked for")],
+  ["finish", "e", "End after this bracket", () => say("finish"), (s) => whyNoFinish(s)],
+  ["stop", "s", "Stop", stop, () => null],
 ];
 const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
 if (location.hash) {
   sessionStorage.setItem("token", token);
   history.replaceState(null, "", location.pathname);
 }
+const given = token ? `token=${encodeURIComponent(token)}` : "";
 const $ = (id) => document.getElementById(id);
 let still = null; // what does not change with the ticks
+let last = null; // the newest state
 let seen = null; // the hand, as it was told last
 let points = []; // of the belief over time
 let planned = ""; // type of the part that the robot asks for or fetches next
 let front = "";
+let operates = false;
 let stopAsked = 0;
+let space = null; // the view in three dimensions
+let over = false;
 
 function make(tag, attributes = {}, ...children) {
   const node = SVG.includes(tag) ? document.createElementNS("http://www.w3.org/2000/svg", tag) : document.createElement(tag);
@@ -40,38 +49,86 @@ async function say(kind, value = "", question = null) {
   const headers = { "Content-Type": "application/json", "X-Cell-Token": token };
   try {
     const answer = await fetch("order", { method: "POST", headers, body });
-    const told = [kind, value].filter(Boolean).join(" ");
-    $("said").textContent = answer.ok ? S.sent + told : S.refused + (await answer.text());
+    refused(answer.ok ? "" : await answer.text());
+    return answer.ok;
   } catch {
-    $("said").textContent = S.lost;
+    $("said").textContent = t("No news from the cell. Trying again ...");
+    return false;
   }
+}
+
+function refused(why) {
+  $("said").textContent = why ? t("Not taken: {why}", { why }) : "";
 }
 
 function stop() {
   if (Date.now() - stopAsked < 4000) return say("stop");
   stopAsked = Date.now();
-  $("said").textContent = S.stopSure;
+  showButtons();
+  setTimeout(showButtons, 4100);
   return null;
 }
 
+function whyNoFinish({ operator, brackets }) {
+  if (!still.run.shift) return "this run makes one bracket, and ends after it in any case";
+  return operator.brackets === 0 ? "this bracket is the last one already" : null;
+}
+
+function whyNot(button) {
+  if (!operates) return "this page is view-only";
+  if (!last || over) return "the run is over";
+  return button[4](last);
+}
+
 function pressed(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input")) return;
-  const order = ORDERS.find(([, key]) => key === event.key);
-  if (order && token) order[2]();
-  else if (/^[1-9]$/.test(event.key)) document.querySelectorAll(".answers button")[Number(event.key) - 1]?.click();
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
+  const button = BUTTONS.find(([, key]) => key === event.key);
+  if (button) {
+    const why = whyNot(button);
+    if (why) refused(why);
+    else button[3]();
+  } else if (/^[1-9]$/.test(event.key)) document.querySelectorAll(".answers button")[Number(event.key) - 1]?.click();
 }
 
 function begin() {
-  const heads = { bench: S.bench, work: S.bracket, robot: S.robot, goal: S.goal, tree: S.tree, log: S.log };
-  for (const [id, words] of Object.entries(heads)) document.querySelector(`#${id} h2`).textContent = words;
-  document.title = S.title;
-  document.querySelector("#tree label span").textContent = S.leaf;
-  for (const [name, key, onclick] of ORDERS) {
-    const attributes = { id: name, title: `${S.key} ${key}`, class: name === "stop" ? "stop" : null, onclick };
-    $("orders").append(make("button", { ...attributes, disabled: !token }, S[name]));
-  }
-  if (!token) $("said").textContent = S.lookOnly;
   document.addEventListener("keydown", pressed);
+  $("toWork").addEventListener("click", () => turnTo("work"));
+  $("toEngineer").addEventListener("click", () => turnTo("engineer"));
+  $("percent").addEventListener("change", () => say("speed", $("percent").value));
+  $("percent").addEventListener("input", () => ($("speed").querySelector("output").textContent = `${$("percent").value} %`));
+  $("language").addEventListener("change", async () => {
+    localStorage.setItem("language", $("language").value);
+    await speak($("language").value);
+  });
+  addEventListener("resize", fit);
+  for (const [name, key, , , ] of BUTTONS) {
+    const onclick = () => BUTTONS.find((one) => one[0] === name)[3]();
+    $("buttons").append(make("button", { id: name, "aria-keyshortcuts": key, class: name === "stop" ? "stop" : null, onclick, disabled: true }));
+  }
+}
+
+function turnTo(view) {
+  for (const name of ["work", "engineer"]) $(name).hidden = name !== view;
+  $("toWork").setAttribute("aria-pressed", view === "work");
+  $("toEngineer").setAttribute("aria-pressed", view === "engineer");
+}
+
+// All words that do not come with the ticks, in a language.
+async function speak(language) {
+  const told = await learn(language);
+  const heads = { bench: "What the camera sees", space: "The cell", goal: "Which product", tree: "The tree", log: "What was said" };
+  for (const [id, words] of Object.entries(heads)) document.querySelector(`#${id} h2`).textContent = t(words);
+  document.querySelector("#jobs h2").textContent = t("Work orders");
+  document.querySelector("#done h2").textContent = t("Brackets done");
+  document.querySelector("#tree label span").textContent = t("Running nodes only");
+  $("speed").querySelector("span").textContent = t("Speed");
+  $("toWork").textContent = t("Work");
+  $("toEngineer").textContent = t("Engineer");
+  for (const [id, words] of Object.entries({ camera: "What the camera sees", view: "The cell", bracket: "The bracket", history: "Which product", language: "Language", percent: "Speed" })) $(id).setAttribute("aria-label", t(words));
+  $("language").replaceChildren(...told.languages.map((name) => make("option", { value: name, selected: name === told.language }, name)));
+  front = "";
+  if (still) showStill();
+  if (last) show(last);
 }
 
 function colour(part) {
@@ -79,123 +136,249 @@ function colour(part) {
 }
 
 function title(part) {
-  return part ? `${still.parts[part]?.title ?? part} (${part})` : S.nothing;
+  return t(still.parts[part]?.title ?? part);
 }
 
-// A bracket as the person sees it. `states` by position, where it is one that is being worked on.
-function drawn(placements, states = null) {
-  const holes = Object.entries(still.holes);
-  const across = holes.map(([, place]) => place[1]);
-  const down = holes.map(([, place]) => place[0]);
-  const left = Math.min(...across) - 0.05;
-  const top = Math.min(...down) - 0.045;
+// A shape for each type of part: types are told apart without colours.
+function shape(part, x, y, r, attributes) {
+  const number = Math.max(0, Object.keys(still.parts).indexOf(part));
+  if (number % 4 === 0) return make("circle", { ...attributes, cx: x, cy: y, r });
+  if (number % 4 === 1) return make("rect", { ...attributes, x: x - 0.9 * r, y: y - 0.9 * r, width: 1.8 * r, height: 1.8 * r });
+  const up = number % 4 === 2 ? -1 : 1;
+  return make("polygon", { ...attributes, points: `${x},${y + 1.1 * up * r} ${x + 1.05 * r},${y - 0.8 * up * r} ${x - 1.05 * r},${y - 0.8 * up * r}` });
+}
+
+// A bracket as the person sees it. `holes` by position: what is known of each, where it is one that is being worked on.
+function drawn(placements, holes = null) {
+  const places = Object.entries(still.holes);
+  const across = places.map(([, place]) => place[1]);
+  const down = places.map(([, place]) => place[0]);
+  const [left, top] = [Math.min(...across) - 0.05, Math.min(...down) - 0.045];
   const width = Math.max(...across) - left + 0.05;
-  const height = Math.max(...down) - top + (states ? 0.055 : 0.045);
-  const plate = { x: left, y: top, width, height, rx: 0.012, fill: "none", stroke: "currentColor", "stroke-width": 0.002 };
-  const items = holes.map(([name, [x, y]]) => {
-    const part = placements[name];
-    const state = states?.[name];
-    const full = !states || state?.placed;
-    const spot = make("circle", {
-      cx: y, cy: x, r: 0.025, fill: part && full ? colour(part) : "none", stroke: state?.wrong ? "#ff4136" : part ? colour(part) : "gray",
-      "stroke-width": state?.wrong || (state?.who === "robot" && !full) ? 0.008 : 0.004, "stroke-dasharray": full ? null : "0.010 0.006",
-    });
-    const label = { x: y, y: x + 0.046, "font-size": 0.016, "text-anchor": "middle", fill: "currentColor" };
-    return make("g", {}, spot, ...(states ? [make("text", label, name)] : []));
+  const height = Math.max(...down) - top + (holes ? 0.055 : 0.045);
+  const ink = { fill: "currentColor", "text-anchor": "middle" };
+  const items = places.map(([name, [y, x]]) => {
+    const hole = holes?.[name];
+    const fate = hole?.fate ?? "placed";
+    const parts = hole ? hole.parts : [placements[name]];
+    const full = fate === "placed";
+    const line = { stroke: hole?.wrong ? "#a8231c" : "#14171b", "stroke-width": hole?.wrong || fate === "robot" ? 0.006 : 0.002 };
+    const dash = full ? {} : { "stroke-dasharray": fate === "robot" ? "0.012 0.005" : "0.005 0.004" };
+    const body = fate === "open"
+      ? [make("circle", { cx: x, cy: y, r: 0.024, fill: "none", ...line, ...dash })]
+      : [shape(parts[0], x, y, 0.024, { fill: full ? colour(parts[0]) : "none", ...line, ...dash })];
+    if (!holes) return make("g", {}, ...body);
+    const letter = hole.wrong ? "!" : { placed: "", robot: "R", you: "↓", open: "?" }[fate];
+    body.push(make("text", { ...ink, x, y: y + 0.011, "font-size": 0.032, "font-weight": 700 }, letter));
+    body.push(make("text", { ...ink, x, y: y + 0.046, "font-size": 0.02 }, name));
+    return make("g", {}, ...body);
   });
-  return { box: `${left} ${top} ${width} ${height}`, items: [make("rect", plate), ...items] };
+  return { box: `${left} ${top} ${width} ${height}`, items };
+}
+
+function picture(placements) {
+  const { box, items } = drawn(placements);
+  return make("svg", { viewBox: box, "aria-hidden": "true" }, ...items);
+}
+
+function showStill() {
+  const { run } = still;
+  $("heading").textContent = [run.product, run.tree, run.unsafe && t("UNSAFE, weaker than the shipped table: {what}", { what: run.unsafe })].filter(Boolean).join(", ");
+  document.title = run.product ?? "cell";
+  $("heading").classList.toggle("unsafe", Boolean(run.unsafe));
+  $("role").textContent = operates ? "" : t("view-only");
+  const amount = make("input", { type: "number", min: 1, max: 999, value: 1, "aria-label": t("How many"), id: "amount" });
+  const options = Object.entries(still.goals).map(([name, goal]) => make("option", { value: name }, t(goal.title)));
+  const variant = make("select", { id: "variant", "aria-label": t("Which product") }, ...options);
+  const start = async () => (await say("job", JSON.stringify({ variant: variant.value, amount: Number(amount.value) }))) && (amount.value = 1);
+  $("next").replaceChildren(variant, amount, make("button", { id: "start", onclick: start }, t("Order")));
+  showButtons();
+}
+
+function showButtons() {
+  for (const button of BUTTONS) {
+    const [name, key, words] = button;
+    const why = whyNot(button);
+    const sure = name === "stop" && Date.now() - stopAsked < 4000;
+    $(name).disabled = Boolean(why);
+    $(name).title = why ? t(why) : `${t("key")} ${key}`;
+    $(name).textContent = sure ? t("Press again to stop") : t(words);
+    $(name).classList.toggle("sure", sure);
+  }
+  for (const name of ["start", "amount", "variant", "percent"]) if ($(name)) $(name).disabled = !operates || over || !last;
+}
+
+function showDo({ instruction }) {
+  if ($("words").dataset.told === JSON.stringify([instruction.words, document.documentElement.lang])) return;
+  $("words").dataset.told = JSON.stringify([instruction.words, document.documentElement.lang]);
+  $("do").dataset.moment = instruction.moment;
+  $("sign").textContent = SIGNS[instruction.moment] ?? "→";
+  $("words").textContent = t(instruction.words);
+  fit();
+}
+
+// A long sentence becomes smaller only where it would take more than three lines.
+function fit() {
+  const words = $("words");
+  words.style.fontSize = "";
+  let size = parseFloat(getComputedStyle(words).fontSize);
+  while (words.offsetHeight > innerHeight * 0.3 && size > 34) words.style.fontSize = `${(size -= 3)}px`;
 }
 
 function showFront(state) {
-  const now = JSON.stringify([state.ended, state.alarms, state.questions]);
+  const notice = [...state.lines].reverse().find(([time, level, words]) => level === "warning" && t(words).length && JSON.stringify(words).includes("work order") && state.time_s - time < NOTICE_S);
+  const now = JSON.stringify([state.ended, state.alarms, state.questions, notice, operates]);
   if (now === front) return; // a button that is being pressed stays the same
   front = now;
-  const blocks = state.ended ? [make("div", { class: "alarm" }, S.ended + state.ended)] : [];
-  for (const [signal, words] of state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, words));
+  const blocks = state.ended ? [make("div", { class: "alarm" }, t("The run has ended: {how}", { how: state.ended }))] : [];
+  for (const [signal, words] of state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
+  if (notice) blocks.push(make("div", { class: "notice" }, t(notice[2])));
   for (const question of state.questions) blocks.push(asked(question));
   $("front").replaceChildren(...blocks);
+  fit();
 }
 
 function asked(question) {
   const answers = question.answers.map((answer) => {
     const onclick = () => say("answer", answer.value, question.number);
-    const button = make("button", { onclick, disabled: !token, "data-value": answer.value }, answer.words);
-    if (Object.keys(answer.placements).length) {
-      const { box, items } = drawn(answer.placements);
-      button.append(make("svg", { viewBox: box }, ...items));
-    }
+    const words = question.kind === "goal" && still.goals[answer.value] ? still.goals[answer.value].title : answer.words;
+    const button = make("button", { onclick, disabled: !operates, "data-value": answer.value }, t(words));
+    if (Object.keys(answer.placements).length) button.append(picture(answer.placements));
     return button;
   });
   if (question.kind === "text") answers.push(...written(question));
-  const words = [make("div", {}, question.reason)];
-  if (question.tried) words.push(make("p", {}, S.tried + question.tried));
-  if (question.todo) words.push(make("p", {}, `${S.todo}${question.todo}.`));
+  const words = [make("div", {}, t(question.reason))];
+  if (question.tried) words.push(make("p", {}, t("Tried before: {tried}", { tried: question.tried })));
   const number = { class: "question", "data-number": question.number, "data-kind": question.kind };
   return make("div", number, ...words, make("div", { class: "answers" }, ...answers));
 }
 
 // A field for an answer in words of one's own.
 function written(question) {
-  const field = make("input", { maxlength: 200, disabled: !token, "aria-label": question.reason });
+  const field = make("input", { maxlength: 200, disabled: !operates, "aria-label": t(question.reason) });
   const send = () => field.value.trim() && say("answer", field.value.trim(), question.number);
   field.addEventListener("keydown", (event) => event.key === "Enter" && send());
-  return [field, make("button", { onclick: send, disabled: !token }, S.send)];
+  return [field, make("button", { onclick: send, disabled: !operates }, t("Send"))];
 }
 
 function showBench({ hand }) {
   seen = hand;
   const held = hand.held ? `, ${title(hand.held)}` : "";
-  $("action").textContent = hand.unknown || (hand.box ? `${S.hand}: ${hand.action}${held}` : S.noHand);
+  $("action").textContent = t(hand.unknown) || (hand.box ? `${t("hand")}: ${t(hand.action)}${held}` : t("no hand in view"));
 }
 
-// What was found in the picture that is drawn, not in a newer one.
+// What was found in the picture that is drawn, not in a newer one; and where the sentence means.
 function showMarks(hand) {
-  $("overlay").setAttribute("viewBox", `0 0 ${still.image_px.join(" ")}`);
-  const line = { fill: "none", stroke: "#ffdc00", "stroke-width": 3 };
+  const [width, height] = still.image_px;
+  $("overlay").setAttribute("viewBox", `0 0 ${width} ${height}`);
+  const line = { fill: "none", stroke: "#ffdc00", "stroke-width": 2 };
   const marks = [];
   if (hand.track.length > 1) marks.push(make("polyline", { ...line, points: hand.track.join(" "), opacity: 0.8 }));
   if (hand.box) {
     const [x, y, right, bottom] = hand.box;
     marks.push(make("rect", { ...line, x, y, width: right - x, height: bottom - y }));
   }
+  const { instruction, bracket } = last;
+  for (const [name, [x, y, r]] of Object.entries(still.marks.holes)) {
+    const letter = { placed: "", robot: "R", you: "", open: "?" }[bracket[name].fate];
+    if (letter) marks.push(...halo("text", { x, y: y + 6, "font-size": 18, "font-weight": 700, "text-anchor": "middle" }, letter));
+    if (instruction.holes.includes(name)) marks.push(...halo("circle", { cx: x, cy: y, r: r * 1.5, fill: "none" }), ...(bracket[name].fate === "open" ? [] : arrow(x, y - r * 1.6)));
+  }
+  const meant = instruction.bins.map((part) => [title(part), still.marks.bins[part]]);
+  if (instruction.tray) meant.push(["", still.marks.tray]);
+  for (const [words, place] of meant) if (place) marks.push(...pointed(words, place, width, height));
   $("overlay").replaceChildren(...marks);
   $("overlay").dataset.sequence = hand.sequence;
+}
+
+// White on black, so that it is seen on any picture.
+function halo(tag, attributes, ...children) {
+  const fill = attributes.fill ?? "#fff";
+  return [["#000", 7], ["#fff", tag === "text" ? 0 : 3]].map(([stroke, width]) =>
+    make(tag, { ...attributes, fill: fill === "none" ? "none" : fill, stroke, "stroke-width": width, "paint-order": "stroke" }, ...children));
+}
+
+function arrow(x, y, turn = 0) {
+  return halo("path", { d: "M0,0 L-14,-20 L-5,-20 L-5,-44 L5,-44 L5,-20 L14,-20 Z", transform: `translate(${x} ${y}) rotate(${turn})` });
+}
+
+// An arrow at a place, or at the edge of the picture beyond which it is.
+function pointed(words, [x, y], width, height) {
+  const [inX, inY] = [Math.min(Math.max(x, 14), width - 14), Math.min(Math.max(y, 50), height - 14)];
+  const outside = inX !== x || inY !== y;
+  const turn = outside ? (Math.atan2(y - inY, x - inX) * 180) / Math.PI - 90 : 0;
+  const side = inX > width / 2 ? "end" : "start";
+  const label = { x: inX + (side === "end" ? -24 : 24), y: Math.min(inY, height - 26), "font-size": 20, "font-weight": 700, "text-anchor": side };
+  return [...arrow(inX, inY, turn), ...halo("text", label, words)];
 }
 
 function showBracket({ bracket, questions }) {
   const named = (where) => new Set(questions.flatMap((one) => ((one.kind === "where") === where ? one.positions : [])));
   const [wrong, offered] = [named(false), named(true)];
-  for (const one of bracket) one.wrong = wrong.has(one.position);
-  const states = Object.fromEntries(bracket.map((one) => [one.position, one]));
-  const { box, items } = drawn(Object.fromEntries(bracket.map((one) => [one.position, one.part])), states);
+  for (const [name, hole] of Object.entries(bracket)) hole.wrong = wrong.has(name) || !hole.upright;
+  const { box, items } = drawn({}, bracket);
   $("bracket").setAttribute("viewBox", box);
-  $("bracket").setAttribute("aria-label", S.bracket);
   $("bracket").replaceChildren(...items);
-  const rows = bracket.map((one) => {
-    const robot = one.who === "robot";
-    const who = one.placed ? (robot ? S.placedByRobot : S.placedByPerson) : robot ? S.nextHere : S.remains;
-    const open = offered.has(one.position);
-    const next = one.wrong ? "wrong" : open || (!one.placed && robot) ? "next" : null;
-    const words = one.wrong ? S.lookHere : open ? S.here : one.part ? `${title(one.part)}: ${who}` : one.any_part ? S.anyPart : S.notKnown;
-    return make("li", { class: next }, make("b", {}, one.position), words);
+  const rows = Object.entries(bracket).map(([name, hole]) => {
+    const asks = hole.wrong || offered.has(name);
+    const parts = hole.parts.length > 1 ? hole.parts.map(title).reduce((first, second) => t("{first} or {second}", { first, second })) : title(hole.parts[0] ?? "");
+    const words = {
+      placed: hole.who === "robot" ? t("{part}, by the robot", { part: parts }) : t("{part}, by you", { part: parts }),
+      robot: t("{part}: the robot brings it", { part: parts }),
+      you: t("{part}: you place it", { part: parts }),
+      open: hole.parts.length ? `${parts}?` : t("not known yet"),
+    }[hole.fate];
+    return make("li", { class: asks ? "asked" : hole.fate, "data-hole": name, title: words }, make("b", {}, `${hole.wrong ? "! " : ""}${name}`), asks && !hole.wrong ? t("here?") : words);
   });
   $("holes").replaceChildren(...rows);
 }
 
-function showRobot({ robot, questions }) {
-  planned = questions.find((one) => one.part)?.part ?? robot.next?.part ?? "";
-  const rows = [[S.now, robot.now || S.nothing]];
-  rows.push([S.next, robot.next ? `${title(robot.next.part)} ${robot.next.positions.join(" ")}` : S.nothing]);
-  if (robot.why) rows.push([S.waits, robot.why]);
-  if (robot.holding) rows.push(["", S.holds]);
-  $("does").replaceChildren(...rows.flatMap(([name, words]) => [make("dt", {}, name), make("dd", {}, words)]));
+// Which bracket it may be, by title and picture; one of them where it is known.
+function showGoals({ belief, bracket }) {
+  const open = Object.values(bracket).some((hole) => hole.fate === "open");
+  const likely = Object.keys(still.goals).filter((goal) => (belief[goal] ?? 0) >= 0.05).sort((a, b) => belief[b] - belief[a]);
+  const shown = open ? likely : likely.slice(0, 1);
+  const key = JSON.stringify([shown, document.documentElement.lang]);
+  if ($("goals").dataset.shown === key) return;
+  $("goals").dataset.shown = key;
+  const figures = shown.map((goal) => make("figure", { "data-goal": goal }, picture(still.goals[goal].placements), t(still.goals[goal].title) + (shown.length > 1 ? "?" : "")));
+  $("goals").replaceChildren(...figures);
+}
+
+function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {
+  planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
+  const waits = why || robot.doubt;
+  $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits && !robot.next ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
+  $("robot").title = $("robot").textContent;
+  space?.show({ pose, bracket, tray, hand });
+}
+
+function showWork({ operator, brackets }) {
+  const orders = operator.jobs.map((job) => {
+    const due = job.due ? t(", due {due}", { due: job.due.replace("T", " ") }) : "";
+    const words = t("{id}: {done} of {amount} {variant}", { id: job.id, done: job.done, amount: job.amount, variant: still.goals[job.variant]?.title ?? job.variant });
+    return make("li", { "data-order": job.id }, words + due);
+  });
+  $("orders").replaceChildren(...orders.slice(0, 3));
+  const done = [...brackets].reverse().filter((one) => one.end_s !== undefined).map((one) => {
+    const took = Math.round(one.end_s - one.begin_s);
+    const what = t(still.goals[one.goal]?.title ?? one.goal ?? "");
+    const who = t("robot {robot}, you {person}", { robot: one.by.robot ?? 0, person: one.by.person ?? 0 });
+    const words = `${one.finished ? "✓" : "✗"} ${one.number} ${what} ${took} s, ${who}${one.order ? `, ${one.order}` : ""}`;
+    const places = Object.entries(one.placed).map(([name, [part, by]]) => `${name} ${title(part)}: ${by === "robot" ? t("Robot") : t("you")}`);
+    return make("li", { title: places.join("\n") }, words);
+  });
+  $("brackets").replaceChildren(...done);
+  const number = brackets.at(-1)?.number;
+  const wanted = operator.brackets;
+  $("count").textContent = number ? (wanted ? t("bracket {number} of {wanted}", { number, wanted: Math.max(wanted, number) }) : t("bracket {number}", { number })) : "";
 }
 
 function showGoal(state) {
   const goals = Object.keys(state.belief);
   const bars = goals.map((goal, number) => {
     const value = state.belief[goal];
-    const name = make("span", {}, goal);
+    const name = make("span", {}, t(still.goals[goal]?.title ?? goal));
     name.style.setProperty("--dot", COLOURS[number % COLOURS.length]);
     const share = make("span", {}, `${Math.round(100 * value)} %`);
     return make("div", { class: "bar" }, name, make("meter", { value, min: 0, max: 1, "aria-label": goal }), share);
@@ -206,23 +389,20 @@ function showGoal(state) {
   const end = Math.max(state.time_s, first + 1);
   const lines = goals.map((goal, number) => {
     const way = points.flatMap(([time, belief], place) =>
-      [time, points[place + 1]?.[0] ?? end].map((at) => {
-        const y = 96 - 92 * (belief[goal] ?? 0);
-        return `${(1000 * (at - first)) / (end - first)},${y}`;
-      }));
+      [time, points[place + 1]?.[0] ?? end].map((at) => `${(1000 * (at - first)) / (end - first)},${96 - 92 * (belief[goal] ?? 0)}`));
     const stroke = COLOURS[number % COLOURS.length];
     return make("polyline", { points: way.join(" "), fill: "none", stroke, "stroke-width": 2, "vector-effect": "non-scaling-stroke" });
   });
   $("history").setAttribute("viewBox", "0 0 1000 100");
-  $("history").setAttribute("aria-label", S.goal);
   $("history").replaceChildren(...lines);
-  if ($("choices").dataset.goals === goals.join()) return;
-  $("choices").dataset.goals = goals.join();
+  const key = goals.join() + operates + document.documentElement.lang;
+  if ($("choices").dataset.goals === key) return;
+  $("choices").dataset.goals = key;
   const buttons = goals.map((goal) => {
-    const attributes = { onclick: () => say("goal", goal), disabled: !token, "data-goal": goal };
-    return make("button", attributes, goal === "none of these" ? S.newGoal : goal);
+    const attributes = { onclick: () => say("goal", goal), disabled: !operates, "data-goal": goal };
+    return make("button", attributes, goal === UNKNOWN ? t("a new one") : t(still.goals[goal]?.title ?? goal));
   });
-  $("choices").replaceChildren(make("span", {}, S.sayGoal), ...buttons);
+  $("choices").replaceChildren(make("span", {}, t("It is ...")), ...buttons);
 }
 
 function showTree({ statuses }) {
@@ -231,41 +411,50 @@ function showTree({ statuses }) {
   const rows = shown.map((node) => {
     const [status, words] = statuses[node.uid] ?? ["", ""];
     const name = node.name === node.kind ? node.kind : `${node.kind} ${node.name}`;
-    const item = make("li", { class: status }, name, make("em", {}, words ? `  ${words}` : ""));
+    const item = make("li", { class: status }, name, make("em", {}, words ? `  ${t(words)}` : ""));
     item.style.paddingLeft = `${0.4 + 0.3 * node.depth}rem`;
     return item;
   });
   $("nodes").replaceChildren(...rows);
 }
 
-function showRest(state) {
-  const { run } = still;
-  $("heading").textContent = [run.product, run.tree, run.unsafe && `${S.unsafe}: ${run.unsafe}`].filter(Boolean).join(", ");
-  $("heading").classList.toggle("unsafe", Boolean(run.unsafe));
-  const pause = { now: S.paused, "after part": S.pausing }[state.operator.pause];
-  $("clock").textContent = `${state.time_s.toFixed(1)} s${pause ? `, ${pause}` : ""}`;
-  const number = state.brackets.at(-1)?.number;
-  const wanted = state.operator.brackets;
-  $("count").textContent = number ? `${S.bracketNumber} ${number}${wanted ? ` ${S.of} ${wanted}` : ""}` : "";
-  $("pauseNow").classList.toggle("on", state.operator.pause === "now");
-  $("pausePart").classList.toggle("on", state.operator.pause === "after part");
+function showLines(state) {
   const lines = [...state.lines].reverse().map(([time, level, words]) =>
-    make("li", { class: level }, make("time", {}, `${time.toFixed(1)} s`), words));
+    make("li", { class: level }, make("time", {}, `${time.toFixed(1)} s`), t(words)));
   $("lines").replaceChildren(...lines);
+}
+
+function showRest(state) {
+  const pause = { now: t("paused"), "after part": t("pause after this part") }[state.operator.pause];
+  const percent = Math.round(100 * state.operator.speed);
+  $("clock").textContent = [`${state.time_s.toFixed(1)} s`, pause].filter(Boolean).join(", ");
+  if (document.activeElement !== $("percent")) $("percent").value = percent;
+  $("speed").querySelector("output").textContent = `${percent} %`;
+  showButtons();
 }
 
 function show(state) {
   if (!still || state.tick === undefined) return;
-  for (const part of [showFront, showBench, showBracket, showRobot, showGoal, showTree, showRest]) part(state);
+  last = state;
+  over = Boolean(state.ended);
+  for (const part of [showDo, showFront, showBench, showBracket, showGoals, showRobot, showWork, showRest]) part(state);
+  if (!$("engineer").hidden) for (const part of [showGoal, showTree, showLines]) part(state);
+  else if (state.point && points.at(-1)?.[0] !== state.point[0]) points = [...points.slice(-400), state.point];
   document.body.dataset.tick = state.tick;
 }
 
 function follow() {
-  const events = new EventSource("events");
+  const events = new EventSource(`events?${given}`);
+  events.addEventListener("role", (event) => {
+    operates = event.data === "operate";
+    front = "";
+  });
   events.addEventListener("still", (event) => {
     still = JSON.parse(event.data);
     points = still.history;
-    if ($("said").textContent === S.lost) $("said").textContent = "";
+    showStill();
+    $("said").textContent = "";
+    if (!space) build();
   });
   events.addEventListener("state", (event) => {
     const state = JSON.parse(event.data);
@@ -273,29 +462,42 @@ function follow() {
     if (state.ended) events.close();
   });
   events.addEventListener("error", () => {
-    $("said").textContent = S.lost;
+    $("said").textContent = t("No news from the cell. Trying again ...");
   });
+}
+
+// The view in three dimensions comes last: the page works without it, as where a browser has no WebGL.
+async function build() {
+  space = { show: () => {} };
+  try {
+    const [{ Space }, answer] = await Promise.all([import("./scene.js"), fetch(`scene.json?${given}`)]);
+    space = new Space($("view"), await answer.json(), still);
+    if (last) showRobot(last);
+  } catch (problem) {
+    $("view").dataset.problem = String(problem);
+    $("space").querySelector("h2").textContent = t("This browser shows no view in three dimensions");
+  }
 }
 
 // Drawn when it is there, so that the picture never goes black in between.
 async function watchCamera() {
   const camera = $("camera");
-  camera.setAttribute("aria-label", S.bench);
   try {
     const hand = seen;
-    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}` : "camera.jpg");
+    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}&${given}` : `camera.jpg?${given}`);
     if (answer.status === 200) {
       const image = await createImageBitmap(await answer.blob());
       [camera.width, camera.height] = [image.width, image.height];
       camera.getContext("2d").drawImage(image, 0, 0);
-      if (hand) showMarks(hand);
+      if (hand && last) showMarks(hand);
     }
-    setTimeout(watchCamera, 80);
+    if (!over) setTimeout(watchCamera, 80);
   } catch {
-    setTimeout(watchCamera, 1000);
+    if (!over) setTimeout(watchCamera, 1000);
   }
 }
 
 begin();
+await speak(localStorage.getItem("language") ?? "usual");
 follow();
 watchCamera();

@@ -13,19 +13,28 @@ import numpy as np
 from cell.interfaces.command import Command, Display
 from cell.interfaces.faults import Judgement
 from cell.interfaces.notes import Topic
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import ArmState, Image, ObjectStatus, Observation
 from cell.interfaces.operator import Answer, OperatorOrder, Question
-from cell.interfaces.perception import Action, BenchView, Frame, HandSample
+from cell.interfaces.perception import Action, BenchView, Frame, HandSample, PartsView
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.pose import Pose
+from cell.recording.scene import CellModel
 from cell.running.operator import OperatorChannel
+from cell.settings import PageSettings
+from cell.viewing.gate import Address
 from cell.viewing.page.page import OperatorPage
 from cell.watching.observer import SentCommand, TickRecord
+from skills.motion.planner import MotionPlanner
 from tests import ROOT
-from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT, STANDING
+from tests.trees.nodes.rig import BENCH, CONFIGURATION, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT
+from trees.engine.node import StatusChange
+from trees.engine.status import Status
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
+MODEL = CellModel(PRODUCT, BENCH, MotionPlanner(PRODUCT, BENCH, CONFIGURATION.motion))
+STANDING = ArmState(0.0, BENCH.arm_look_rad, (0.0,) * 6, moving=False)
+HOLDS = replace(EMPTY_GRIPPER, object_status=ObjectStatus.CONTACT_CLOSING, opening_m=0.03)
 BELIEF = {"g0": 0.1, "g1": 0.85, "g2": 0.03, UNKNOWN_GOAL: 0.02}
 GUIDANCE = {"o1": ("p2", "p4"), "o2": ("p1", "p3"), "o3": ("p5",)}
 HELP = Question(
@@ -94,26 +103,39 @@ class PageRig:
         said: every order that the cell took, in order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: PageSettings = PageSettings()) -> None:  # noqa: B008 - frozen
         self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5)
         self.said: list[OperatorOrder] = []
         self.tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
-        told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1"}
-        self.page = OperatorPage(PRODUCT, BENCH, told, self.tree, self._obey, port=0)
+        told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1", "shift": "yes"}
+        self.page = OperatorPage(MODEL, told, self.tree, self._obey, Address(0), settings)
         self._ticks = 0
+        self.image: Image | None = None
+        self._running: dict[str, int] = {}
+        self._changes: list[StatusChange] = []
         self.display = Display(GUIDANCE, goal_belief=BELIEF, message="moving to look")
-        self.judgement = Judgement()
+        self.judgement, self.asks = Judgement(), False
+        self.arm, self.gripper = STANDING, EMPTY_GRIPPER
+        self.parts: PartsView | None = None
         hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), "o1")
         self.view = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("screw", 0.9))
 
     def _obey(self, order: OperatorOrder) -> None:
-        self.channel.put(order)
+        self.channel.press(order)
         self.said.append(order)
 
     def show(self, **changes: Any) -> None:
         """Change what the cell shows from the next tick on."""
         self.display = replace(self.display, **changes)
         self.channel.shown(self.display)
+
+    def runs(self, *kinds: str) -> None:
+        """From the next tick on just nodes of these kinds run."""
+        gone = [kind for kind in self._running if kind not in kinds]
+        new = {kind: 1000 + len(self._running) + place for place, kind in enumerate(kinds) if kind not in self._running}
+        self._changes = [_change(kind, self._running.pop(kind), Status.RUNNING, Status.SUCCESS) for kind in gone]
+        self._changes += [_change(kind, uid, Status.INVALID, Status.RUNNING) for kind, uid in new.items()]
+        self._running |= new
 
     def tick(self, *notes: tuple[Topic, dict[str, object]]) -> None:
         """One more tick, with a frame."""
@@ -122,12 +144,17 @@ class PageRig:
         rng = np.random.default_rng(number)
         image = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 70, np.uint8)
         image[::8] = rng.integers(60, 200, 3)
+        image = image if self.image is None else self.image
         self.page.frame(Frame("overhead", number, time_s, image, Pose((0.0, 0.0, 1.0))))
         seen = Observation(number, time_s, STANDING, EMPTY_GRIPPER, replace(self.view, sequence=number, time_s=time_s))
-        seen = replace(seen, operator=self.channel.take(time_s))
+        seen = replace(
+            seen, operator=self.channel.take(time_s, asked=self.asks), acknowledged=self.channel.acknowledged
+        )
+        seen = replace(seen, arm=self.arm, gripper=self.gripper, parts=self.parts)
+        changes, self._changes = tuple(self._changes), []
         command = Command(display=self.display)
         self.page.tick(
-            TickRecord(seen, "RUNNING", (), notes, command, SentCommand(), 0.001, False, None, self.judgement)
+            TickRecord(seen, "RUNNING", changes, notes, command, SentCommand(), 0.001, False, None, self.judgement)
         )
 
     def look(self, sequence: int) -> None:
@@ -157,3 +184,7 @@ class PageRig:
     @property
     def token(self) -> str:
         return self.page.address.partition("#")[2]
+
+
+def _change(kind: str, uid: int, old: Status, new: Status) -> StatusChange:
+    return StatusChange(f"Shift/{kind}::{uid}", uid, old, new, "")

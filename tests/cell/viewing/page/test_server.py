@@ -20,9 +20,10 @@ from cell.errors import InputError
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
+from cell.viewing.gate import Address
 from cell.viewing.page import server
 from cell.viewing.page.page import OperatorPage
-from tests.cell.viewing.page.rig import HELP, PageRig
+from tests.cell.viewing.page.rig import HELP, MODEL, PageRig
 
 PAUSE = {"kind": "pause", "value": "now"}
 
@@ -150,10 +151,8 @@ def test_slow_clients_are_dropped_and_ticks_go_on(rig: PageRig, monkeypatch: pyt
 
 def test_a_port_that_is_taken_is_told(rig: PageRig) -> None:
     taken = rig.page.port
-    from tests.trees.nodes.rig import BENCH, PRODUCT
-
     with pytest.raises(InputError, match="--page PORT"):
-        OperatorPage(PRODUCT, BENCH, {}, rig.tree, rig.channel.put, taken)
+        OperatorPage(MODEL, {}, rig.tree, rig.channel.put, Address(taken))
 
 
 def test_states_are_small(rig: PageRig) -> None:
@@ -161,7 +160,7 @@ def test_states_are_small(rig: PageRig) -> None:
         rig.page.message(float(number), "info", "something was said that is not very long")
         rig.tick(("belief", {"edge": ["o1", "p1"], "source": "action"}))
     assert len(rig.page._server._state) < 20_000
-    assert json.loads(rig.page._server._state)["bracket"][0]["placed"] is True
+    assert json.loads(rig.page._server._state)["bracket"]["p1"]["fate"] == "placed"
 
 
 def test_the_picture_is_the_one_in_which_the_hand_was_found(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:

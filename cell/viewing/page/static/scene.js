@@ -1,0 +1,185 @@
+// The cell in three dimensions, from what stands still and the angles of the joints.
+import * as THREE from "./three/three.module.min.js";
+
+const GHOST = 0.3; // of what is still to come
+const COLOURS = { bracket: 0x8c949e, bin: 0xa69985, other: 0xccc4b8, robot: 0xb8bdc7, tool: 0x33383f, hand: 0xd9a066 };
+
+export class Space {
+  constructor(canvas, scene, still) {
+    this.told = scene;
+    this.still = still;
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(0xdfe3e8);
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+    sun.position.set(1.5, -1, 3);
+    this.scene.add(sun);
+    this.camera = new THREE.PerspectiveCamera(42, 1, 0.05, 20);
+    this.camera.up.set(0, 0, 1); // the world's z is up, and the person looks along -x
+    this.turn = { around: 0.45, above: 0.6, away: 2.2 };
+    this.frames = { base_link: new THREE.Group() };
+    this.scene.add(this.frames.base_link);
+    this.joints = scene.joints.map((joint) => this.joint(joint));
+    this.fingers = [];
+    for (const shape of scene.shapes) this.link(shape);
+    this.bench();
+    this.moving = new THREE.Group();
+    this.scene.add(this.moving);
+    this.hand = this.mesh(new THREE.SphereGeometry(1, 20, 14), COLOURS.hand);
+    this.hand.visible = false;
+    this.scene.add(this.hand);
+    this.drag();
+    new ResizeObserver(() => this.draw()).observe(canvas.parentElement);
+  }
+
+  mesh(geometry, colour, opacity = 1) {
+    const material = new THREE.MeshLambertMaterial({ color: colour, transparent: opacity < 1, opacity });
+    return new THREE.Mesh(geometry, material);
+  }
+
+  place(object, [x, y, z, qx, qy, qz, qw]) {
+    object.position.set(x, y, z);
+    object.quaternion.set(qx, qy, qz, qw);
+    return object;
+  }
+
+  joint({ parent, child, pose, axis }) {
+    const frame = this.place(new THREE.Group(), pose);
+    const turning = new THREE.Group();
+    frame.add(turning);
+    this.frames[parent].add(frame);
+    this.frames[child] = turning;
+    return { turning, axis: new THREE.Vector3(...axis) };
+  }
+
+  link(shape) {
+    let geometry;
+    if (shape.box_m) geometry = new THREE.BoxGeometry(...shape.box_m);
+    else {
+      geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(shape.points_m, 3));
+      geometry.setIndex(shape.triangles);
+      geometry = geometry.toNonIndexed();
+      geometry.computeVertexNormals();
+    }
+    const body = this.place(this.mesh(geometry, shape.box_m ? COLOURS.tool : COLOURS.robot), shape.pose);
+    body.material.side = THREE.DoubleSide;
+    this.frames[shape.frame].add(body);
+    if (shape.side) {
+      const along = new THREE.Vector3(shape.side / 2, 0, 0).applyQuaternion(body.quaternion);
+      const closed = body.position.clone().addScaledVector(along, shape.box_m[0]);
+      this.fingers.push({ body, along, closed });
+    }
+  }
+
+  bench() {
+    const table = this.mesh(new THREE.BoxGeometry(1.4, 1.4, 0.02), 0xe6e3db);
+    table.position.set(0.6, 0, -0.01);
+    this.scene.add(table);
+    for (const { name, pose, size_m } of this.told.boxes) {
+      const bin = name.includes("bin");
+      const colour = name === "the bracket" ? COLOURS.bracket : bin ? COLOURS.bin : COLOURS.other;
+      this.scene.add(this.place(this.mesh(new THREE.BoxGeometry(...size_m), colour, bin ? 0.45 : 1), pose));
+    }
+    this.bracket = this.place(new THREE.Group(), this.told.bracket);
+    this.scene.add(this.bracket);
+    for (const [x, y] of Object.values(this.still.holes)) {
+      const hole = this.mesh(new THREE.CylinderGeometry(this.told.hole_radius_m, this.told.hole_radius_m, 0.002, 24), 0x111111);
+      hole.rotation.x = Math.PI / 2;
+      hole.position.set(x, y, 0);
+      this.bracket.add(hole);
+    }
+  }
+
+  part(type, opacity = 1) {
+    const group = new THREE.Group();
+    const rgb = this.still.parts[type]?.rgb ?? [136, 136, 136];
+    for (const one of this.told.parts[type] ?? []) {
+      const [x, y, z] = one.size_m;
+      let geometry = new THREE.BoxGeometry(x, y, z);
+      if (one.solid === "ball") geometry = new THREE.SphereGeometry(0.5, 18, 12).scale(x, y, z);
+      if (one.solid === "cylinder") {
+        geometry = new THREE.CylinderGeometry(0.5, 0.5, 1, 20); // along y
+        if (one.axis === "x") geometry.rotateZ(Math.PI / 2);
+        if (one.axis === "z") geometry.rotateX(Math.PI / 2);
+        geometry.scale(x, y, z);
+      }
+      const colour = new THREE.Color(`rgb(${rgb.map((value) => Math.round(value * one.shade)).join(",")})`);
+      const body = this.mesh(geometry, colour, opacity);
+      body.position.set(...one.centre_m);
+      group.add(body);
+    }
+    return group;
+  }
+
+  show({ pose, bracket, tray, hand }) {
+    this.joints.forEach(({ turning, axis }, number) => turning.quaternion.setFromAxisAngle(axis, pose.joints_rad[number]));
+    for (const { body, along, closed } of this.fingers) body.position.copy(closed).addScaledVector(along, pose.opening_m);
+    this.hand.visible = Boolean(hand.at_m);
+    if (hand.at_m) {
+      const [tipX, tipY, palmX, palmY] = hand.at_m;
+      const long = Math.max(0.05, Math.hypot(tipX - palmX, tipY - palmY));
+      this.hand.position.set((tipX + palmX) / 2, (tipY + palmY) / 2, 0.09);
+      this.hand.scale.set(long * 0.8, 0.045, 0.03);
+      this.hand.rotation.z = Math.atan2(tipY - palmY, tipX - palmX);
+    }
+    this.parts(bracket, tray);
+    this.draw();
+  }
+
+  // Parts change seldom: they are made anew only then.
+  parts(bracket, tray) {
+    const key = JSON.stringify([bracket, tray]);
+    if (key === this.key) return;
+    this.key = key;
+    this.moving.traverse((one) => one.geometry?.dispose());
+    this.moving.clear();
+    const inBracket = this.place(new THREE.Group(), this.told.bracket);
+    for (const [name, { fate, parts }] of Object.entries(bracket)) {
+      if (fate === "open" || !parts.length) continue;
+      const part = this.part(parts[0], fate === "placed" ? 1 : GHOST);
+      part.position.set(...this.still.holes[name], 0);
+      inBracket.add(part);
+    }
+    this.moving.add(inBracket);
+    for (const { part, position_m, quaternion_wxyz: [w, x, y, z] } of tray) {
+      this.moving.add(this.place(this.part(part), [...position_m, x, y, z, w]));
+    }
+  }
+
+  draw() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (!width || !height) return;
+    const wanted = Math.min(devicePixelRatio, 2);
+    if (this.width !== width || this.height !== height) {
+      [this.width, this.height] = [width, height];
+      this.renderer.setPixelRatio(wanted);
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+    }
+    const { around, above, away } = this.turn;
+    const flat = away * Math.cos(above);
+    this.camera.position.set(0.45 + flat * Math.cos(around), flat * Math.sin(around), 0.15 + away * Math.sin(above));
+    this.camera.lookAt(0.45, 0, 0.15);
+    this.renderer.render(this.scene, this.camera);
+    this.canvas.dataset.drawn = Number(this.canvas.dataset.drawn ?? 0) + 1;
+  }
+
+  drag() {
+    this.canvas.style.touchAction = "none";
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!event.buttons) return;
+      this.turn.around -= event.movementX * 0.008;
+      this.turn.above = Math.min(1.5, Math.max(0.05, this.turn.above + event.movementY * 0.008));
+      this.draw();
+    });
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.turn.away = Math.min(5, Math.max(0.6, this.turn.away * (1 + event.deltaY * 0.001)));
+      this.draw();
+    });
+  }
+}

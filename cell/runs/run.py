@@ -161,7 +161,7 @@ def _run(
         model = CellModel(product, configuration.bench, motion)
 
         def result() -> Mapping[str, object]:
-            return {**counts.job(devices), "last_failure": str(counts.statistics.cause)}
+            return counts.job(devices)
 
         told, in_step = heading(options, files), options.pace == "fast"
         recorder = McapRecorder(

@@ -94,6 +94,11 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
 }
 
 
+def why_text(why: Mapping[str, Any]) -> str:
+    """Why a tree ended so or goes on, and what would have changed it."""
+    return f"{why['text']}; otherwise {why['otherwise']}" if why["otherwise"] else str(why["text"])
+
+
 def command_text(command: Mapping[str, Any]) -> str:
     """What was asked of arm, gripper and wrist camera."""
     told = [word for name, word in COMMANDS.items() if command.get(name)]
@@ -116,6 +121,7 @@ def tick_lines(tick: Mapping[str, Any]) -> Iterator[str]:
     shown = [note_text(note["topic"], {k: v for k, v in note.items() if k != "topic"}) for note in tick["notes"]]
     shown += [command_text(tick["command"])] if tick["command"] else []
     shown += [display_text(tick["display"])] if tick["display"] else []
+    shown += [f"why        {why_text(tick['why'])}"] if tick.get("why") else []
     yield from (f"  {line}" for line in shown)
 
 
@@ -156,6 +162,8 @@ def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     parts = f" in {len(info['parts'])} parts" if info["parts"] else ""
     yield f"{info['log']}: {_size(info['bytes'])}{parts}"
     yield f"  end       {outcome.get('end', 'not known')}: {outcome.get('reason', info['unfinished'])}"
+    if why := outcome.get("why"):
+        yield f"  why       {why_text(why)}"
     if info["unfinished"]:
         yield f"  MISSING   {info['unfinished']}"
     yield f"  ticks     {info['ticks']} in {info['duration_s']:.2f} s"

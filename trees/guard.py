@@ -17,6 +17,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
 
 Decision = Literal["act", "wait", "ask"]
+TOLD = "if somebody said which goal it is"
 
 
 class GuardSettings(Model):
@@ -40,10 +41,15 @@ class GuardSettings(Model):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the guard decided about one placement, and why."""
+    """What the guard decided about one placement, and why.
+
+    Attributes:
+        otherwise: what would have changed it: "if ...".
+    """
 
     decision: Decision
     reason: str
+    otherwise: str = ""
 
 
 class Guard:
@@ -85,71 +91,45 @@ class Guard:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
         if state.told_goal is None and self._contradicted(plan.goal, state):
-            return Verdict(
-                "ask", Message("this was taken for {goal}, and a person showed that it is another", goal=plan.goal)
-            )
+            words = Message("this was taken for {goal}, and a person showed that it is another", goal=plan.goal)
+            return Verdict("ask", words, TOLD)
+        empty = f"if {position} were seen empty"
         if position in state.placed:
-            return Verdict(
-                "wait", Message("{position} already holds {placed}", position=position, placed=state.placed[position])
-            )
+            words = Message("{position} already holds {part}", position=position, part=state.placed[position])
+            return Verdict("wait", words, empty)
         if self._remaining(state)[part] <= 0:
-            return Verdict("wait", Message("no {part} remains to be placed", part=part))
+            words = Message("no {part} remains to be placed", part=part)
+            return Verdict("wait", words, f"if a {part} were taken out again")
         hole = holes.get(position)
         if hole is None:
-            return Verdict("wait", Message("{position} has not been seen yet", position=position))
+            return Verdict("wait", Message("{position} has not been seen yet", position=position), empty)
         if hole.part is not None:
-            return Verdict("wait", Message("{position} is seen to hold {part}", position=position, part=hole.part))
+            words = Message("{position} is seen to hold {part}", position=position, part=hole.part)
+            return Verdict("wait", words, empty)
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if unknown >= self._settings.ask_probability and state.told_goal is None:
-            return Verdict(
-                "ask", Message("this looks like no known goal (probability {unknown})", unknown=f"{unknown:.2f}")
-            )
-        probability = plan.next_belief.get((part, position), 0.0)
-        if probability < self._settings.act_probability:
-            return Verdict(
-                "wait",
-                Message(
-                    "{part} at {position} has probability {probability} < {act_probability}",
-                    part=part,
-                    position=position,
-                    probability=f"{probability:.2f}",
-                    act_probability=self._settings.act_probability,
-                ),
-            )
+            words = Message("this looks like no known goal (probability {unknown:.2f})", unknown=unknown)
+            return Verdict("ask", words, f"if that were below {self._settings.ask_probability}, or {TOLD[3:]}")
+        probability, least = plan.next_belief.get((part, position), 0.0), self._settings.act_probability
+        placement = Message("{part} at {position}", part=part, position=position)
+        too_low = "{placement} has probability {probability:.2f} < {least}"
+        if probability < least:
+            words = Message(too_low, placement=placement, probability=probability, least=least)
+            return Verdict("wait", words, f"if {placement} had at least {least}")
         if not reachable:
-            return Verdict("ask", Message("the arm cannot reach {position} with {part}", position=position, part=part))
+            words = Message("the arm cannot reach {position} with {part}", position=position, part=part)
+            return Verdict("ask", words, f"if {position} were within reach")
         if may_ask and state.told_goal is None and self._doubts(unknown, probability):
-            return Verdict(
-                "ask",
-                Message(
-                    "is this {goal}? A goal that I do not know has probability {unknown}",
-                    goal=plan.goal,
-                    unknown=f"{unknown:.3f}",
-                ),
-            )
+            question = "is this {goal}? A goal that I do not know has probability {unknown:.3f}"
+            return Verdict("ask", Message(question, goal=plan.goal, unknown=unknown), TOLD)
         if probability < self._act_probability:
-            least = Message(
-                "{act_probability}, as many goals are in use", act_probability=f"{self._act_probability:.3f}"
+            least, too_low = self._act_probability, "{placement} has probability {probability:.3f} < {least:.3f}"
+            words = Message(
+                f"{too_low}, as many goals are in use", placement=placement, probability=probability, least=least
             )
-            return Verdict(
-                "wait",
-                Message(
-                    "{part} at {position} has probability {probability} < {least}",
-                    part=part,
-                    position=position,
-                    probability=f"{probability:.3f}",
-                    least=least,
-                ),
-            )
-        return Verdict(
-            "act",
-            Message(
-                "{part} at {position} has probability {probability}",
-                part=part,
-                position=position,
-                probability=f"{probability:.2f}",
-            ),
-        )
+            return Verdict("wait", words, f"if {placement} had at least {least:.3f}")
+        words = Message("{placement} has probability {probability:.2f}", placement=placement, probability=probability)
+        return Verdict("act", words, f"if {placement} had less than {least}")
 
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
         """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.

@@ -27,7 +27,7 @@ LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, rob
 ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
 Answer = tuple[list[str], list[tuple[Any, ...]]]
 FAILURES = (
-    "select failed_leaf, last_failure, count(*) as runs, min(log) as for_example from runs "
+    "select failed_leaf, cause, count(*) as runs, min(log) as for_example from runs "
     "where \"end\" = 'failed' group by all order by runs desc"
 )
 
@@ -184,8 +184,8 @@ def _row(
     files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
 ) -> Row:
     told = {name: orjson.loads(value) for name, value in result.items()}
-    failure = str(told.get("last_failure") or "")
-    ended = {name: _number(value) for name, value in outcome.items()}
+    why = orjson.loads(outcome.get("why", "{}"))
+    ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
     row: Row = {
         "run_id": run.get("run_id", ""),
         "log": str(files[0]),
@@ -197,7 +197,8 @@ def _row(
         **ended,
         **told,
         "seed": _number(run.get("seed", "")),
-        "failed_leaf": failure.partition(":")[0] if outcome.get("end") == "failed" else "",
+        "cause": outcome.get("cause", ""),
+        "failed_leaf": why.get("node", "") if outcome.get("end") == "failed" else "",
     }
     return row
 

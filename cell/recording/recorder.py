@@ -196,6 +196,8 @@ class McapRecorder(Observer):
         self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
         told = {name: str(getattr(outcome, name)) for name in fields}
+        if outcome.why is not None:
+            told |= {"cause": outcome.cause, "why": json_bytes(outcome.why.plain()).decode()}
         self._files.note("outcome", {**told, digest.NAME: self._digest.text()})
         self._files.note("result", {name: json_bytes(plain(value)).decode() for name, value in self._result().items()})
         if self.dropped != Dropped():

@@ -30,6 +30,7 @@ from cell.settings import ControllerSettings
 from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
 from trees.engine.status import Status
+from trees.engine.why import Reason
 from trees.nodes.services import Tick
 
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
@@ -52,6 +53,10 @@ class TickedTree(Protocol):
         """Changes of the last tick or halt, in order."""
         ...
 
+    def why(self) -> Reason | None:
+        """Why the root ended in the last tick, or goes on."""
+        ...
+
 
 class TickServices(Protocol):
     """What the loop shares with the nodes: it renews what they see and ask for, before every tick."""
@@ -67,6 +72,7 @@ class _Ending:
     end: End
     reason: str
     detail: str = ""
+    why: Reason | None = None
 
 
 class Controller:
@@ -153,6 +159,7 @@ class Controller:
                 wall_time_s=time.monotonic() - wall_began_s,
                 detail=ending.detail,
                 condition=condition,
+                why=ending.why,
             )
             return self._close(outcome)
 
@@ -173,18 +180,14 @@ class Controller:
             if status is Status.SUCCESS:
                 return _Ending("finished", "the tree succeeded")
             if status is Status.FAILURE:
-                return _Ending("failed", "the tree failed")
+                return _Ending("failed", "the tree failed", why=tree.why())
             if self._operator.stopped:
                 return _Ending("interrupted", "stopped by the operator")
             if self._signals.name:
                 return _Ending("interrupted", Message("stopped by {name}", name=self._signals.name))
             if self._clock.now_s() - began_s >= self._settings.max_duration_s:
-                return _Ending(
-                    "timeout",
-                    Message(
-                        "not finished after {max_duration_s} s", max_duration_s=f"{self._settings.max_duration_s:g}"
-                    ),
-                )
+                words = Message("not finished after {limit_s} s", limit_s=f"{self._settings.max_duration_s:g}")
+                return _Ending("timeout", words, why=tree.why())
             self._sleep()
 
     def _tick(self, tree: TickedTree, services: TickServices) -> Status | None:
@@ -319,6 +322,8 @@ class Controller:
 
     def _close(self, outcome: Outcome) -> Outcome:
         self._observers.say("error" if outcome.end == "fault" else "info", f"{outcome.end}: {outcome.reason}")
+        if outcome.cause:
+            self._observers.say("info", f"why: {outcome.cause}")
         self._observers.say("info", outcome.condition)
         if outcome.detail:
             self._observers.say("error", outcome.detail)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import resource
 from dataclasses import dataclass
@@ -61,7 +60,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "product": files.product.name,
         "pace": options.pace,
         "person": options.person or "as configured",
-        "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
+        "tree": files.tree.short_name(options.tree),
         "perception": files.configuration.perception.words,
     }
     if files.unsafe:
@@ -118,12 +117,7 @@ def _own_code(tree: Tree) -> list[Path]:
 
 def tree_texts(tree: Tree) -> dict[str, str]:
     """Files of a tree by their names in the log: below the folder that holds all of them."""
-    folder = _common_folder(tree)
-    return {f"tree/{path.resolve().relative_to(folder).as_posix()}": text for path, text in tree.texts.items()}
-
-
-def _common_folder(tree: Tree) -> Path:
-    return Path(os.path.commonpath([path.resolve().parent for path in tree.texts]))
+    return {f"tree/{tree.short_name(path)}": text for path, text in tree.texts.items()}
 
 
 def log_path(options: RunOptions, settings: LogSettings) -> Path:
@@ -193,7 +187,8 @@ def summary_of(
         "finished": outcome.end == "finished",
         "end": outcome.end,
         "reason": outcome.reason,
-        "cause": str(counts.statistics.cause) if outcome.end == "failed" else "",
+        "cause": outcome.cause,
+        "why": None if outcome.why is None else outcome.why.plain(),
         "condition": outcome.condition,
         "observer_problems": list(outcome.observer_problems),
         **counts.job(devices),

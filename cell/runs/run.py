@@ -49,6 +49,7 @@ from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
+from cell.watching.why_now import WhyNow
 from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
@@ -163,7 +164,7 @@ def _run(
         model = CellModel(product, configuration.bench, motion)
 
         def result() -> Mapping[str, object]:
-            return {**counts.job(devices), "last_failure": str(counts.statistics.cause)}
+            return counts.job(devices)
 
         told, in_step = heading(options, files), options.pace == "fast"
         recorder = McapRecorder(
@@ -174,7 +175,8 @@ def _run(
         lateness = _lateness(files, devices, alarm)
         counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
         words = catalogue(configuration.page.language)
-        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words)
+        why_now = WhyNow(lambda: ticked.tree if isinstance(ticked, WatchedTree) else ticked)
+        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words, why_now)
         jobs = WorkOrders(product.goals, options.work_orders)
         shift = options.brackets is not None
         operator = OperatorChannel(product.goals, options.attended, options.brackets or None, shift, jobs)
@@ -183,7 +185,10 @@ def _run(
         viewers = open_viewers(options, files, recorder, operator.press, devices.clock.now_s, stack, model)
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
-        observers: tuple[Observer, ...] = (recorder, progress, moments, jobs, *counts.observers, *viewers.observers)
+        observers: tuple[Observer, ...] = (
+            *(recorder, why_now, progress, moments, jobs),
+            *(*counts.observers, *viewers.observers),
+        )
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, product))
         ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree

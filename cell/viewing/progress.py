@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from rich.console import Console
 from rich.live import Live
@@ -26,7 +26,11 @@ URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # 
 
 
 class LiveProgress(Observer):
-    """An observer that shows what the person at the bench and the robot do."""
+    """An observer that shows what the person at the bench and the robot do.
+
+    Args:
+        why: the robot does what it does, in one sentence.
+    """
 
     def __init__(
         self,
@@ -34,8 +38,9 @@ class LiveProgress(Observer):
         period_s: float,
         product: Product | None = None,
         words: Catalogue | None = None,
+        why: Callable[[], object] = str,
     ) -> None:
-        self._console, self._words = console, words or catalogue(SOURCE)
+        self._console, self._words, self._why = console, words or catalogue(SOURCE), why
         self._instructor = None if product is None else Instructor(product)
         self._period_s = period_s
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
@@ -97,6 +102,7 @@ class LiveProgress(Observer):
                 for part, at in guidance_rows(self._display.guidance, self._display.any_part).items()
             ),
             ("robot", self._display.message),
+            ("why", str(self._why())),
             ("help", self._display.help_request or ""),
             *(("asks", question_text(question)) for question in self._display.questions),
             ("alarm", self._alarm),

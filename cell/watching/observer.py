@@ -11,6 +11,7 @@ from cell.interfaces.notes import Topic
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import Frame
 from trees.engine.node import StatusChange
+from trees.engine.why import Reason
 
 End = Literal["finished", "failed", "timeout", "interrupted", "fault"]
 Level = Literal["info", "warning", "error"]
@@ -61,6 +62,7 @@ class Outcome:
         detail: more than one line about an error inside the controller, for the log only.
         condition: how arm and gripper were left, in words.
         observer_problems: what observers raised; they do not change how the run ended.
+        why: which node of the tree let it end so, where the tree did, or time was over.
     """
 
     end: End
@@ -72,6 +74,12 @@ class Outcome:
     detail: str = ""
     condition: str = ""
     observer_problems: tuple[str, ...] = ()
+    why: Reason | None = None
+
+    @property
+    def cause(self) -> str:
+        """The same as one sentence, empty where there is none."""
+        return "" if self.why is None else str(self.why)
 
     @property
     def exit_status(self) -> int:

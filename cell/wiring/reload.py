@@ -20,6 +20,7 @@ from trees.engine.literals import fits
 from trees.engine.node import StatusChange
 from trees.engine.status import Status
 from trees.engine.tree import Tree
+from trees.engine.why import Reason
 from trees.nodes.moving import ActivateGripper
 from trees.nodes.skill_node import SkillNode
 
@@ -69,6 +70,10 @@ class WatchedTree:
 
     def halt(self) -> None:
         self.tree.halt()
+
+    def why(self) -> Reason | None:
+        """Why the root of the tree that runs now ended, or goes on."""
+        return self.tree.why()
 
     @property
     def status_changes(self) -> Sequence[StatusChange]:

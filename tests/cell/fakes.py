@@ -26,6 +26,7 @@ from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from trees.engine.node import StatusChange
 from trees.engine.status import Status
+from trees.engine.why import Reason
 from trees.nodes.services import Tick
 
 PARKED = (0.0,) * 6
@@ -159,6 +160,10 @@ class FakeTree:
 
     def halt(self) -> None:
         self.halts += 1
+
+    def why(self) -> Reason | None:
+        """Nobody knows."""
+        return None
 
 
 @dataclass

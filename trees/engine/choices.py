@@ -9,12 +9,13 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, ClassVar, cast
 
-from trees.engine.literals import number_in
+from trees.engine.literals import number_in, shown
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.operators import same_number
 from trees.engine.ports import Input, InputPort
 from trees.engine.status import Results, Status
 from trees.engine.traits import Traits
+from trees.engine.why import Decision, History
 
 _FAILS_OR_SKIPS: Results = frozenset((FAILURE, SKIPPED))
 
@@ -38,6 +39,14 @@ class _Conditional(Control):
     traits = Traits(instant=True, results=_chosen_ends, barrier=_never_chosen)
     children_min = 2
     children_max = 3
+
+    def decision(self, answer: Status, history: History) -> Decision:  # noqa: ARG002 - both of them give every answer
+        """The condition, where it gave the answer itself, or chose a branch that is not there; else both."""
+        condition, *branches = self.children
+        chosen = {SUCCESS: 0, FAILURE: 1}.get(history.answer(condition, self) or IDLE)
+        if chosen is None or chosen >= len(branches):
+            return Decision((condition,), "" if chosen is None else "has no branch for that, and fails")
+        return Decision((condition, branches[chosen]))
 
 
 class IfThenElse(_Conditional):
@@ -120,6 +129,13 @@ class TryCatch(Control):
             return RUNNING if self.children[-1].execute() is RUNNING else FAILURE
         return SKIPPED if self._skipped == len(work) else SUCCESS
 
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The first that failed, whatever cleaned up after it; before that whoever ended last."""
+        failed = [child for child in history.those(self, FAILURE) if child is not self.children[-1]]
+        if answer is RUNNING and failed:
+            return Decision((*failed, self.children[-1]))
+        return Decision(failed[:1]) if failed else super().decision(answer, history)
+
     def on_halt(self) -> None:
         self.reset_children()
         if not self._cleaning and self.catch_on_halt.get():
@@ -139,6 +155,12 @@ class _Switch(Control):
             if child is not chosen and child.status is not IDLE:
                 child.reset_status()
         return chosen.execute()
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The child of the case that was met."""
+        told = super().decision(answer, history)
+        value = self.variable.get_or(None)
+        return told._replace(words=told.words or f"its variable is {'not set' if value is None else shown(value)}")
 
     def _match(self) -> int:
         """The case that equals the variable as a text, as the name of an enum, or as a number."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.status import Results, Status
 from trees.engine.traits import Traits
+from trees.engine.why import Decision, History
 
 
 def _in_order(continue_on: Status) -> Traits:
@@ -37,6 +38,16 @@ class _InOrder(Control):
     """
 
     continue_on = SUCCESS
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """Who ended the round, or all of it where nobody did; before a child that runs, those that let it run."""
+        same = history.those(self, answer)
+        if answer is self.continue_on or answer is SKIPPED or not same:
+            words = "" if same else "goes on with its next child in the next tick"
+            return Decision(same, words)
+        asked = self.continue_on is FAILURE or self.traits.asked_before(1)
+        passed = history.those(self, self.continue_on) if answer is RUNNING and asked else []
+        return Decision([*passed, same[0]])
 
 
 class _Ordered(_InOrder):

@@ -9,10 +9,11 @@ from typing import ClassVar
 
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import EntryPort, InputPort
-from trees.engine.script import Script
+from trees.engine.script import Evaluated, Script
 from trees.engine.script import Script as Code
 from trees.engine.status import ANY, NEVER, NodeError, Results, Status
 from trees.engine.traits import Traits
+from trees.engine.why import ALWAYS, Decision, History
 
 
 def _passing(adds: Results = NEVER) -> Traits:
@@ -53,6 +54,13 @@ class _Mapped(Decorator):
         if status is SUCCESS:
             return self.on_success
         return self.on_failure if status is FAILURE else status
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The child, even where the answer is always the same."""
+        told = super().decision(answer, history)
+        if self.on_success is not self.on_failure or answer is RUNNING:
+            return told
+        return Decision((self.decorated,), f"{ALWAYS[answer]}, whatever is below it", fixed=True)
 
 
 class Inverter(_Mapped):
@@ -112,6 +120,14 @@ class Timeout(Decorator):
         self.feedback_message = ""
         return self.decorated.execute()
 
+    def decision(self, answer: Status, history: History) -> Decision:
+        """Its own words where the time is up, with what it halted."""
+        if answer is not FAILURE or not self.feedback_message:
+            return super().decision(answer, history)
+        halted = [f"{leaf.name} {leaf.feedback_message or 'runs'}" for leaf in history.halted_below(self)]
+        words = self.feedback_message + (f", while {', '.join(halted)}" if halted else "")
+        return Decision((), words, f"if {self.decorated.name} had ended within {self.msec.get()} ms")
+
 
 class Delay(Decorator):
     """Waits before it ticks the child."""
@@ -129,6 +145,11 @@ class Delay(Decorator):
         if now_s < self._start_s:
             return RUNNING
         return self.decorated.execute()
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        if answer is RUNNING and not history.those(self, RUNNING):
+            return Decision((), f"waits {self.delay_msec.get()} ms before {self.decorated.name}")
+        return super().decision(answer, history)
 
 
 class RunOnce(Decorator):
@@ -148,6 +169,11 @@ class RunOnce(Decorator):
             self._result = status
         return status
 
+    def decision(self, answer: Status, history: History) -> Decision:  # noqa: ARG002 - the first end counts for ever
+        """The only round of the child, however long ago."""
+        again = history.of(self).answered != history.of(self.decorated).answered
+        return Decision((self.decorated,), "did so the only time that it was ticked" if again else "")
+
 
 class Precondition(Decorator):
     """Ticks the child only if a script is true; the script is not checked again while the child runs."""
@@ -157,17 +183,26 @@ class Precondition(Decorator):
     else_ = InputPort(Status, "result if it is not", default=FAILURE, name="else")
 
     _begun = False
+    _asked: Evaluated | None = None
 
     def run(self) -> Status:
         self._begun = self._begun or self.if_.get().true()
         if not self._begun:
+            self._asked = self.if_.get().evaluated(False)
             return self.else_.get()
+        self._asked = None
         status = self.decorated.execute()
         self._begun = status is RUNNING or status is SKIPPED
         return status
 
     def on_halt(self) -> None:
         self._begun = False
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The script with the values that it had, where the child was not ticked."""
+        if self._asked is None:
+            return super().decision(answer, history)
+        return Decision((), str(self._asked), self._asked.otherwise)
 
 
 class _Updated(Decorator):
@@ -186,6 +221,12 @@ class _Updated(Decorator):
                 return self.otherwise
             self._seen = self.entry.revision
         return self.decorated.execute()
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        if answer is not self.otherwise or history.those(self, answer):
+            return super().decision(answer, history)
+        name = f"{{{self.entry.entry.name}}}" if self.entry.entry else "its entry"
+        return Decision((), f"{name} was not written since it looked last", f"if {name} were written")
 
 
 class SkipUnlessUpdated(_Updated):
@@ -207,12 +248,13 @@ class ScriptConditions:
     def __init__(self, scripts: Mapping[str, Script], needs_guard: bool = False) -> None:
         self._needs_guard = needs_guard
         before = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
-        self._before = [(scripts[name], status) for name, status in before if name in scripts]
+        self._before = [(name, scripts[name], status) for name, status in before if name in scripts]
         self._while = scripts.get("_while")
         self._asks = bool(self._before) or self._while is not None or needs_guard
         self._success = [scripts[name] for name in ("_onSuccess", "_post") if name in scripts]
         self._failure = [scripts[name] for name in ("_onFailure", "_post") if name in scripts]
         self._halted = scripts.get("_onHalted")
+        self.decided: tuple[str, Evaluated] | None = None
 
     def before(self, node: TreeNode) -> Status | None:
         """All are evaluated while the node is idle, `_while` also while it is RUNNING.
@@ -222,12 +264,15 @@ class ScriptConditions:
         """
         if not self._asks:
             return None
+        self.decided = None
         idle = node.status is IDLE or node.status is SKIPPED
         if idle:
-            for script, status in self._before:
+            for name, script, status in self._before:
                 if script.true():
+                    self.decided = name, script.evaluated(True)
                     return status
         if self._while is not None and (idle or node.status is RUNNING) and not self._while.true():
+            self.decided = "_while", self._while.evaluated(False)
             if node.status is RUNNING:
                 node.halt()
             return SKIPPED

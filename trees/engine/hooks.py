@@ -196,15 +196,17 @@ class _Hooked:
     def __init__(self, node: TreeNode, hooks: Hooks) -> None:
         self._node = node
         self._hooks = hooks
+        self.replaced: Status | None = None  # what it answered in the node's place, when it was ticked last
 
     def __call__(self) -> Status:
-        node, hooks = self._node, self._hooks
+        node, hooks, self.replaced = self._node, self._hooks, None
         held = hooks.held(node)
         if held is None:
             replaced = hooks.at(node, Position.PRE, Status.INVALID)
             if replaced is RUNNING:
                 return RUNNING  # not begun, or begun and not ticked: the node keeps its status
             if replaced is not None:
+                self.replaced = replaced
                 return _answer(node, _among_conditions(node, replaced))
             held = type(node).execute(node)
             if held is RUNNING:
@@ -212,6 +214,7 @@ class _Hooked:
         replaced = hooks.at(node, Position.POST, held)
         if replaced is None or replaced is RUNNING:
             return replaced or held
+        self.replaced = replaced
         return _answer(node, replaced)
 
 

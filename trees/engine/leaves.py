@@ -7,9 +7,11 @@ from typing import Any
 
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Instant, Node
 from trees.engine.ports import EntryPort, InputPort
+from trees.engine.script import Evaluated
 from trees.engine.script import Script as Code
 from trees.engine.status import Status
 from trees.engine.traits import Traits
+from trees.engine.why import ALWAYS, Decision, History
 
 
 class AlwaysSuccess(Instant):
@@ -20,6 +22,9 @@ class AlwaysSuccess(Instant):
     def run(self) -> Status:
         return SUCCESS
 
+    def decision(self, answer: Status, history: History) -> Decision:
+        return super().decision(answer, history)._replace(words=ALWAYS[SUCCESS], fixed=True)
+
 
 class AlwaysFailure(Instant):
     """Fails."""
@@ -28,6 +33,9 @@ class AlwaysFailure(Instant):
 
     def run(self) -> Status:
         return FAILURE
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        return super().decision(answer, history)._replace(words=ALWAYS[FAILURE], fixed=True)
 
 
 class Sleep(Node):
@@ -40,6 +48,10 @@ class Sleep(Node):
 
     def update(self) -> Status:
         return SUCCESS if self.runtime.clock.now_s() >= self._end_s else RUNNING
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        told = super().decision(answer, history)
+        return Decision((), f"waits {self.msec.get()} ms") if answer is RUNNING else told
 
 
 class Script(Instant):
@@ -64,8 +76,18 @@ class ScriptCondition(Script):
 
     code = InputPort(Code, "like n > 3 && ready")
 
+    _asked: Evaluated | None = None
+
     def run(self) -> Status:
-        return SUCCESS if self.script.true() else FAILURE
+        true = self.script.true()
+        self._asked = self.script.evaluated(true)
+        return SUCCESS if true else FAILURE
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The script with the values that it had."""
+        if self.feedback_message or self._asked is None:
+            return super().decision(answer, history)
+        return Decision((), str(self._asked), self._asked.otherwise)
 
 
 class SetBlackboard(Instant):
@@ -102,3 +124,11 @@ class WasEntryUpdated(Instant):
         revision = self.entry.revision
         updated, self._seen = revision != self._seen, revision
         return SUCCESS if updated else FAILURE
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        if self.feedback_message or self.entry.entry is None:
+            return super().decision(answer, history)
+        name = f"{{{self.entry.entry.name}}}"
+        was = "was" if answer is SUCCESS else "was not"
+        otherwise = f"if {name} were {'not ' if answer is SUCCESS else ''}written"
+        return Decision((), f"{name} {was} written since it was asked last", otherwise)

@@ -10,6 +10,7 @@ from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import ANY, Results, Status
 from trees.engine.traits import Traits
+from trees.engine.why import VERBS, Decision, History
 
 
 def _rounds(port: str, continue_on: Status) -> Traits:
@@ -55,6 +56,15 @@ class _Rounds(Decorator):
     def limit(self) -> int:
         """Number of rounds, -1 for no limit."""
         raise NotImplementedError
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The child of the last round; the node itself between two rounds, and where there are none."""
+        same = history.those(self, answer)
+        if same:
+            return Decision(same, f"{self._round} of {self.limit()} rounds" if answer is self.continue_on else "")
+        if answer is RUNNING:
+            return Decision((), f"begins round {self._round + 1} of {self.decorated.name} in the next tick")
+        return Decision((), f"has {self.limit()} rounds: {self.decorated.name} is never ticked", "if it had one")
 
 
 class Repeat(_Rounds):
@@ -106,6 +116,14 @@ class _Loop(Decorator):
         if not self._child_runs:
             self.decorated.reset_status()
         return FAILURE if status is FAILURE else RUNNING
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The child of the last round, unless there was nothing left to go through."""
+        if history.those(self, answer):
+            return super().decision(answer, history)
+        if answer is RUNNING:
+            return Decision((), f"begins {self.decorated.name} with the next item in the next tick")
+        return Decision((), f"the queue is empty, so it {VERBS[answer]}", "if the queue held an item")
 
     def _items(self) -> list[Any]:
         """What is left of a queue that the file spells out, else what the entry holds."""

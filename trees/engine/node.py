@@ -26,9 +26,11 @@ from trees.engine.status import SUCCESS as SUCCESS
 from trees.engine.status import NodeError as NodeError  # node modules import it from here
 from trees.engine.status import Status
 from trees.engine.traits import Traits, refuse_former, refuse_own
+from trees.engine.why import VERBS, Decision, History
 
 if TYPE_CHECKING:
     from trees.engine.outside import LoggedAnswers
+    from trees.engine.script import Evaluated
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Runtime:
         agreed: number of the last tick in which a guard agreed.
         journal: takes notes for the log.
         answers: of a log, for who would ask beyond the cell; None where it is to ask.
+        history: what the nodes answered.
     """
 
     clock: Clock = field(default_factory=ManualClock)
@@ -68,10 +71,17 @@ class Runtime:
     agreed: int = -1
     journal: Journal | None = None
     answers: LoggedAnswers | None = None
+    history: History = field(default_factory=History)
 
 
 class Conditions(Protocol):
-    """Pre- and post-conditions of one node, written in the tree file."""
+    """Pre- and post-conditions of one node, written in the tree file.
+
+    Attributes:
+        decided: the one that replaced the node's last tick, by its name in the file; None where none did.
+    """
+
+    decided: tuple[str, Evaluated] | None
 
     def before(self, node: TreeNode) -> Status | None:
         """A status that replaces the tick, or None."""
@@ -111,6 +121,7 @@ class TreeNode:
         abstract: said by a class that is only a base of others, and no node of its own; not inherited.
         status: how it stands between two ticks.
         feedback_message: what it says about itself, to people.
+        what_if: what would have let it answer otherwise, to people: "if p4 were seen empty".
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -128,6 +139,8 @@ class TreeNode:
     conditions: Conditions | None = None
     status = IDLE
     feedback_message = ""
+    what_if = ""
+    _error = ""
 
     def __init__(self, name: str = "", children: Sequence[TreeNode] | TreeNode = (), **attributes: object) -> None:
         self.name = name or self.tag or type(self).__name__
@@ -165,6 +178,22 @@ class TreeNode:
 
     def on_halt(self) -> None:
         """What a halt does, without conditions, before what runs below is halted."""
+
+    def decision(self, answer: Status, history: History) -> Decision:  # noqa: ARG002 - of a node without children
+        """What made it answer so in the last tick; asked only where somebody wants to know why.
+
+        Args:
+            history: what the nodes of the tree answered.
+        """
+        if self.feedback_message:
+            return Decision((), self.feedback_message, self.what_if)
+        silent = f" without a word: {_first_line(type(self))}" if answer is FAILURE else ""
+        return Decision((), f"{VERBS[answer]}{silent}", self.what_if)
+
+    @property
+    def raised(self) -> bool:
+        """Whether an error ended it, or what stands in the file beside it, and no child."""
+        return bool(self._error) and self._error is self.feedback_message
 
     @final
     def halt(self) -> None:
@@ -243,6 +272,14 @@ class TreeNode:
 _ENGINES_OWN = ("attach", "execute", "halt", "reset_status", "reset_children", "set_status")
 
 
+_AS = {SUCCESS: "a success", FAILURE: "a failure", RUNNING: "go on", SKIPPED: "a skip", IDLE: "a halt"}
+
+
+def _first_line(kind: type) -> str:
+    """What a class says of itself, as the end of a sentence."""
+    return next(iter((kind.__doc__ or kind.__name__).splitlines())).strip().removesuffix(".")
+
+
 def _made_at(frame: Any, attributes: Mapping[str, object]) -> Made:
     """The line outside of the constructors that made a node."""
     while frame.f_code.co_name == "__init__" and frame.f_back is not None:
@@ -262,7 +299,7 @@ class Instant(TreeNode):
         try:
             status = self.run() if self.conditions is None else self._run_with(self.conditions)
         except NodeError as error:
-            self.feedback_message = str(error)
+            self.feedback_message = self._error = str(error)
             status = FAILURE
         old = self.status
         if status is not old:  # as `set_status`, whose call every node of every tick would pay for
@@ -333,6 +370,7 @@ class Node(TreeNode):
         try:
             if self.status is not RUNNING:
                 self.feedback_message = told = ""
+                vars(self).pop("what_if", None)
                 self.initialise()
             status = self.update()
         except BaseException as error:
@@ -419,8 +457,18 @@ class Branch(TreeNode):
         if self.status is RUNNING:
             self._guarded(self.on_halt)
         self.reset_children()
-        self.feedback_message = str(error)
+        self.feedback_message = self._error = str(error)
         return FAILURE
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The child that answered the same, last of all; else its own words, or what its last child answered."""
+        children = sorted(history.those(self, *VERBS), key=lambda child: history.of(child).answered)
+        same = [child for child in children if history.answer(child, self) is answer]
+        if same:
+            return Decision(same[-1:])
+        if self.feedback_message or not children:
+            return super().decision(answer, history)
+        return Decision(children[-1:], f"makes that {_AS[answer]}")
 
 
 class Control(Branch):

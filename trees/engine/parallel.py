@@ -6,6 +6,7 @@ from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeN
 from trees.engine.ports import InputPort
 from trees.engine.status import ANY, NEVER, NodeError, Status
 from trees.engine.traits import Traits
+from trees.engine.why import VERBS, Decision, History
 
 
 class _AtOnce(Control):
@@ -21,6 +22,21 @@ class _AtOnce(Control):
         self._finished = set()
         self._succeeded = self._failed = 0
         self.set_status(RUNNING)
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """Those that ended so, in the order of time; of those that run, whoever commands a device counts most."""
+        same = history.those(self, answer)
+        if answer is RUNNING:
+            return Decision(sorted(same, key=_commands))
+        same.sort(key=lambda child: history.of(child).answered)
+        words = f"{len(same)} of {len(self.children)} {VERBS[answer]}"
+        if not same:
+            return Decision((), f"{words}: {self.limits()}", "if its counts were other ones")
+        return Decision(same, f"{words}: {self.limits()}")
+
+    def limits(self) -> str:
+        """How many of its children may do what."""
+        raise NotImplementedError
 
 
 class Parallel(_AtOnce):
@@ -56,6 +72,10 @@ class Parallel(_AtOnce):
             if count - self._failed < needed or self._failed == fatal:
                 return FAILURE
         return SKIPPED if skipped == count else RUNNING
+
+    def limits(self) -> str:
+        _, needed, fatal = self._fixed or self._thresholds()
+        return f"{needed} must succeed, {fatal} may not fail"
 
     def _thresholds(self) -> tuple[int, int, int]:
         """`success_count` as asked for, and both thresholds; worked out once where the file spells both out."""
@@ -96,6 +116,14 @@ class ParallelAll(_AtOnce):
         if skipped + len(self._finished) < count:
             return RUNNING
         return FAILURE if self._failed >= fatal else SUCCESS
+
+    def limits(self) -> str:
+        return f"{_threshold(self.max_failures.get(), len(self.children))} may not fail"
+
+
+def _commands(node: TreeNode) -> bool:
+    """Whether it, or a node below it, commands a device."""
+    return bool(node.traits.claims) or any(map(_commands, node.children))
 
 
 def _threshold(asked: int, count: int) -> int:

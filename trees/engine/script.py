@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from textwrap import shorten
 from typing import Any, NamedTuple
 
@@ -74,6 +75,27 @@ class EntryUse(NamedTuple):
     text: str | None = None
 
 
+class Evaluated(NamedTuple):
+    """A script that was asked whether it is true, with the values that it read then."""
+
+    script: Script
+    true: bool
+    values: tuple[Any, ...]
+
+    def __str__(self) -> str:
+        names = [entry.name for entry in self.script.reads]
+        held = [
+            f"{name} = {'nothing' if value is UNSET else shown(value)}"
+            for name, value in zip(names, self.values, strict=True)
+        ]
+        return f"'{self.script.source}' is {str(self.true).lower()}" + (f", {', '.join(held)}" if held else "")
+
+    @property
+    def otherwise(self) -> str:
+        """What would have changed it; empty for a script that reads nothing."""
+        return f"if '{self.script.source}' were {str(not self.true).lower()}" if self.values else ""
+
+
 class Script:
     """A script, ready to run.
 
@@ -109,6 +131,15 @@ class Script:
         except Exception as error:  # as above
             raise _told(error) from error
         return value if value is True or value is False else truth(value)
+
+    @cached_property
+    def reads(self) -> tuple[Entry, ...]:
+        """Entries that it reads, each once."""
+        return tuple(dict.fromkeys(use.entry for use in self.uses if use.sign not in (":=", "=")))
+
+    def evaluated(self, true: bool) -> Evaluated:
+        """What it was asked with, kept for who asks why."""
+        return Evaluated(self, true, tuple([entry.value for entry in self.reads]))
 
     def _compiled(self) -> Any:
         """Become a function of Python's own, and run: only now, as most scripts of a checked file never do."""

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from cell.errors import Place
 from cell.interfaces.clock import Clock
 from cell.interfaces.notes import Journal
 from trees.engine.blackboard import Scope
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
 from trees.engine.outside import LoggedAnswers
 from trees.engine.status import Status
+from trees.engine.why import Reason, explain
 
 CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
 
 
 class Origin(NamedTuple):
-    """What a node was made of: its tag and its attributes as the file writes them."""
+    """What a node was made of: its tag and its attributes as the file writes them, and where they stand."""
 
     tag: str
     attributes: Mapping[str, str]
+    place: Place | None = None
+    places: Mapping[str, Place] = {}
 
 
 @runtime_checkable
@@ -99,12 +105,14 @@ class Tree:
 
         An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
         """
-        self._runtime.changes.clear()
-        self._runtime.ticks += 1
+        runtime = self._runtime
+        runtime.changes.clear()
+        runtime.ticks += 1
         try:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:
                 self.root.set_status(IDLE)
+            runtime.history.follow(runtime.changes, runtime.ticks)
         except BaseException:  # a second Ctrl-C in mid-tick, too: nothing may stay RUNNING; it is raised again
             self._halt_all()
             raise
@@ -121,6 +129,28 @@ class Tree:
         errors = self._halt_all()
         if errors:
             raise ExceptionGroup("nodes failed to terminate", errors)
+
+    def why(self) -> Reason | None:
+        """Why the root ended in the last tick, or why it goes on; None before the first one."""
+        root, history = self.root, self._runtime.history
+        answer = root.status if root.status is not IDLE else history.of(root).answer
+        return None if answer is None else explain(root, answer, history, self.place_of)
+
+    def place_of(self, node: TreeNode, attribute: str = "") -> tuple[str, int]:
+        """File, named from the folder that holds all files of the tree, and line of a node or one of its attributes."""
+        origin = self.origins[node.uid - 1] if node.uid <= len(self.origins) else None
+        place = None if origin is None else origin.places.get(attribute, origin.place)
+        return ("", 0) if place is None else (self.short_name(place.file), place.line or 0)
+
+    def short_name(self, file: Path) -> str:
+        """A file of the tree, as its log names it: from the folder that holds all of them."""
+        folder = self.folder
+        return file.resolve().relative_to(folder).as_posix() if file.resolve().is_relative_to(folder) else file.name
+
+    @cached_property
+    def folder(self) -> Path:
+        """The folder that holds all files of the tree."""
+        return Path(os.path.commonpath([path.resolve().parent for path in self.texts]))
 
     @property
     def xml(self) -> str:

@@ -64,7 +64,8 @@ class GiveWay(SkillNode):
                 return Status.SUCCESS
         if seen.time_s - self._out_s > self.wait_s.get() or self._left(seen):
             return Status.SUCCESS
-        self.feedback_message = "waits until the hand has left"
+        self.feedback_message = Message("waits until the hand has left")
+        self.what_if = "if the hand were seen away from there"
         self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return Status.RUNNING
 

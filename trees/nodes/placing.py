@@ -90,6 +90,7 @@ class VerifyPlacement(CellNode):
             return Status.SUCCESS
         seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
         self.feedback_message = Message("sees {seen} at {position}", seen=seen, position=position)
+        self.what_if = f"if {part} were seen upright at {position}"
         late = self.now.observation.time_s - self._begun_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 

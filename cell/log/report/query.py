@@ -18,6 +18,15 @@ from cell.recording.schemas import plain
 FOREVER = float("inf")
 
 
+def why_of(log: Log | LogStream) -> dict[str, Any] | None:
+    """Why the tree of a log failed, or did not end in time, by the keys of `Reason.plain`; of a stream that was read.
+
+    None where it ended otherwise, and in logs that do not say.
+    """
+    told: dict[str, Any] | None = orjson.loads(log.outcome.get("why", "null"))
+    return told
+
+
 @dataclass(frozen=True)
 class Query:
     """Which entries of a log are wanted; what is None is not asked.
@@ -63,7 +72,7 @@ def info(log: Log | LogStream) -> dict[str, Any]:
         "tick_wall_max_ms": round(1e3 * wall_s[-1], 3) if wall_s else None,
         "unfinished": log.unfinished,
         "inputs_altered": log.altered,
-        "outcome": dict(log.outcome),
+        "outcome": {**log.outcome, **({"why": why} if (why := why_of(log)) else {})},
         "result": {name: orjson.loads(value) for name, value in log.result.items()},
         "metadata": dict(log.metadata),
         "attachments": {name: len(content) for name, content in log.attachments.items()},
@@ -74,20 +83,32 @@ def info(log: Log | LogStream) -> dict[str, Any]:
 def ticks(
     log: Log | LogStream, from_s: float = 0.0, until_s: float = FOREVER, all_ticks: bool = False
 ) -> Iterator[dict[str, Any]]:
-    """Ticks with what happened in them; those in which nothing was decided only where all are asked for."""
+    """Ticks with what happened in them; those in which nothing was decided only where all are asked for.
+
+    The one in which the tree failed says why, which is known once all of the log was read.
+    """
+    late: list[dict[str, Any]] = []
     for tick in (tick for piece in log for tick in piece.ticks):
         told = tick.notes or tick.command or tick.display or tick.status != "RUNNING"
-        if from_s <= tick.time_s <= until_s and (told or all_ticks):
-            yield {
-                "tick": tick.number,
-                "time_s": tick.time_s,
-                "status": tick.status,
-                "changes": plain(tick.changes),
-                "notes": [{"topic": topic, **fields} for topic, fields in tick.notes],
-                "command": tick.command,
-                "display": tick.display,
-                "wall_s": tick.wall_s,
-            }
+        if not (from_s <= tick.time_s <= until_s and (told or all_ticks)):
+            continue
+        shown = {
+            "tick": tick.number,
+            "time_s": tick.time_s,
+            "status": tick.status,
+            "changes": plain(tick.changes),
+            "notes": [{"topic": topic, **fields} for topic, fields in tick.notes],
+            "command": tick.command,
+            "display": tick.display,
+            "wall_s": tick.wall_s,
+        }
+        if tick.status == "FAILURE" or late:
+            late.append(shown)
+        else:
+            yield shown
+    if late and (why := why_of(log)):
+        late[0]["why"] = why
+    yield from late
 
 
 def query(log: Log | LogStream, asked: Query) -> Iterator[dict[str, Any]]:

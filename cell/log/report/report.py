@@ -13,6 +13,7 @@ from cell.log.read.reader import Log, LogStream
 from cell.log.read.ticks import LoggedTick
 from cell.log.report.html_page import rendered, write_page
 from cell.log.report.key_frames import key_frames
+from cell.log.report.query import why_of
 from cell.log.report.shift import shift_from, shift_of
 from cell.log.report.summary import (
     Belief,
@@ -27,6 +28,7 @@ from cell.log.report.summary import (
     tick_period_s,
     verdicts,
     waits,
+    with_cause,
 )
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -76,11 +78,12 @@ def report_html(log: Log) -> str:
     if not log.ticks:
         raise LogError(log.path, "holds no tick that could be reported")
     axis = Axis(log.ticks[0].time_s, log.ticks[-1].time_s)
-    rows, placed, goals, said = node_rows(log), placements(log), beliefs(log), lines(log)
+    rows, placed, goals, said = with_cause(node_rows(log), log, why_of(log)), placements(log), beliefs(log), lines(log)
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
     return rendered(
         TEMPLATE,
         log=log,
+        why=why_of(log),
         parts=[],
         shift=shift_of(log),
         axis=axis,
@@ -174,6 +177,7 @@ def write_overview(stream: LogStream, path: Path) -> int:
     page = rendered(
         TEMPLATE,
         log=stream,
+        why=why_of(stream),
         parts=_spans(stream.parts),
         shift=shift,
         axis=Axis(told.first_s, told.last_s),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from cell.errors import InputError, LogError
 from cell.log.read.frames import LINE, decoded
@@ -34,11 +35,12 @@ class NodeRun:
 
 @dataclass(frozen=True)
 class NodeRow:
-    """All runs of one node."""
+    """All runs of one node; `decided` where it let the whole tree fail, or not end in time."""
 
     uid: int
     path: str
     runs: tuple[NodeRun, ...]
+    decided: bool = False
 
     @property
     def name(self) -> str:
@@ -156,6 +158,18 @@ def node_rows(log: Log) -> list[NodeRow]:
         for uid, runs in sorted(raw.items())
         if leaves is None or uid in leaves
     ]
+
+
+def with_cause(rows: list[NodeRow], log: Log, why: Mapping[str, Any] | None) -> list[NodeRow]:
+    """The node that let the tree fail is marked, and has a row, however short it was."""
+    if why is None or not log.ticks:
+        return rows
+    failed = next((tick for tick in reversed(log.ticks) if tick.status == "FAILURE"), log.ticks[-1])
+    mark = NodeRun(failed.time_s, failed.time_s, "decided", why["words"])
+    known = {row.uid: row for row in rows}
+    row = known.get(why["uid"], NodeRow(why["uid"], why["path"], ()))
+    known[row.uid] = replace(row, runs=(*row.runs, mark), decided=True)
+    return [known[uid] for uid in sorted(known)]
 
 
 def beliefs(log: Log) -> list[Belief]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from cell.log.replay.compare import Difference
 from trees.engine.node import StatusChange
+from trees.engine.why import Step
 
 LONGEST_LIST = 8
 LONGEST_TEXT = 160
@@ -94,6 +95,26 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
 }
 
 
+def why_text(why: Mapping[str, Any]) -> str:
+    """Why a tree ended so or goes on, and what would have changed it."""
+    return f"{why['text']}; otherwise {why['otherwise']}" if why["otherwise"] else str(why["text"])
+
+
+def why_lines(why: Mapping[str, Any]) -> Iterator[str]:
+    """The answer of `cell log why`: the sentence, what would have changed it, and the way there from the root."""
+    yield f"{why['time_s']:.2f} s, tick {why['tick']}, {why['status']}: {why['text']}"
+    if why["otherwise"]:
+        yield f"  otherwise {why['otherwise']}"
+    if why["guard"]["decision"]:
+        yield f"  {note_text('verdict', why['guard'])}"
+    if (tree := why["tree"]) is None:
+        return
+    yield "the way from the root:"
+    yield from (f"{'  ' * depth}{Step(**step)}" for depth, step in enumerate(tree["steps"], start=1))
+    for beside in tree["beside"]:
+        yield f"beside it: {Step(**beside['steps'][-1])}"
+
+
 def command_text(command: Mapping[str, Any]) -> str:
     """What was asked of arm, gripper and wrist camera."""
     told = [word for name, word in COMMANDS.items() if command.get(name)]
@@ -116,6 +137,7 @@ def tick_lines(tick: Mapping[str, Any]) -> Iterator[str]:
     shown = [note_text(note["topic"], {k: v for k, v in note.items() if k != "topic"}) for note in tick["notes"]]
     shown += [command_text(tick["command"])] if tick["command"] else []
     shown += [display_text(tick["display"])] if tick["display"] else []
+    shown += [f"why        {why_text(tick['why'])}"] if tick.get("why") else []
     yield from (f"  {line}" for line in shown)
 
 
@@ -156,6 +178,8 @@ def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     parts = f" in {len(info['parts'])} parts" if info["parts"] else ""
     yield f"{info['log']}: {_size(info['bytes'])}{parts}"
     yield f"  end       {outcome.get('end', 'not known')}: {outcome.get('reason', info['unfinished'])}"
+    if why := outcome.get("why"):
+        yield f"  why       {why_text(why)}"
     if info["unfinished"]:
         yield f"  MISSING   {info['unfinished']}"
     yield f"  ticks     {info['ticks']} in {info['duration_s']:.2f} s"

@@ -18,6 +18,7 @@ from cell.recording.schemas import plain
 from cell.viewing.instruction import Hole, Instructor
 from cell.viewing.page.scene import marks_of, pose_of
 from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.why_now import WhyNow
 from trees.engine.tree import Tree
 
 HISTORY_N = 400  # changes of the belief that a newcomer sees
@@ -47,12 +48,14 @@ class PageState:
         self._brackets: deque[dict[str, object]] = deque(maxlen=BRACKETS_N)
         self._statuses: dict[int, tuple[str, Any]] = {}
         self._ended = ""
+        self._why_now = WhyNow(lambda: self._tree)
         self.watch(tree)
 
     def watch(self, tree: Tree) -> None:
         """Show this tree from now on."""
         self._statuses = {}
         self.instructor.watch()
+        self._tree = tree
         depth: dict[int, int] = {}
         for node in tree.nodes:
             depth |= {id(child): depth.get(id(node), 0) + 1 for child in node.children}
@@ -86,6 +89,7 @@ class PageState:
         """One more tick."""
         seen, now_s = record.observation, record.observation.time_s
         self.instructor.take(record)
+        self._why_now.tick(record)
         for change in record.changes:
             self._statuses[change.uid] = (change.new.name, data_of(change.feedback))
         for topic, fields in record.notes:
@@ -130,6 +134,7 @@ class PageState:
             "share": round(seen.share, 2),
             "instruction": {**asdict(told), "words": data_of(told.words)},
             "alarms": alarms,
+            "why": self._why_now().plain(),
             "held": judged is not None and judged.action.name in ("HOLD", "STOP"),
             "asks": self.instructor.asks,
             "questions": [_question(one) for one in self._display.questions],

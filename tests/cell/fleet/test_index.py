@@ -17,13 +17,16 @@ from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
 from cell.watching.observer import Outcome
 from tests.processes import finished
+from trees.engine.why import Reason, Step
 
 
 def failed(path: Path, seed: int, failure: str) -> None:
     """A log of a tree that failed."""
     heading = Heading({"run_id": f"id{seed}", "seed": str(seed), "goal": "random", "started_utc": f"2026-11-0{seed}"})
-    recorder = McapRecorder(path, LogSettings(), heading, result=lambda: {"last_failure": failure, "correct": False})
-    recorder.close(Outcome("failed", "the tree failed", 1, 0, 12.5, 0.5))
+    recorder = McapRecorder(path, LogSettings(), heading, result=lambda: {"correct": False})
+    node, _, words = failure.partition(": ")
+    why = Reason((Step(f"M/{node}", 1, node, node, "m.xml", 3, "FAILURE", words),))
+    recorder.close(Outcome("failed", "the tree failed", 1, 0, 12.5, 0.5, why=why))
 
 
 def test_a_row_says_who_when_and_what_came_of_it(commission_log: Log) -> None:
@@ -122,10 +125,10 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
 def test_a_list_that_no_terminal_shows_is_a_line_a_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Rows were broken after 80 letters, and "[g1]" in a text was taken for a style."""
     failed(tmp_path / "1.mcap", 1, f"PickPart: no [g1] here [/b] {'x' * 200}")
-    assert main(["log", "list", str(tmp_path), "--sql", "select last_failure, null, 7 as n from runs"]) == 0
+    assert main(["log", "list", str(tmp_path), "--sql", "select cause, null, 7 as n from runs"]) == 0
     head, line = capsys.readouterr().out.splitlines()
-    assert head.split("\t")[::2] == ["last_failure", "n"]
-    assert line.split("\t") == [f"PickPart: no [g1] here [/b] {'x' * 200}", "", "7"]
+    assert head.split("\t")[::2] == ["cause", "n"]
+    assert line.split("\t") == [f"PickPart (m.xml:3): no [g1] here [/b] {'x' * 200}", "", "7"]
 
 
 def test_statistics_are_told_in_json_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

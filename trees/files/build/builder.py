@@ -109,7 +109,8 @@ class Builder:
         self.nodes.append(None)  # type: ignore[arg-type]  # the uid is taken before those of the children
         tag = node_tag(element)
         values = {key: attribute.value for key, attribute in element.attributes.items()}
-        self.origins.append(Origin(tag, values))
+        places = {key: attribute.place for key, attribute in element.attributes.items()}
+        self.origins.append(Origin(tag, values, element.place, places))
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
         path = f"{scope.name}/{name}" if scope.name else name

@@ -30,6 +30,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "panel": ("simulated", "none"),
     "signals": ("can",),
 }  # of the project, by role
+_OURS = sorted({kind for kinds in KINDS.values() for kind in kinds})
 
 
 class SimulatedDevice(Model):
@@ -63,7 +64,7 @@ class OwnDevice(Model):
     model_config = ConfigDict(extra="allow")
     kind: str = Field(
         pattern=r"^[\w.-]+(:\w+)?$",
-        json_schema_extra={"not": {"enum": sorted({kind for kinds in KINDS.values() for kind in kinds})}},
+        json_schema_extra={"not": {"enum": _OURS}},
     )
     _folder: Path = PrivateAttr(Path())
 

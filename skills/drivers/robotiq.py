@@ -9,6 +9,7 @@ import logging
 import re
 import socket
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
@@ -16,6 +17,7 @@ from typing import Protocol
 
 from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusException, ModbusIOException
+from pymodbus.pdu import ModbusPDU
 
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
@@ -28,6 +30,7 @@ STROKE_M = 0.085
 SPEEDS_M_S, FORCES_N = (0.020, 0.150), (20.0, 235.0)  # of registers 0 and 255; newtons are the data sheet's
 PERIOD_S = 0.02  # between exchanges; the gripper takes 200 a second at most
 ANSWER_S = 0.05  # in which an answer comes, or is lost
+KEEP_ALIVE_S = 0.2  # the gripper faults after 1 s without a command
 RETRY_S = 0.1  # after which a wire is opened again
 END_COUNTS = 2  # so near their end, fingers that say that they met something have met each other
 COMMAND_REGISTER, STATUS_REGISTER, REGISTERS = 0x03E8, 0x07D0, 3
@@ -107,8 +110,12 @@ REQUESTS = {
 class Wire(Protocol):
     """A way to the registers."""
 
-    def exchange(self, command: bytes | None) -> bytes:
-        """Write the six command bytes, or none, and read the six status bytes; raises one of WIRE_ERRORS."""
+    def read(self) -> bytes:
+        """The six status bytes; raises one of WIRE_ERRORS."""
+        ...
+
+    def write(self, command: bytes) -> None:
+        """Set the six command bytes; raises one of WIRE_ERRORS."""
         ...
 
     def close(self) -> None:
@@ -141,6 +148,8 @@ class RegisterGripper:
         self._status: Status | None = None
         self._status_s = self._opened_s = self._connected_s = clock.now_s()
         self._trouble = "no answer yet"
+        self._written: Request | None = None
+        self._written_s = 0.0  # of the wall, as the gripper counts
         self._wire: Wire | None = None
         self._closed, self._wake = threading.Event(), threading.Event()
         try:
@@ -232,18 +241,20 @@ class RegisterGripper:
         self._let_go()
 
     def _exchange(self) -> None:
-        """One exchange: the thread alone calls it."""
+        """Read, then write, which would activate a gripper anew that has just restarted: the thread alone does so."""
         if self._wire is None:
             self._wire = self._open_wire()
-        with self._lock:
-            command = self._request.data if self._commanded else None
-        status = Status.of(self._wire.exchange(command))
+        status = Status.of(self._wire.read())
         with self._lock:
             now_s = self._clock.now_s()
             if now_s - self._status_s > ADOPTION_S:
                 self._connected_s = now_s
             self._take(status)
             self._status, self._status_s, self._trouble, self.exchanges = status, now_s, "", self.exchanges + 1
+            request, commanded = self._request, self._commanded
+        if commanded and (request != self._written or time.monotonic() - self._written_s >= KEEP_ALIVE_S):
+            self._wire.write(request.data)
+            self._written, self._written_s = request, time.monotonic()
 
     def _take(self, status: Status) -> None:
         """Adopt an active gripper, notice one that restarted, go on with an activation."""
@@ -253,7 +264,7 @@ class RegisterGripper:
         elif self._steps:
             self._activate(status)
         elif before is not None and before.active and not status.active and self._request.activate:
-            self._request, self._commanded = Request(), False
+            self._request, self._commanded, self._written = Request(), False, None
 
     def _activate(self, status: Status) -> None:
         """Go on to the next step of an activation when one is done."""
@@ -297,22 +308,27 @@ class ModbusWire:
         if not self._client.connect():
             raise ConnectionError(f"{port} cannot be opened")
 
-    def exchange(self, command: bytes | None) -> bytes:
+    def read(self) -> bytes:
         """As in `Wire`; a lost or damaged answer is a TimeoutError."""
+        ask = self._client.read_holding_registers
+        registers = self._answered(lambda: ask(STATUS_REGISTER, count=REGISTERS, device_id=self._node_id)).registers
+        if len(registers) != REGISTERS:
+            raise TimeoutError(f"{len(registers)} registers in place of {REGISTERS}")
+        return b"".join(one.to_bytes(2, "big") for one in registers)
+
+    def write(self, command: bytes) -> None:
+        """As in `Wire`, likewise."""
+        values = [command[at] << 8 | command[at + 1] for at in range(0, len(command), 2)]
+        self._answered(lambda: self._client.write_registers(COMMAND_REGISTER, values, device_id=self._node_id))
+
+    def _answered(self, ask: Callable[[], ModbusPDU]) -> ModbusPDU:
         try:
-            if command is None:
-                answer = self._client.read_holding_registers(STATUS_REGISTER, count=REGISTERS, device_id=self._node_id)
-            else:
-                values = [command[at] << 8 | command[at + 1] for at in range(0, len(command), 2)]
-                answer = self._client.readwrite_registers(
-                    read_address=STATUS_REGISTER, read_count=REGISTERS,
-                    write_address=COMMAND_REGISTER, values=values, device_id=self._node_id,
-                )  # fmt: skip
+            answer = ask()
         except ModbusIOException as error:
             raise TimeoutError("no answer, or a damaged one") from error
-        if answer.isError() or len(answer.registers) != REGISTERS:
-            raise TimeoutError(f"another answer than its registers: {answer}")
-        return b"".join(one.to_bytes(2, "big") for one in answer.registers)
+        if answer.isError():
+            raise TimeoutError(f"an error in place of an answer: {answer}")
+        return answer
 
     def close(self) -> None:
         """Let go of the port."""
@@ -335,15 +351,17 @@ class UrcapWire:
         self._socket = socket.create_connection((host, port), timeout=1.0)
         self._socket.settimeout(5 * ANSWER_S)
 
-    def exchange(self, command: bytes | None) -> bytes:
-        """As in `Wire`; GTO goes with every position, which the pendant may have taken away."""
-        if command is not None:
-            first, _, _, position, speed, force = command
-            words = f"ACT {first & 1} GTO {first >> 3 & 1} POS {position} SPE {speed} FOR {force}"
-            self._ask(f"SET {words}", rb"ack")
+    def read(self) -> bytes:
+        """As in `Wire`."""
         told = {name: self._get(name) for name in ("ACT", "GTO", "STA", "OBJ", "FLT", "PRE", "POS", "COU")}
         first = told["ACT"] | told["GTO"] << 3 | told["STA"] << 4 | told["OBJ"] << 6
         return bytes((first, 0, told["FLT"], told["PRE"], told["POS"], told["COU"]))
+
+    def write(self, command: bytes) -> None:
+        """As in `Wire`; GTO goes with every position, which the pendant may have taken away."""
+        first, _, _, position, speed, force = command
+        words = f"ACT {first & 1} GTO {first >> 3 & 1} POS {position} SPE {speed} FOR {force}"
+        self._ask(f"SET {words}", rb"ack")
 
     def close(self) -> None:
         """Let go of the socket."""

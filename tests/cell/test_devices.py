@@ -167,7 +167,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
         ({"kind": "lab:Greedy", "host": "a"}, "the driver asks for port; there is: settings, clock, bench"),
         ({"kind": "lab:Odd"}, "lab:Odd.Settings is not a pydantic model"),
         ({"kind": "can"}, "no kind 'can' of arm; legal: simulated, recorded, or MODULE:CLASS"),
-        ({"kind": "recorded"}, "no kind 'recorded' of arm"),
+        ({"kind": "recorded"}, "key 'log' is missing"),
     ],
 )
 def test_what_is_wrong_with_a_driver_is_told(home: Path, device: dict[str, Any], words: str) -> None:

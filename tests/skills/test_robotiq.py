@@ -170,6 +170,7 @@ def test_one_that_lost_its_power_is_left_alone(rig: Rig, holding: bool) -> None:
     rig.gripper.command(GripperCommand(0.0))
     assert rig.bench.settle().holding is holding
     rig.registers.power(False)
+    rig.clock.sleep_until(rig.clock.now_s() + 0.04)
     rig.registers.power(True)
     assert not rig.anew().activated
     assert not rig.fingers.requests[-1]["rACT"]

@@ -224,7 +224,10 @@ def drive(
         else:
             executors = lock_step(*detectors, devices)
         supervisor = supervised(files.faults, motion)
-        own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
+        own_body, watchdog = (
+            RobotPoseHistory(motion.separation.outline, motion.kinematics.forward),
+            watchdog or Watchdog(),
+        )
         watchdog.limit_s = TICK_S if pace == "real" else None
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog

@@ -26,13 +26,13 @@ class PacedPath:
         self.rate = 1.0
         self.stand(at_rad)
 
-    def follow(self, trajectory: JointTrajectory, rate: float) -> None:
-        """Begin at once, at this share of its speed."""
+    def follow(self, trajectory: JointTrajectory, rate: float, from_s: float = 0.0) -> None:
+        """Begin at once, at this share of its speed; where it was interrupted, from rest."""
         count = int(np.ceil(trajectory.duration_s / self._period_s - 1e-9))
         times = np.arange(count + 1) * self._period_s
         columns = [np.interp(times, trajectory.times_s, column) for column in trajectory.positions_rad.T]
-        self._reference, self._progress = np.column_stack(columns), 0.0
-        self.stopping, self.following, self.rate = False, True, rate
+        self._reference, self._progress = np.column_stack(columns), min(from_s / self._period_s, float(count))
+        self.stopping, self.following, self.rate = False, True, rate if from_s == 0 else 0.0
 
     def stop(self) -> None:
         """Slow down along the path, and give up what is left of it."""

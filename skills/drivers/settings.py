@@ -51,3 +51,27 @@ class CanSettings(Model):
     heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
     start_up_s: float = Field(default=1.0, gt=0, le=60)
     database: Path | None = None
+
+
+class UrSettings(Model):
+    """An arm of Universal Robots (CB3 or e-series), by RTDE and dashboard.
+
+    Attributes:
+        kind: this driver.
+        host: address of the controller.
+        payload_kg: what hangs on the flange without a part: gripper, coupling, camera. A held part is added.
+        payload_centre_m: centre of that mass, from the flange.
+        registers: lower (0 to 23), upper (24 to 47) where a fieldbus owns the lower ones, or auto to find out.
+        lookahead_s: over which the controller smooths set points.
+        gain: how stiffly it follows them.
+        lag_s: how far the joints trail the set points.
+    """
+
+    kind: Literal["ur"] = "ur"
+    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    payload_kg: float = Field(default=0.93, ge=0, le=20)
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
+    registers: Literal["auto", "lower", "upper"] = "auto"
+    lookahead_s: float = Field(default=0.03, ge=0.03, le=0.2)
+    gain: float = Field(default=300.0, ge=100, le=2000)
+    lag_s: float = Field(default=0.045, ge=0, le=0.5)

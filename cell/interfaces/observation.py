@@ -31,6 +31,7 @@ ArmMode = Literal[
     "fault",
     "not_controlled",
 ]  # the safety status of the arm's controller; the last one takes no commands, for whatever reason
+LETS_GO: tuple[ArmMode, ...] = ("protective_stop", "recovery", "emergency_stop", "not_controlled")  # of its trajectory
 NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
 
 

@@ -15,24 +15,24 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cell.configuration import Configuration
+from cell.device_settings import KINDS, OwnDevice, SimulatedDevice
 from cell.device_settings import NoPanel as NoPanelSettings
-from cell.device_settings import OwnDevice, SimulatedDevice
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
-from skills.drivers.can_gripper import CanGripper
-from skills.drivers.can_signals import CanSignals
 from skills.drivers.no_panel import NoPanel
-from skills.drivers.settings import CanSettings, SignalSettings
+from skills.drivers.settings import DRIVERS, EXTRAS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
-OURS: Mapping[type[BaseModel], type] = {CanSettings: CanGripper, SignalSettings: CanSignals, NoPanelSettings: NoPanel}
+RECORDED = {role: f"cell.log.replay.recorded:Recorded{name}" for role, name in (
+    ("arm", "Arm"), ("gripper", "Gripper"), ("overhead", "Camera"), ("wrist", "Camera")
+)}  # fmt: skip
 PROTOCOLS: Mapping[str, type] = {
     "arm": Arm, "gripper": Gripper, "overhead": Camera, "wrist": Camera, "panel": Panel, "signals": Signals
 }  # fmt: skip
-OFFERED = ("settings", "clock", "bench", "product", "robot", "simulated")  # what a driver may ask for, by name
+OFFERED = ("settings", "clock", "bench", "product", "robot", "role", "simulated")  # what a driver may ask for, by name
 AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are simulated, or none is
 
 
@@ -83,7 +83,7 @@ def find_drivers(configuration: Configuration) -> Drivers:
         if isinstance(device, OwnDevice):
             found[role] = _own_driver(role, device)
         elif device is not None and not isinstance(device, SimulatedDevice):
-            make = OURS[type(device)]
+            make = _our_driver(role, device)
             found[role] = Driver(role, make, device, _asked(role, make))
     _refuse_mixture(configuration, found)
     return found
@@ -109,9 +109,27 @@ def attached(
         opened: dict[str, Any] = {}
         for role, driver in drivers.items():
             behind = getattr(simulated, role, None)
-            device = opened[role] = driver.opened(settings=driver.settings, simulated=behind, **offered)
+            device = opened[role] = driver.opened(settings=driver.settings, simulated=behind, role=role, **offered)
             stack.callback(device.close)
         yield Devices(clock=clock, **opened) if simulated is None else replace(simulated, **opened)
+
+
+def _our_driver(role: str, device: BaseModel) -> type:
+    """The class of a driver of the project, with the packages that it needs.
+
+    Raises:
+        SettingError: a package is missing.
+    """
+    if isinstance(device, NoPanelSettings):
+        return NoPanel
+    name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
+    module, _, name = name.partition(":")
+    try:
+        found: type = getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        what = f"the driver needs the package {error.name}: pip install 'bracket-cell[{EXTRAS.get(str(error.name))}]'"
+        raise SettingError((_kind(role), what)) from error
+    return found
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:
@@ -133,7 +151,7 @@ def _class_of(role: str, device: OwnDevice) -> type:
         points = entry_points(group=ENTRY_POINTS, name=device.kind)
         if not points:
             installed = sorted({point.name for point in entry_points(group=ENTRY_POINTS)})
-            legal = ", ".join(("simulated", *(["can"] if role in ("gripper", "signals") else []), *installed))
+            legal = ", ".join((*KINDS[role], *installed))
             what = f"no kind {device.kind!r} of {role}; legal: {legal}, or MODULE:CLASS"
             raise SettingError((_kind(role), what))
         module, _, name = next(iter(points)).value.partition(":")

@@ -30,6 +30,9 @@ from skills.drivers.rtde_receiver import RtdeReceiver, Sample
 from skills.drivers.settings import UrSettings
 from skills.drivers.ur_dashboard import bring_back, stop_program
 
+if find_spec("rtde_control") is None:  # which the process that streams imports
+    raise ModuleNotFoundError("no ur-rtde is installed", name="rtde_control")
+
 SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
 LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its state is old
 OPENING_S, LEAVING_S = 10.0, 3.0
@@ -101,8 +104,6 @@ class UrArm:
     """
 
     def __init__(self, settings: UrSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
-        if find_spec("rtde_control") is None:
-            raise DeviceFault("arm", "the driver needs ur-rtde: pip install 'bracket-cell[ur]'")
         self._settings, self._clock = settings, clock
         self._slower: float = getattr(clock, "slower", 1.0)
         self._tcp = (0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0)

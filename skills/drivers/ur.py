@@ -36,7 +36,7 @@ if find_spec("rtde_control") is None:  # which the process that streams imports
 SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
 LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its state is old
 OPENING_S, LEAVING_S = 10.0, 3.0
-KEPT_S = 0.5  # set points that a sample may belong to
+SETTLED_RAD_S, SETTLES_S = 0.01, 0.5  # an arm whose set points stand has come to rest when it is so slow, or then
 PROJECTED_S = 0.02  # a sample is sought along the path so far from where its time has it
 MODES: dict[int, ArmMode] = {
     1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
@@ -323,7 +323,8 @@ class UrArm:
         places_s = [one.path_s for one in stream.sent if one.path_s is not None]
         at_s = float(np.interp(sample.time_s - lag_s, times_s[: len(places_s)], places_s)) if places_s else 0.0
         done_s = next((t for t, one in zip(times_s, stream.sent, strict=True) if not one.moving), np.inf)
-        moving = newest.moving or bool(sample.time_s < done_s + 2 * lag_s)
+        settled = float(np.abs(sample.velocities_rad_s).max()) < SETTLED_RAD_S and sample.time_s > done_s + lag_s
+        moving = newest.moving or not (settled or sample.time_s > done_s + SETTLES_S)
         if ended and not moving:
             self._path = self._path_s = None
             return False, None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from sim.scene.world import World
 from sim.twin.arm import TwinArm
 from sim.twin.cell import TwinCell
 from sim.twin.control import ControlDoor, ask
+from tests.processes import started
 
 
 class Twin:
@@ -44,15 +46,10 @@ def running_twin(folder: Path, number: int, robot: str = "ur10", slower: float =
     """A twin at 127.0.0.NUMBER: each test has its own."""
     host, door = f"127.0.0.{number}", folder / f"twin{number}.sock"
     words = [sys.executable, "-m", "tests.sim.twin.rig", host, str(door), robot, str(slower)]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    try:
+    with started(words) as process:
+        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         yield Twin(host, door, process)
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: float) -> TwinCell:
@@ -81,7 +78,7 @@ def main(host: str, door: str, robot: str, slower: str) -> None:
     ControlDoor(cell, Path(door))
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    sys.stdin.read()
+    threading.Event().wait()
 
 
 if __name__ == "__main__":

@@ -36,6 +36,10 @@ OFFERED = ("settings", "clock", "bench", "product", "robot", "role", "simulated"
 AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are simulated, or none is
 
 
+VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
+TIMELESS = (NoPanelSettings, RecordedSettings)
+
+
 class NoSettings(BaseModel):
     """Of a driver that names no model of its settings."""
 
@@ -53,6 +57,12 @@ class Driver:
     make: Callable[..., Any]
     settings: BaseModel
     asks: tuple[str, ...]
+
+    @property
+    def on_the_wall(self) -> bool:
+        """Whether its time is the wall's: it stands in front of no simulated device, and tells nothing recorded."""
+        virtual = getattr(self.settings, "interface", None) == VIRTUAL
+        return not (virtual or "simulated" in self.asks or isinstance(self.settings, TIMELESS))
 
     def opened(self, **offered: object) -> Any:
         """The device.
@@ -91,19 +101,24 @@ def find_drivers(configuration: Configuration) -> Drivers:
 
 @contextmanager
 def attached(
-    configuration: Configuration, product: Product, simulated: Devices | None = None, drivers: Drivers | None = None
+    configuration: Configuration,
+    product: Product,
+    simulated: Devices | None = None,
+    drivers: Drivers | None = None,
+    slower: float = 1.0,
 ) -> Iterator[Devices]:
     """Open the drivers, in front of the simulator's devices where there are such; they are closed at the end.
 
     Args:
         simulated: of the simulator, which is left open.
         drivers: those of the configuration by default.
+        slower: how many times slower than the wall's a real cell's clock goes, as its twin does.
 
     Raises:
         CellError: a device could not be opened.
     """
     drivers = find_drivers(configuration) if drivers is None else drivers
-    clock = WallClock() if simulated is None else simulated.clock
+    clock = WallClock(slower) if simulated is None else simulated.clock
     offered = {"clock": clock, "bench": configuration.bench, "product": product, "robot": configuration.robot}
     with ExitStack() as stack:
         opened: dict[str, Any] = {}

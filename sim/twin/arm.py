@@ -78,8 +78,8 @@ class TwinArm:
         """Whether the set points move or are about to."""
         return self.mode in ("speed", "move", "stop") or bool(np.abs(self.driven_rad_s).max() > 1e-4)
 
-    def update(self, time_s: float, dt_s: float) -> None:
-        """Move the set points by one cycle; `time_s` is its beginning."""
+    def update(self, _: float, dt_s: float) -> None:
+        """Move the set points by one cycle."""
         here, velocity = self._reference, self._velocity(dt_s)
         self._reference = here + velocity * dt_s
         self.driven_rad_s = velocity

@@ -182,6 +182,30 @@ class RecordedSettings(Model):
     log: Path
 
 
+class UrSettings(Model):
+    """An arm of Universal Robots (CB3 or e-series), by RTDE and dashboard.
+
+    Attributes:
+        kind: this driver.
+        host: address of the controller.
+        payload_kg: what hangs on the flange without a part: gripper, coupling, camera. A held part is added.
+        payload_centre_m: centre of that mass, from the flange.
+        registers: lower (0 to 23), upper (24 to 47) where a fieldbus owns the lower ones, or auto to find out.
+        lookahead_s: over which the controller smooths set points.
+        gain: how stiffly it follows them.
+        lag_s: how far the joints trail the set points.
+    """
+
+    kind: Literal["ur"] = "ur"
+    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    payload_kg: float = Field(default=0.93, ge=0, le=20)
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
+    registers: Literal["auto", "lower", "upper"] = "auto"
+    lookahead_s: float = Field(default=0.03, ge=0.03, le=0.2)
+    gain: float = Field(default=300.0, ge=100, le=2000)
+    lag_s: float = Field(default=0.045, ge=0, le=0.5)
+
+
 Recorded = Annotated[RecordedSettings, Tag("recorded")]
 GripperKind = (
     Annotated[CanSettings, Tag("can")]
@@ -196,10 +220,11 @@ CameraKind = (
     | Annotated[RealsenseSettings, Tag("realsense")]
     | Recorded
 )
-ArmKind = Recorded
+ArmKind = Annotated[UrSettings, Tag("ur")] | Recorded
 DRIVERS: Mapping[type[Model], str] = {
     CanSettings: "skills.drivers.can_gripper:CanGripper",
     SignalSettings: "skills.drivers.can_signals:CanSignals",
+    UrSettings: "skills.drivers.ur:UrArm",
     RobotiqModbusSettings: "skills.drivers.robotiq:ModbusGripper",
     RobotiqUrcapSettings: "skills.drivers.robotiq:UrcapGripper",
     V4l2Settings: "skills.drivers.cameras:V4l2Camera",
@@ -207,7 +232,12 @@ DRIVERS: Mapping[type[Model], str] = {
     FileSettings: "skills.drivers.cameras:FileCamera",
     RealsenseSettings: "skills.drivers.realsense:RealsenseCamera",
 }  # loaded where they are named: each needs packages of its own
-EXTRAS = {"pymodbus": "robotiq", "serial": "robotiq", "pyrealsense2": "realsense"}  # of the project, by package
+EXTRAS = {
+    "rtde_control": "ur",
+    "pymodbus": "robotiq",
+    "serial": "robotiq",
+    "pyrealsense2": "realsense",
+}  # of the project, by package
 
 
 def kinds_of(union: object) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from cell.settings import (
 )
 from sim.scene.look_range import look_range
 from sim.scene.person import load_person
-from skills.drivers.settings import CanSettings, SignalSettings
+from skills.drivers.settings import SignalSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
 
@@ -119,10 +119,6 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
-    devices = read.devices
-    if isinstance(devices.gripper, CanSettings) and devices.gripper.database is not None:
-        gripper = devices.gripper.model_copy(update={"database": folder / devices.gripper.database})
-        devices = devices.model_copy(update={"gripper": gripper})
     calibration = read.calibration and folder / read.calibration
     bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
     return read.model_copy(
@@ -133,7 +129,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "faults": faults,
             "perception": read.perception.model_copy(update=perception),
             "planners": read.planners.model_copy(update=planners),
-            "devices": devices,
+            "devices": read.devices.beside(folder),
             "page": read.page.model_copy(update=_tls(read.page, folder)),
             "motion": read.motion.of(read.robot),
             "log": log,

@@ -20,7 +20,17 @@ from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.devices import ROLES
 from sim.scene.settings import SimSettings
-from skills.drivers.settings import CanSettings, SignalSettings
+from skills.drivers.settings import ArmKind, CameraKind, CanSettings, GripperKind, SignalSettings, kinds_of
+
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "arm": ("simulated", *kinds_of(ArmKind)),
+    "gripper": ("simulated", *kinds_of(GripperKind)),
+    "overhead": ("simulated", *kinds_of(CameraKind)),
+    "wrist": ("simulated", *kinds_of(CameraKind)),
+    "panel": ("simulated", "none"),
+    "signals": ("can",),
+}  # of the project, by role
+_OURS = sorted({kind for kinds in KINDS.values() for kind in kinds})
 
 
 class SimulatedDevice(Model):
@@ -52,7 +62,10 @@ class OwnDevice(Model):
     """
 
     model_config = ConfigDict(extra="allow")
-    kind: str = Field(pattern=r"^[\w.-]+(:\w+)?$", json_schema_extra={"not": {"enum": ["simulated", "can", "none"]}})
+    kind: str = Field(
+        pattern=r"^[\w.-]+(:\w+)?$",
+        json_schema_extra={"not": {"enum": _OURS}},
+    )
     _folder: Path = PrivateAttr(Path())
 
     def model_post_init(self, context: Any) -> None:
@@ -80,22 +93,23 @@ class OwnDevice(Model):
         return tuple(self.settings.get("outputs", ()))
 
 
-def _kind(*known: str) -> Discriminator:
+def _kind(role: str) -> Discriminator:
     """Tells the models of a role apart."""
 
     def named(value: Any) -> str:
         kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-        return kind if kind in known else "own"
+        return kind if kind in KINDS[role] else "own"
 
     return Discriminator(named)
 
 
 Simulated = Annotated[SimulatedDevice, Tag("simulated")]
 Own = Annotated[OwnDevice, Tag("own")]
-AnyDevice = Annotated[Simulated | Own, _kind("simulated")]
-GripperDevice = Annotated[Simulated | Annotated[CanSettings, Tag("can")] | Own, _kind("simulated", "can")]
-PanelDevice = Annotated[Simulated | Annotated[NoPanel, Tag("none")] | Own, _kind("simulated", "none")]
-SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("can")]
+ArmDevice = Annotated[Simulated | ArmKind | Own, _kind("arm")]
+CameraDevice = Annotated[Simulated | CameraKind | Own, _kind("overhead")]
+GripperDevice = Annotated[Simulated | GripperKind | Own, _kind("gripper")]
+PanelDevice = Annotated[Simulated | Annotated[NoPanel, Tag("none")] | Own, _kind("panel")]
+SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("signals")]
 
 
 def _from_file(value: Any, info: ValidationInfo) -> Any:
@@ -119,10 +133,10 @@ class DeviceSettings(Model):
     """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (docs/drivers.md).
 
     Attributes:
-        arm: simulated, or your own driver.
-        gripper: simulated, can, or your own driver.
-        overhead: the camera over the bench: simulated, or your own driver.
-        wrist: the camera at the gripper: simulated, or your own driver.
+        arm: simulated, a driver of the project, or your own.
+        gripper: likewise.
+        overhead: the camera over the bench, likewise.
+        wrist: the camera at the gripper, likewise.
         panel: what the person at the bench sees: simulated, none, or your own driver.
         signals: an I/O module with digital signals: can, or your own driver; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
@@ -132,10 +146,10 @@ class DeviceSettings(Model):
     moved: ClassVar[Mapping[str, str]] = {
         "factory": "each device has its own driver now: arm: {kind: MODULE:CLASS, ...}, gripper: ... (docs/drivers.md)"
     }
-    arm: AnyDevice = SimulatedDevice()
+    arm: ArmDevice = SimulatedDevice()
     gripper: GripperDevice = SimulatedDevice()
-    overhead: AnyDevice = SimulatedDevice()
-    wrist: AnyDevice = SimulatedDevice()
+    overhead: CameraDevice = SimulatedDevice()
+    wrist: CameraDevice = SimulatedDevice()
     panel: PanelDevice = SimulatedDevice()
     signals: SignalsDevice | None = None
     simulation: SimulationFile = Field(default=SimSettings(), json_schema_extra={"default": None})
@@ -158,6 +172,16 @@ class DeviceSettings(Model):
         if isinstance(self.signals, SignalSettings):
             ends.append((self.signals.interface, self.signals.channel))
         return tuple(dict.fromkeys(channel for interface, channel in ends if interface == "virtual"))
+
+    def beside(self, folder: Path) -> DeviceSettings:
+        """The same with the files that drivers of the project name relative to a folder."""
+        changed = {}
+        for role in ROLES:
+            device = getattr(self, role)
+            if device is not None and not isinstance(device, OwnDevice):
+                paths = {name: folder / value for name, value in device if isinstance(value, Path)}
+                changed[role] = device.model_copy(update=paths)
+        return self.model_copy(update=changed)
 
     def on_channel(self, channel: str) -> DeviceSettings:
         """The same with the gripper on another bus, so that several cells may be in one process."""

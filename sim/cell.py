@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
 from cell.remote.detecting import DetectByCamera
@@ -47,6 +48,16 @@ class EmptyPanel:
 
     def alarm(self, text: str) -> None:
         """Nothing happens."""
+
+
+class DrivenArm(Actor, Observer, Protocol):
+    """What drives the joints once a control period, and measures them.
+
+    Attributes:
+        driven_rad_s: how fast the servos' set points move, (6,).
+    """
+
+    driven_rad_s: Array
 
 
 class _Chance(NamedTuple):
@@ -89,6 +100,7 @@ class SimCell:
         detect: makes the detectors that run there; none by default.
         rendered: with images; without, `sight` tells what the cameras would have seen.
         robot: the arm; by default the UR10.
+        arm: makes what drives the joints; by default an arm that follows joint trajectories.
 
     Attributes:
         look: drawn by the seed from the settings' range.
@@ -111,6 +123,7 @@ class SimCell:
         rendered: bool = True,
         robot: RobotModel | None = None,
         detect: Callable[[], DetectByCamera] | None = None,
+        arm: Callable[[World], DrivenArm] | None = None,
     ) -> None:
         chance = _Chance.of(seed)
         self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
@@ -130,11 +143,12 @@ class SimCell:
         self.world.settle()
         self._resting = [resting_event(one) for one in resting_parts(self.world)]
         self.arm = SimArm(self.world, trailing_s=settings.hardware.trailing_s)
-        arm = _sensed(self.arm, settings, chance.arm)
+        sensed = _sensed(self.arm, settings, chance.arm)
+        driven: DrivenArm = self.arm if arm is None else arm(self.world)
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
         self.signal_node = None if settings.signals is None else SignalNode(settings.signals)
         self.score = Score(self.world, self._job)
-        self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
+        self.contacts = ContactMonitor(self.world, lambda: driven.driven_rad_s) if worker else None
         sensors = {
             "overhead": SensorSetup(bench.overhead, self.look.camera, chance.overhead),
             "wrist": SensorSetup(bench.wrist, self.look.camera, chance.wrist),
@@ -146,11 +160,11 @@ class SimCell:
         overhead = self._camera("overhead", bench.overhead, latency_s, chance.overhead_delivery)
         wrist = self._camera("wrist", bench.wrist, latency_s, chance.wrist_delivery)
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
-        samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
-        actors: list[Actor] = [arm, self.gripper_node, self.stock, *nodes]
+        samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
+        actors: list[Actor] = [sensed if arm is None else driven, self.gripper_node, self.stock, *nodes]
         self.devices = Devices(
             clock=SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
-            arm=arm,
+            arm=sensed,
             gripper=SimGripper(self.gripper_node),
             overhead=overhead,
             wrist=wrist,

@@ -64,6 +64,7 @@ COMMANDS: Table = {
     "calibrate": Command(
         "cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
     ),
+    "twin": Command("cell.commands.twin:twin_app", "Serve the simulated cell by the wires of real devices.", TEST),
     "new": Command("cell.commands.new:new_app", "Start a tree file or a node of your own.", PROGRAM),
     "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),

@@ -23,16 +23,21 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """Monotonic machine time; sleeps to absolute deadlines, so periods do not drift."""
+    """Monotonic machine time; sleeps to absolute deadlines, so periods do not drift.
 
-    def __init__(self) -> None:
+    Attributes:
+        slower: seconds of the machine for each of its own, for a cell whose twin goes slower.
+    """
+
+    def __init__(self, slower: float = 1.0) -> None:
+        self.slower = slower
         self._start_s = time.monotonic()
 
     def now_s(self) -> float:
-        return time.monotonic() - self._start_s
+        return (time.monotonic() - self._start_s) / self.slower
 
     def sleep_until(self, time_s: float) -> None:
-        delay_s = time_s - self.now_s()
+        delay_s = (time_s - self.now_s()) * self.slower
         if delay_s > 0:
             time.sleep(delay_s)
 

@@ -24,6 +24,7 @@ Signal = Literal[
     "arm_safeguard_stop",
     "arm_emergency_stop",
     "arm_fault",
+    "arm_not_controlled",
     "arm_reduced",
     "gripper_lost",
     "gripper_stale",
@@ -93,6 +94,9 @@ SIGNALS: dict[Signal, Sign] = {
     "arm_safeguard_stop": Sign("the arm's safeguard input is open", ARM_ANSWERS),
     "arm_emergency_stop": Sign("an emergency stop is pressed", ARM_ANSWERS),
     "arm_fault": Sign("the arm reports a fault", ARM_ANSWERS),
+    "arm_not_controlled": Sign(
+        "the arm takes no commands: local control, its program stopped or paused, no power, brakes on", ARM_ANSWERS
+    ),
     "arm_reduced": Sign("the arm's reduced mode is on", ARM_ANSWERS),
     "gripper_lost": Sign("no heartbeat, a dead bus, or a major fault of the gripper", "the node's heartbeat"),
     "gripper_stale": Sign("no status of the gripper for more than 0.1 s, although its heartbeat comes", STATUS),

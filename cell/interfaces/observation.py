@@ -21,8 +21,17 @@ NOBODY = OperatorState()
 STANDING_RAD_S = 0.05  # an arm whose joints are all slower stands
 
 ArmMode = Literal[
-    "normal", "reduced", "protective_stop", "recovery", "safeguard_stop", "emergency_stop", "violation", "fault"
-]  # the safety status of a UR controller
+    "normal",
+    "reduced",
+    "protective_stop",
+    "recovery",
+    "safeguard_stop",
+    "emergency_stop",
+    "violation",
+    "fault",
+    "not_controlled",
+]  # the safety status of the arm's controller; the last one takes no commands, for whatever reason
+LETS_GO: tuple[ArmMode, ...] = ("protective_stop", "recovery", "emergency_stop", "not_controlled")  # of its trajectory
 NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
 
 

@@ -41,9 +41,13 @@ class Child:
             without a name that nobody else can open.
         handles: file handles that it needs, too.
         copied: begin as a copy of this process, see `may_copy`.
+        outlives: it is no copy, and ends by itself some time after the connection did, whatever happens here: it leaves
+            something in order.
     """
 
-    def __init__(self, name: str, serve: Serve, handles: Sequence[int] = (), copied: bool = False) -> None:
+    def __init__(
+        self, name: str, serve: Serve, handles: Sequence[int] = (), copied: bool = False, outlives: bool = False
+    ) -> None:
         self.name = name
         self.socket, theirs = socket.socketpair()
         with theirs:
@@ -55,9 +59,10 @@ class Child:
                 self.process_id = self._process.pid or 0
                 self._waited: Callable[[float], int | None] = self._joined
             else:
-                started = _executed(name, serve, theirs.fileno(), handles)
+                started = _executed(name, serve, theirs.fileno(), handles, outlives)
                 self.process_id, self._waited = started.pid, lambda limit_s: _code(started, limit_s)
-        _living.add(self)
+        if not outlives:
+            _living.add(self)
 
     def __str__(self) -> str:
         return f"{self.name} (pid {self.process_id})"
@@ -130,9 +135,9 @@ def nameless_file() -> IO[bytes]:
     return tempfile.TemporaryFile()
 
 
-def _executed(name: str, serve: Serve, handle: int, handles: Sequence[int]) -> subprocess.Popen[bytes]:
+def _executed(name: str, serve: Serve, handle: int, handles: Sequence[int], outlives: bool) -> subprocess.Popen[bytes]:
     with nameless_file() as given:
-        pickle.dump((os.getpid(), sys.path, handle, pickle.dumps(serve)), given)
+        pickle.dump((0 if outlives else os.getpid(), sys.path, handle, pickle.dumps(serve)), given)
         given.seek(0)
         return subprocess.Popen(
             [sys.executable, "-c", BEGIN, name],
@@ -150,14 +155,14 @@ def _code(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
 
 
 def _run(parent: int, serve: Serve, connection: socket.socket) -> None:
-    """The process: dies with its parent, and serves until the connection ends."""
+    """The process: dies with its parent, unless that is 0, and serves until the connection ends."""
     for number in OUTLIVED:
         signal.signal(number, signal.SIG_IGN)
     with suppress(PermissionError):  # it leads its group already
         os.setpgid(0, 0)
-    if sys.platform == "linux":
+    if parent and sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
+    if parent and os.getppid() != parent:
         return
     for other in list(_living):  # of a copy: else the parent's death would not end these connections
         other.socket.close()

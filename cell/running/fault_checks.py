@@ -11,7 +11,7 @@ import numpy as np
 from cell.files.words.message import Message
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Judgement
-from cell.interfaces.observation import ArmMode, Observation
+from cell.interfaces.observation import LETS_GO, ArmMode, Observation
 from cell.interfaces.perception import BenchView
 from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
 from cell.running.hand_checks import HandMemory
@@ -73,7 +73,7 @@ class Memory:
         self.hands.see(observation)
         self.backwards = observation.arm.time_s < self._arm_s
         self._arm_s = min(observation.arm.time_s, observation.time_s)
-        if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
+        if observation.arm.mode in LETS_GO:  # it stands where it was stopped, off its path
             self.trajectory = None
         elif self.trajectory is not None and _far_rad(self.trajectory) > OFF_PATH_RAD:
             self.given_up = 0 if _arrived(observation, self.trajectory) else self.given_up
@@ -335,6 +335,7 @@ CHECKS: Mapping[str, Check] = {
     "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),
     "arm_safeguard_stop": _mode("safeguard stop of the arm", "safeguard_stop"),
     "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
+    "arm_not_controlled": _mode("the arm takes no commands", "not_controlled"),
     "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
     "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
     "gripper_lost": _trouble_of("gripper"),

@@ -55,16 +55,16 @@ def heading(options: RunOptions, files: Files) -> Heading:
     for name, text in tree_texts(files.tree).items():
         attachments[name] = ("application/xml", text.encode())
     values = {
-        "seed": str(options.seed),
-        "goal": options.goal,
         "product": files.product.name,
         "pace": options.pace,
-        "person": options.person or "as configured",
         "tree": files.tree.short_name(options.tree),
         "perception": files.configuration.perception.words,
     }
     if files.unsafe:
         values["unsafe"] = "; ".join(files.unsafe)
+    if devices.simulated or options.devices is not None:
+        person = options.person or "as configured"
+        values |= {"seed": str(options.seed), "goal": options.goal, "person": person}
     if devices.simulated and options.devices is None:
         values["look"] = devices.simulation.look.name
     for name in LEARNED_KINDS:

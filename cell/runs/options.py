@@ -106,6 +106,9 @@ class RunOptions:
     resume: Annotated[
         Path | None, Option(metavar="LOG", help="Log of a run that was broken off: continue its work.")
     ] = None
+    slower: Annotated[
+        float, Option(min=1, max=50, help="Go so many times slower than the wall's clock, as `cell twin --slower`.")
+    ] = 1.0
     unsafe_table: Annotated[
         bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
     ] = False
@@ -114,6 +117,20 @@ class RunOptions:
     pixels: bool = True
     one_process: bool = False
     devices: Devices | None = None
+
+    def refuse_simulated(self, configuration: Configuration) -> None:
+        """Check that nothing is asked of a simulator where there is none.
+
+        Raises:
+            InputError: something is.
+        """
+        given = {"--seed": self.seed, "--goal": self.goal != "random", "--look": self.look, "--person": self.person}
+        asked = [name for name, value in given.items() if value]
+        if asked and self.devices is None and not configuration.devices.simulated:
+            what = "say how a cell is simulated" if len(asked) > 1 else "says how a cell is simulated"
+            raise InputError(
+                f"{', '.join(asked)} {what}, and all devices of {self.configuration} are real; leave it out"
+            )
 
     def adjusted(self, configuration: Configuration) -> Configuration:
         """The configuration as this run is to have it: how long at most, what its log keeps, how it is simulated."""

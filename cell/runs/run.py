@@ -98,7 +98,9 @@ def run(options: RunOptions, console: Console) -> RunResult:
 
 
 def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
-    configuration = simulated(load_configuration(options.configuration), options.look, options.person)
+    configuration = load_configuration(options.configuration)
+    options.refuse_simulated(configuration)
+    configuration = simulated(configuration, options.look, options.person)
     if options.brackets is not None:
         configuration = for_shift(configuration, options.brackets)
     configuration = options.adjusted(configuration)
@@ -112,7 +114,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
             console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)
         drivers = find_drivers(configuration) if options.devices is None else {}
-        if options.devices is None and not configuration.devices.simulated:
+        if options.devices is None and any(driver.on_the_wall for driver in drivers.values()):
             options = replace(options, pace="real")
         tally = BracketTally()
         left_off = ResumeState()
@@ -234,8 +236,9 @@ def drive(
         else:
             executors = lock_step(*detectors, devices)
         supervisor = supervised(files.faults, motion)
-        own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
-        watchdog.limit_s = TICK_S if pace == "real" else None
+        own_body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
+        watchdog, slower = watchdog or Watchdog(), getattr(devices.clock, "slower", 1.0)
+        watchdog.limit_s = TICK_S * slower if pace == "real" else None
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog
         )
@@ -305,7 +308,7 @@ def _opened(
     if simulated is None and configuration.devices.simulated:
         simulated = _simulated(options, configuration, product)
         stack.callback(simulated.close)
-    devices = stack.enter_context(attached(configuration, product, simulated, drivers))
+    devices = stack.enter_context(attached(configuration, product, simulated, drivers, options.slower))
     return devices if options.pace == "real" else replace(devices, clock=WakingClock(devices.clock, awake))
 
 

@@ -15,25 +15,29 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cell.configuration import Configuration
+from cell.device_settings import KINDS, OwnDevice, SimulatedDevice
 from cell.device_settings import NoPanel as NoPanelSettings
-from cell.device_settings import OwnDevice, SimulatedDevice
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
-from skills.drivers.can_gripper import CanGripper
-from skills.drivers.can_signals import CanSignals
 from skills.drivers.no_panel import NoPanel
-from skills.drivers.settings import CanSettings, SignalSettings
+from skills.drivers.settings import DRIVERS, EXTRAS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
-OURS: Mapping[type[BaseModel], type] = {CanSettings: CanGripper, SignalSettings: CanSignals, NoPanelSettings: NoPanel}
+RECORDED = {role: f"cell.log.replay.recorded:Recorded{name}" for role, name in (
+    ("arm", "Arm"), ("gripper", "Gripper"), ("overhead", "Camera"), ("wrist", "Camera")
+)}  # fmt: skip
 PROTOCOLS: Mapping[str, type] = {
     "arm": Arm, "gripper": Gripper, "overhead": Camera, "wrist": Camera, "panel": Panel, "signals": Signals
 }  # fmt: skip
-OFFERED = ("settings", "clock", "bench", "product", "robot", "simulated")  # what a driver may ask for, by name
+OFFERED = ("settings", "clock", "bench", "product", "robot", "role", "simulated")  # what a driver may ask for, by name
 AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are simulated, or none is
+
+
+VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
+TIMELESS = (NoPanelSettings, RecordedSettings)
 
 
 class NoSettings(BaseModel):
@@ -53,6 +57,12 @@ class Driver:
     make: Callable[..., Any]
     settings: BaseModel
     asks: tuple[str, ...]
+
+    @property
+    def on_the_wall(self) -> bool:
+        """Whether its time is the wall's: it stands in front of no simulated device, and tells nothing recorded."""
+        virtual = getattr(self.settings, "interface", None) == VIRTUAL
+        return not (virtual or "simulated" in self.asks or isinstance(self.settings, TIMELESS))
 
     def opened(self, **offered: object) -> Any:
         """The device.
@@ -83,7 +93,7 @@ def find_drivers(configuration: Configuration) -> Drivers:
         if isinstance(device, OwnDevice):
             found[role] = _own_driver(role, device)
         elif device is not None and not isinstance(device, SimulatedDevice):
-            make = OURS[type(device)]
+            make = _our_driver(role, device)
             found[role] = Driver(role, make, device, _asked(role, make))
     _refuse_mixture(configuration, found)
     return found
@@ -91,27 +101,50 @@ def find_drivers(configuration: Configuration) -> Drivers:
 
 @contextmanager
 def attached(
-    configuration: Configuration, product: Product, simulated: Devices | None = None, drivers: Drivers | None = None
+    configuration: Configuration,
+    product: Product,
+    simulated: Devices | None = None,
+    drivers: Drivers | None = None,
+    slower: float = 1.0,
 ) -> Iterator[Devices]:
     """Open the drivers, in front of the simulator's devices where there are such; they are closed at the end.
 
     Args:
         simulated: of the simulator, which is left open.
         drivers: those of the configuration by default.
+        slower: how many times slower than the wall's a real cell's clock goes, as its twin does.
 
     Raises:
         CellError: a device could not be opened.
     """
     drivers = find_drivers(configuration) if drivers is None else drivers
-    clock = WallClock() if simulated is None else simulated.clock
+    clock = WallClock(slower) if simulated is None else simulated.clock
     offered = {"clock": clock, "bench": configuration.bench, "product": product, "robot": configuration.robot}
     with ExitStack() as stack:
         opened: dict[str, Any] = {}
         for role, driver in drivers.items():
             behind = getattr(simulated, role, None)
-            device = opened[role] = driver.opened(settings=driver.settings, simulated=behind, **offered)
+            device = opened[role] = driver.opened(settings=driver.settings, simulated=behind, role=role, **offered)
             stack.callback(device.close)
         yield Devices(clock=clock, **opened) if simulated is None else replace(simulated, **opened)
+
+
+def _our_driver(role: str, device: BaseModel) -> type:
+    """The class of a driver of the project, with the packages that it needs.
+
+    Raises:
+        SettingError: a package is missing.
+    """
+    if isinstance(device, NoPanelSettings):
+        return NoPanel
+    name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
+    module, _, name = name.partition(":")
+    try:
+        found: type = getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        what = f"the driver needs the package {error.name}: pip install 'bracket-cell[{EXTRAS.get(str(error.name))}]'"
+        raise SettingError((_kind(role), what)) from error
+    return found
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:
@@ -133,7 +166,7 @@ def _class_of(role: str, device: OwnDevice) -> type:
         points = entry_points(group=ENTRY_POINTS, name=device.kind)
         if not points:
             installed = sorted({point.name for point in entry_points(group=ENTRY_POINTS)})
-            legal = ", ".join(("simulated", *(["can"] if role in ("gripper", "signals") else []), *installed))
+            legal = ", ".join((*KINDS[role], *installed))
             what = f"no kind {device.kind!r} of {role}; legal: {legal}, or MODULE:CLASS"
             raise SettingError((_kind(role), what))
         module, _, name = next(iter(points)).value.partition(":")

@@ -11,12 +11,10 @@ from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.devices import KEEP_ALIVE_S
 from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.paced_path import PacedPath
 from cell.interfaces.pose import Array
 from sim.scene.world import World
 
-# Braking and speeding up along the path: what each joint may do, so that the strongest does not wait for the weakest.
-PACE_ACCELERATION_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
-LEAST_BRAKING = 0.5  # of that, also where the path itself asks for all of it
 TRACKING_LIMIT_RAD = 0.10
 TRACKING_PERIODS = 5
 FORCE_LIMIT_N = 150.0  # at the tool, as in the UR10's safety configuration; a bracket's assembly takes below 5 N
@@ -42,10 +40,8 @@ class SimArm:
         self._lag_s = servo_lag_s(world) - trailing_s
         self._keep_alive_s = keep_alive_s
         self._qpos, self._qvel = _span(world.arm_qpos), _span(world.arm_qvel)
-        self._reference = self._positions()[np.newaxis]
-        self._progress = 0.0  # in control periods along the reference
-        self._rate = self._share = 1.0  # of speed: as it is, and as it was asked for
-        self._stopping = self._following = False
+        self._path = PacedPath(self._positions(), self._period_s)
+        self._share = 1.0  # of speed, as it was asked for
         self._time_s = self._heard_s = 0.0
         self._late_periods = 0
         self._fault: str | None = None
@@ -64,7 +60,7 @@ class SimArm:
             self._time_s,
             tuple(data.qpos[self._qpos].tolist()),
             tuple(data.qvel[self._qvel].tolist()),
-            self._moving,
+            self._path.moving,
             "normal" if self._fault is None else "protective_stop",
             self.path_s,
             self._fault or "",
@@ -73,17 +69,13 @@ class SimArm:
     @property
     def path_s(self) -> float | None:
         """How far it is along its trajectory; None where it follows none."""
-        return self._progress * self._period_s if self._following else None
+        return self._path.path_s
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Start now, whatever it is (skills.drivers.checked_arm); raises DeviceFault while a protective stop lasts."""
         self.refuse_stopped()
-        count = int(np.ceil(trajectory.duration_s / self._period_s - 1e-9))
-        times = np.arange(count + 1) * self._period_s
-        columns = [np.interp(times, trajectory.times_s, column) for column in trajectory.positions_rad.T]
-        self._reference, self._progress = np.column_stack(columns), 0.0
-        self._stopping, self._following = False, True
-        self._heard_s, self._rate = self._time_s, self._share
+        self._path.follow(trajectory, self._share)
+        self._heard_s = self._time_s
         return trajectory
 
     def pace(self, share: float) -> None:
@@ -92,7 +84,7 @@ class SimArm:
 
     def stop(self) -> None:
         """Slow down along the path that is being followed, and give up what is left of it."""
-        self._stopping = self._moving
+        self._path.stop()
 
     def acknowledge(self) -> None:
         """Somebody unlocked the protective stop at the arm."""
@@ -118,58 +110,17 @@ class SimArm:
         """Set the servos for one control period."""
         self._watch_tracking()
         self._watch_force()
-        here = self._at(self._progress)
-        if self._moving:
-            before = self._rate
-            self._rate += self._change(dt_s)
-            self._progress = min(self._progress + (before + self._rate) / 2, len(self._reference) - 1.0)
-        there = self._at(self._progress)
-        if self._stopping and (self._rate <= 0 or not self._moving):
-            self._reference, self._progress = there[np.newaxis], 0.0
-            self._stopping = self._following = False
+        here = self._path.at_rad
+        silent = self._time_s - self._heard_s > self._keep_alive_s
+        there = self._path.advance(0.0 if silent else self._share, dt_s)
         self.driven_rad_s = velocity = (there - here) / dt_s
         self._world.data.ctrl[self._world.arm_ctrl] = (here + there) / 2 + velocity * self._lag_s
         self._time_s = time_s + dt_s
 
-    def _change(self, dt_s: float) -> float:
-        """How much the share of speed may change in this period, no joint beyond its acceleration."""
-        silent = self._time_s - self._heard_s > self._keep_alive_s
-        wanted = (0.0 if silent or self._stopping else self._share) - self._rate
-        if wanted == 0:
-            return 0.0
-        index = min(int(self._progress), len(self._reference) - 2)
-        speeds = (self._reference[index + 1] - self._reference[index]) / dt_s
-        after = self._reference[min(index + 2, len(self._reference) - 1)]
-        before = self._reference[max(index - 1, 0)]
-        bends = (after - self._reference[index + 1] - self._reference[index] + before) / (2 * dt_s**2)
-        moves = np.abs(speeds) > 1e-6
-        if not moves.any():
-            return wanted
-        limits = PACE_ACCELERATION_RAD_S2[moves] / np.abs(speeds[moves])
-        along = bends[moves] * np.sign(speeds[moves]) * self._rate**2 / np.abs(speeds[moves])
-        slowest = LEAST_BRAKING * limits.min()
-        brake = max(float((limits + along).min()), slowest)
-        hasten = max(float((limits - along).min()), slowest)
-        return float(min(max(wanted, -brake * dt_s), hasten * dt_s))
-
-    def _at(self, progress: float) -> Array:
-        """The reference between its samples."""
-        index = int(progress)
-        part = progress - index
-        if part == 0:
-            row: Array = self._reference[index]
-            return row
-        between: Array = (1 - part) * self._reference[index] + part * self._reference[index + 1]
-        return between
-
     @property
     def tracking_error_rad(self) -> float:
         """Widest distance of a joint from its reference."""
-        return float(np.abs(self._positions() - self._at(self._progress)).max())
-
-    @property
-    def _moving(self) -> bool:
-        return self._progress < len(self._reference) - 1
+        return float(np.abs(self._positions() - self._path.at_rad).max())
 
     def _positions(self) -> Array:
         positions: Array = self._world.data.qpos[self._qpos].copy()
@@ -179,7 +130,7 @@ class SimArm:
         """Protective stop once the arm is held back from its reference."""
         self._late_periods = self._late_periods + 1 if self.tracking_error_rad > TRACKING_LIMIT_RAD else 0
         if self._late_periods >= TRACKING_PERIODS:
-            error = np.abs(self._positions() - self._at(self._progress))
+            error = np.abs(self._positions() - self._path.at_rad)
             self._protect(
                 f"{JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
                 f"limit {TRACKING_LIMIT_RAD} rad"
@@ -201,8 +152,7 @@ class SimArm:
         """Hold still where it is."""
         if self._fault is None:
             self._fault = f"protective stop: {why}"
-            self._reference, self._progress = self._positions()[np.newaxis], 0.0
-            self._stopping = self._following = False
+            self._path.stand(self._positions())
 
     def refuse_stopped(self) -> None:
         """Raise DeviceFault while a protective stop lasts."""

@@ -24,7 +24,8 @@ from sim.process.messages import Ask, Drawn, FromNewcomer, Pace, ToNewcomer
 from sim.process.server import WorldServer, peer
 
 if TYPE_CHECKING:
-    from sim.cell import SimCell
+    from sim.cell import DrivenArm, SimCell
+    from sim.scene.world import World
 
 ANSWER_S = 5.0  # in which a world must say what it is; it may be in the middle of an advance
 LEAVE_S = 0.5  # in which a world of our own must end once it was left
@@ -37,11 +38,13 @@ def open_simulation(
     goal: str = "random",
     rendered: bool = True,
     detect: Callable[[], DetectByCamera] | None = None,
+    arm: Callable[[World], DrivenArm] | None = None,
 ) -> SimCell:
     """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
 
     Args:
         detect: makes the detectors that run beside it, where frames are made beside it, too.
+        arm: makes what drives the joints; by default an arm that follows joint trajectories.
 
     Raises:
         CellError: it could not be opened.
@@ -62,6 +65,7 @@ def open_simulation(
         rendered=rendered,
         robot=configuration.robot,
         detect=detect,
+        arm=arm,
     )
 
 

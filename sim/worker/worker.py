@@ -65,6 +65,7 @@ class Worker:
     Attributes:
         hand: where it is, for labels.
         done: nothing is left that the person can do now, and the hand rests.
+        away: the person has not come yet.
 
     Args:
         wanted: type of the part by position.
@@ -113,7 +114,7 @@ class Worker:
             )
         self._intruding: Script | None = None
         self._script = self._assemble()
-        self.done = False
+        self.done = self.away = False
 
     def show(self, display: Display) -> None:
         """The person reads the panel; a help request that is new gets them going at once."""
@@ -136,6 +137,8 @@ class Worker:
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
         self._events.time_s, self._work.dt_s = time_s, dt_s
+        if self.away:
+            return
         if self._occupied:
             self._idle_since_s = time_s
         if self._intruding is None and self._tempted(dt_s):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -90,6 +91,7 @@ class CanGripper:
         self._sent_s: float | None = None
         self._echoes = False  # the bus has done so
         self._unheard_s: float | None = None  # when the oldest frame was sent that did not come back
+        self._full_s: float | None = None  # since when the queue of what is to be sent is full
         self._opened_s: float | None = None  # when it was asked first: before, nobody waited for the node
         self._heartbeat_s: float | None = None
         self._status: Mapping[str, float] | None = None
@@ -250,7 +252,7 @@ class CanGripper:
     def _forget_activation(self) -> None:
         """The node has lost what it was told: repeating it would open and close the fingers unasked."""
         self._request |= {"rACT": 0.0, "rGTO": 0.0}
-        self._sent_s = None
+        self._sent_s = self._full_s = None
 
     def _check_heartbeat(self) -> None:
         now = self._clock.now_s()
@@ -268,6 +270,8 @@ class CanGripper:
 
         Where another master has spoken, the next status tells what of it.
         """
+        if self._full_s is not None:
+            self._send()
         due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
         if due and self._told and not self._other_master:
             self._send()
@@ -290,11 +294,22 @@ class CanGripper:
         try:
             self._bus.send(message)
         except (can.CanError, OSError) as error:
-            raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
+            if not self._waits(error):
+                raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
+            return data
+        self._full_s = None
         self._sent_s = self._clock.now_s()
         self._unheard_s = self._sent_s if self._unheard_s is None else self._unheard_s
         self._tap(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
         return data
+
+    def _waits(self, error: Exception) -> bool:
+        """Whether only the queue is full, as where an adapter is busy for a moment: the next tick sends it again."""
+        now = self._clock.now_s()
+        codes = getattr(error, "error_code", None), getattr(error, "errno", None)
+        self._full_s = now if self._full_s is None else self._full_s
+        self._errors.append("the queue of what is to be sent is full")
+        return errno.ENOBUFS in codes and now - self._full_s < KEEP_ALIVE_S
 
 
 def _nobody(_: CanFrame) -> None:

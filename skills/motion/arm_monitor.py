@@ -17,7 +17,7 @@ import numpy as np
 from cell.files.words.message import Message
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.observation import ArmMode, ArmState
+from cell.interfaces.observation import LETS_GO, ArmMode, ArmState
 from cell.interfaces.pose import Array
 from cell.interfaces.robot import RobotModel
 from skills.motion.separation import LEAST_BRAKING, MARK_S, PLAY_S, TINY
@@ -184,8 +184,8 @@ class ArmMonitor:
         )
 
     def _moves(self, arm: ArmState) -> str:
-        """A joint moves although the arm must stand; in a protective stop somebody may move it."""
-        if (self._rate > 0 and arm.moving) or arm.mode in ("protective_stop", "recovery"):
+        """A joint moves although the arm must stand; in some modes somebody may move it."""
+        if (self._rate > 0 and arm.moving) or arm.mode in LETS_GO:
             self._still_s, self._anchor = math.inf, None
             return ""
         self._still_s = min(self._still_s, self._now_s)

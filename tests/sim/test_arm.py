@@ -11,8 +11,9 @@ from pydantic import ValidationError
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.paced_path import PACE_ACCELERATION_RAD_S2
 from cell.interfaces.pose import Array
-from sim.devices.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2
+from sim.devices.arm import KEPT_SAMPLES
 from sim.scene.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig

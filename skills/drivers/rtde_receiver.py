@@ -1,0 +1,197 @@
+"""Keeps every sample that a Universal Robots controller sends by RTDE (protocol version 2), and connects again.
+
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) guide". A package is its size (u16, with these three bytes),
+its type (u8) and what belongs to the type, all big endian.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.errors import DeviceFault
+from cell.interfaces.clock import Clock
+from cell.interfaces.pose import Array
+
+PORT = 30004
+FORMS = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I"}
+OUTPUTS = (
+    *("timestamp", "actual_q", "actual_qd", "target_moment", "robot_mode", "safety_mode", "runtime_state"),
+    *("speed_scaling", "target_speed_fraction"),
+)
+ANSWER_S, AGAIN_S = 2.0, 0.2
+KEPT = 4096
+SHIFTED_S, SHIFTED_TIMES = 0.05, 5  # so many samples that are so late: the controller's clock began anew
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What the controller told at one of its cycles.
+
+    Attributes:
+        time_s: of the run's clock.
+        positions_rad, velocities_rad_s, moments_nm: (6,); moments as the controller reckons them.
+        robot_mode: 7 where the arm can move.
+        safety_mode: 1 and 2 where it may.
+        runtime_state: 2 while a program runs.
+        speed_share: what the pendant's slider leaves of all speeds.
+    """
+
+    time_s: float
+    positions_rad: Array
+    velocities_rad_s: Array
+    moments_nm: Array
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+    speed_share: float
+
+
+class RtdeConnection:
+    """One connection that tells outputs; close it.
+
+    Attributes:
+        version: of the controller: major, minor, bugfix, build.
+
+    Raises:
+        OSError: nobody is there, or it hung up.
+        DeviceFault: it does not know what is asked for.
+    """
+
+    def __init__(self, host: str, outputs: Sequence[str], rate_hz: float | None = None, limit_s: float = 2.0) -> None:
+        self.socket = socket.create_connection((host, PORT), limit_s)
+        self.socket.settimeout(limit_s)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._came = b""
+        if not self._asked("V", struct.pack(">H", 2))[0]:
+            raise DeviceFault("arm", f"{host}: its RTDE is older than protocol version 2")
+        self.version = struct.unpack(">4I", self._asked("v", b""))
+        rate = float((500 if self.version[0] >= 5 else 125) if rate_hz is None else rate_hz)
+        types = self._asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())[1:].decode().split(",")
+        unknown = [name for name, kind in zip(outputs, types, strict=True) if kind not in FORMS]
+        if unknown:
+            raise DeviceFault("arm", f"{host}: its RTDE does not tell {', '.join(unknown)}")
+        self.widths = [int(FORMS[kind][:-1] or 1) for kind in types]
+        self._form = struct.Struct(">" + "".join(FORMS[kind] for kind in types))
+        self._asked("S", b"")
+
+    def receive(self) -> tuple[float, ...]:
+        """The next sample's values, one after the other; raises OSError."""
+        return self._form.unpack(self._next("U")[1:])
+
+    def close(self) -> None:
+        """Hang up."""
+        self.socket.close()
+
+    def _asked(self, kind: str, body: bytes) -> bytes:
+        self.socket.sendall(struct.pack(">HB", len(body) + 3, ord(kind)) + body)
+        return self._next(kind)
+
+    def _next(self, wanted: str) -> bytes:
+        """The next package of a kind; text messages of the controller are passed over."""
+        while True:
+            while len(self._came) < 3 or len(self._came) < struct.unpack(">H", self._came[:2])[0]:
+                part = self.socket.recv(65536)
+                if not part:
+                    raise ConnectionResetError("it hung up")
+                self._came += part
+            size, kind = struct.unpack(">HB", self._came[:3])
+            body, self._came = self._came[3:size], self._came[size:]
+            if chr(kind) == wanted:
+                return body
+
+
+class RtdeReceiver:
+    """Receives in a thread of its own.
+
+    Attributes:
+        version: of the controller.
+        trouble: why nothing comes; empty while samples come.
+
+    Raises:
+        DeviceFault: the controller cannot be reached.
+    """
+
+    def __init__(self, host: str, clock: Clock, slower: float = 1.0) -> None:
+        self._host, self._clock, self._limit_s = host, clock, ANSWER_S * slower
+        self._samples: deque[Sample] = deque(maxlen=KEPT)
+        self._newest: Sample | None = None
+        self._offset_s, self._late = float("inf"), 0
+        self._ended, self._came = threading.Event(), threading.Condition()
+        self.trouble = ""
+        try:
+            self._connection = RtdeConnection(host, OUTPUTS, None, self._limit_s)
+        except OSError as error:
+            raise DeviceFault("arm", f"no controller answers at {host}:{PORT}: {error}") from None
+        self.version = self._connection.version
+        self._thread = threading.Thread(target=self._run, name="RTDE", daemon=True)
+        self._thread.start()
+
+    @property
+    def newest(self) -> Sample:
+        """The newest sample; raises DeviceFault where none ever came."""
+        with self._came:
+            if self._newest is None:
+                self._came.wait_for(lambda: self._newest is not None, self._limit_s)
+            if self._newest is None:
+                raise DeviceFault("arm", f"{self._host} tells nothing: {self.trouble or 'no sample came'}")
+            return self._newest
+
+    def taken(self) -> list[Sample]:
+        """All samples since the last call, in order."""
+        samples = list[Sample]()
+        while self._samples:
+            samples.append(self._samples.popleft())
+        return samples
+
+    def close(self) -> None:
+        """Receive no more."""
+        self._ended.set()
+        self._connection.close()
+        self._thread.join(self._limit_s)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self._keep(self._connection.receive())
+                self.trouble = ""
+            except OSError as error:
+                self.trouble = str(error) or type(error).__name__
+                self._connection.close()
+                self._connect_again()
+
+    def _connect_again(self) -> None:
+        while not self._ended.wait(AGAIN_S / 10):
+            try:
+                self._connection = RtdeConnection(self._host, OUTPUTS, None, self._limit_s)
+            except (OSError, DeviceFault) as error:
+                self.trouble = str(error)
+                self._ended.wait(AGAIN_S)
+            else:
+                return
+
+    def _keep(self, values: tuple[float, ...]) -> None:
+        time_s = self._time_s(values[0])
+        if self._newest is not None and time_s <= self._newest.time_s:
+            return
+        joints = np.array(values[1:19]).reshape(3, 6)
+        mode, safety, runtime, scaling, fraction = values[19:]
+        share = min(max(scaling, 0.0), 1.0) * min(max(fraction, 0.0), 1.0)
+        with self._came:
+            self._newest = Sample(time_s, *joints, int(mode), int(safety), int(runtime), share)
+            self._samples.append(self._newest)
+            self._came.notify_all()
+
+    def _time_s(self, timestamp_s: float) -> float:
+        """The run's time of a sample: packages come late, never early, so the least delay is none."""
+        offset_s = self._clock.now_s() - timestamp_s
+        self._late = self._late + 1 if offset_s > self._offset_s + SHIFTED_S else 0
+        if offset_s < self._offset_s or self._late >= SHIFTED_TIMES:
+            self._offset_s, self._late = offset_s, 0
+        return timestamp_s + self._offset_s

@@ -1,0 +1,344 @@
+"""An arm of Universal Robots: samples by a receiver of our own, set points by `ur-rtde` in a process of its own.
+
+That process stands on the path by itself when nobody speaks to it. What takes seconds (unlocking, powering on, a new
+program) is done by a thread beside the loop; until it is done, the arm tells the mode that it stopped with.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from cell.errors import DeviceFault
+from cell.interfaces.clock import Clock
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.observation import ArmMode, ArmState, JointSamples
+from cell.interfaces.product import Product
+from cell.interfaces.robot import RobotModel
+from cell.remote.channel import Channel, Message
+from cell.remote.child import Child
+from skills.drivers import ur_stream as said
+from skills.drivers.rtde_receiver import RtdeReceiver, Sample
+from skills.drivers.settings import UrSettings
+from skills.drivers.ur_dashboard import bring_back, stop_program
+
+if find_spec("rtde_control") is None:  # which the process that streams imports
+    raise ModuleNotFoundError("no ur-rtde is installed", name="rtde_control")
+
+SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
+LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its state is old
+OPENING_S, LEAVING_S = 10.0, 3.0
+SETTLED_RAD_S, SETTLES_S = 0.01, 0.5  # an arm whose set points stand has come to rest when it is so slow, or then
+PROJECTED_S = 0.02  # a sample is sought along the path so far from where its time has it
+MODES: dict[int, ArmMode] = {
+    1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
+    6: "emergency_stop", 7: "emergency_stop", 8: "violation", 9: "fault",
+}  # fmt: skip
+RUNNING, PLAYING = 7, 2  # robot mode, runtime state
+POWER = {3: "it has no power", 4: "it has power and no brakes released", 5: "its brakes are on", 2: "it is booting"}
+IN_USE = "in use"
+
+
+@dataclass
+class Stream:
+    """A running process that streams, and what it told.
+
+    Attributes:
+        sent: newest set points, oldest first.
+        lost: why it streams no more; empty while it does.
+    """
+
+    child: Child
+    channel: Channel[Any]
+    sent: deque[said.Sent] = field(default_factory=lambda: deque(maxlen=512))
+    lost: str = ""
+    since_s: float = field(default_factory=time.monotonic)
+
+    def hear(self, slower: float) -> None:
+        """Take what it told; notice when it is silent, stopped or gone."""
+        if self.lost:
+            return
+        try:
+            while (message := self.channel.taken()) is not None:
+                if isinstance(message, said.Lost):
+                    self.lost = message.reason
+                    return
+                if isinstance(message, said.Sent):
+                    self.sent.append(message)
+        except EOFError:
+            self.lost = f"the {self.child.name} died"
+            return
+        heard_s = self.sent[-1].time_s if self.sent else self.since_s
+        silent_s = (time.monotonic() - heard_s) / slower
+        if silent_s > (SILENT_S if self.sent else 3 * SILENT_S):
+            self.lost = f"the {self.child.name} sent no set point for {silent_s:.2f} s"
+
+    def say(self, message: Message) -> None:
+        """Tell it something; a process that is gone shows in `hear`."""
+        with suppress(EOFError, TimeoutError):
+            self.channel.send(message, 0.01)
+
+    def close(self, limit_s: float) -> None:
+        """Let it stand on the path and leave."""
+        self.say(said.Leave())
+        self.child.code(limit_s)
+        self.child.close()
+
+
+class UrArm:
+    """Implements `Arm`.
+
+    Args:
+        product: says how much a held part weighs at most.
+
+    Raises:
+        DeviceFault: the controller does not answer, or somebody must do something at the arm first.
+    """
+
+    def __init__(self, settings: UrSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
+        self._settings, self._clock = settings, clock
+        self._slower: float = getattr(clock, "slower", 1.0)
+        self._tcp = (0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0)
+        self._part_kg = max((part.mass_kg for part in product.parts.values()), default=0.0)
+        self._carried = False
+        self._stream: Stream | None = None
+        self._path: JointTrajectory | None = None
+        self._path_s: float | None = None  # where on it the arm was last seen
+        self._stopped: tuple[ArmMode, str] | None = None  # until it is brought back
+        self._bringing: threading.Thread | None = None
+        self._share, self._upper = 1.0, settings.registers == "upper"
+        self._last_s = -np.inf
+        self._receiver = RtdeReceiver(settings.host, clock, self._slower)
+        try:
+            self._refuse_stopped(self._receiver.newest)
+            self._open()
+        except DeviceFault:
+            self._receiver.close()
+            raise
+
+    def state(self) -> ArmState:
+        """Joints of the newest sample, which is old where none comes; DeviceFault after half a second of silence."""
+        sample = self._receiver.newest
+        age_s = self._clock.now_s() - sample.time_s
+        if age_s > LOST_S:
+            raise DeviceFault("arm", f"it told nothing for {age_s:.2f} s: {self._receiver.trouble or 'no sample came'}")
+        mode, reason = self._mode(sample)
+        moving, path_s = self._followed(sample)
+        positions, speeds = tuple(sample.positions_rad.tolist()), tuple(sample.velocities_rad_s.tolist())
+        return ArmState(sample.time_s, positions, speeds, moving, mode, path_s, reason)
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        """Start now; raises DeviceFault while the arm takes no commands."""
+        mode, reason = self._mode(self._receiver.newest)
+        if mode not in ("normal", "reduced") or self._stream is None:
+            raise DeviceFault("arm", reason or f"it is in the mode {mode}")
+        self._path, self._path_s = trajectory, 0.0
+        self._stream.sent.clear()
+        self._stream.say(said.Begin(trajectory))
+        return trajectory
+
+    def pace(self, share: float) -> None:
+        """Go on at this share of the speed, and no faster than the pendant's slider has it."""
+        self._share = share
+        if self._stream is not None:
+            self._stream.say(said.Share(min(share, self._receiver.newest.speed_share)))
+
+    def stop(self) -> None:
+        """Stop on the path and give it up."""
+        if self._stream is not None:
+            self._stream.say(said.Stop())
+        if self._stopped is not None:
+            self._path = None
+
+    def acknowledge(self) -> None:
+        """Begin to bring an arm back that stopped; its mode stays until that is done."""
+        if self._stopped is not None:
+            self._bring_back()
+
+    def carry(self, held: bool) -> None:
+        """A part is held, or is not any more: the controller is told what hangs on the flange."""
+        if held != self._carried:
+            self._carried = held
+            if self._stream is not None:
+                self._stream.say(self._payload())
+
+    def samples(self) -> JointSamples | None:
+        """Every sample since the last call; moments are what the controller reckons."""
+        taken = [one for one in self._receiver.taken() if one.time_s > self._last_s]
+        if not taken:
+            return None
+        self._last_s = taken[-1].time_s
+        columns = (
+            [getattr(one, name) for one in taken] for name in ("positions_rad", "velocities_rad_s", "moments_nm")
+        )
+        return JointSamples(np.array([one.time_s for one in taken]), *map(np.array, columns))
+
+    def close(self) -> None:
+        """The arm stands on its path, its program ends; harmless when repeated."""
+        if self._bringing is not None:
+            self._bringing.join(LEAVING_S * self._slower)
+        if self._stream is not None:
+            self._stream.close(LEAVING_S * self._slower)
+            self._stream = None
+        self._receiver.close()
+
+    def _mode(self, sample: Sample) -> tuple[ArmMode, str]:
+        """The mode as it is told, with why; an arm that stopped keeps its mode until it is brought back."""
+        stopped = self._why_stopped(sample)
+        if stopped is not None and stopped != self._stopped:
+            self._note(*stopped)
+        if self._stopped is None:
+            return MODES.get(sample.safety_mode, "fault"), ""
+        if self._stopped[0] == "safeguard_stop" and sample.safety_mode in (1, 2):
+            self._bring_back()
+        return self._stopped
+
+    def _why_stopped(self, sample: Sample) -> tuple[ArmMode, str] | None:
+        """What keeps the arm from moving, the gravest first; None where nothing new does."""
+        safety = MODES.get(sample.safety_mode, "fault")
+        if safety not in ("normal", "reduced"):
+            return safety, f"the controller is in {safety.replace('_', ' ')}"
+        if self._stopped is not None:
+            return None
+        if sample.robot_mode != RUNNING:
+            return "not_controlled", POWER.get(sample.robot_mode, f"its robot mode is {sample.robot_mode}")
+        if self._stream is not None:
+            self._stream.hear(self._slower)
+        lost = "no program runs" if self._stream is None else self._stream.lost
+        if sample.runtime_state != PLAYING or lost:
+            return "not_controlled", lost or "somebody stopped or paused its program"
+        return None
+
+    def _note(self, mode: ArmMode, reason: str) -> None:
+        """The arm stopped: nothing may go on by itself, whoever presses play."""
+        began, self._stopped = self._stopped is None, (mode, reason)
+        if mode != "safeguard_stop":
+            self._path = None
+        if began:
+            stream, self._stream = self._stream, None
+            threading.Thread(target=self._let_go, args=(stream,), daemon=True).start()
+
+    def _let_go(self, stream: Stream | None) -> None:
+        stop_program(self._settings.host, self._slower)
+        if stream is not None:
+            stream.close(1.0)
+
+    def _bring_back(self) -> None:
+        """Beside the loop, once at a time."""
+        if self._bringing is None or not self._bringing.is_alive():
+            self._bringing = threading.Thread(target=self._brought_back, name="bring back", daemon=True)
+            self._bringing.start()
+
+    def _brought_back(self) -> None:
+        assert self._stopped is not None
+        mode = self._stopped[0]
+        try:
+            bring_back(self._settings.host, self._slower)
+            self._open()
+        except DeviceFault as error:
+            self._stopped = mode, error.reason
+            return
+        self._stopped = None
+
+    def _open(self) -> None:
+        """A process that streams from where the arm stands, and goes on with a path that it was held on.
+
+        Raises:
+            DeviceFault: the controller takes no program.
+        """
+        settings, rate_hz = self._settings, 500.0 if self._receiver.version[0] >= 5 else 125.0
+        stream = self._opened(rate_hz)
+        if IN_USE in stream.lost and settings.registers == "auto" and not self._upper:
+            self._upper = True
+            stream = self._opened(rate_hz)
+        if stream.lost:
+            raise DeviceFault("arm", f"the controller takes no program: {stream.lost}")
+        sample = self._receiver.newest
+        stream.say(said.Start(sample.positions_rad))
+        path, path_s = self._path, self._path_s
+        if path is not None and path_s is not None:
+            stream.say(said.Begin(path, path_s))
+        stream.since_s = time.monotonic()
+        self._stream = stream
+
+    def _opened(self, rate_hz: float) -> Stream:
+        settings = self._settings
+        serve = partial(
+            said.serve,
+            *(settings.host, rate_hz, self._slower, settings.lookahead_s, settings.gain, self._upper, self._tcp),
+            self._payload(),
+        )
+        child = Child("process that streams set points", serve, outlives=True)
+        stream = Stream(child, Channel(child.socket, said.FromStream))
+        try:
+            first = stream.channel.receive(OPENING_S * self._slower)
+            stream.lost = first.reason if isinstance(first, said.Lost) else ""
+        except (EOFError, TimeoutError) as error:
+            stream.lost = str(error) or f"it is not ready after {OPENING_S:g} s"
+        if stream.lost:
+            child.close()
+        return stream
+
+    def _payload(self) -> said.Payload:
+        held_kg = self._part_kg if self._carried else 0.0
+        return said.Payload(self._settings.payload_kg + held_kg, self._settings.payload_centre_m)
+
+    def _refuse_stopped(self, sample: Sample) -> None:
+        """Raise DeviceFault where somebody must do something at the arm before a run."""
+        mode = MODES.get(sample.safety_mode, "fault")
+        if mode not in ("normal", "reduced"):
+            raise DeviceFault("arm", f"it is in {mode.replace('_', ' ')}: clear it at the pendant, then run again")
+        if sample.robot_mode != RUNNING:
+            why = POWER.get(sample.robot_mode, f"its robot mode is {sample.robot_mode}")
+            raise DeviceFault("arm", f"{why}: switch it on at the pendant, then run again")
+
+    def _followed(self, sample: Sample) -> tuple[bool, float | None]:
+        """Whether the arm is on its way, and where on its path it was when the sample was taken.
+
+        The joints trail the set points by a time that belongs to the controller. What is left of jitter is taken out by
+        looking for the nearest place on the path within 20 ms.
+        """
+        path = self._path
+        if path is None:
+            return False, None
+        if self._stopped is not None:
+            return True, self._path_s
+        stream = self._stream
+        if stream is None or not stream.sent:
+            return True, self._path_s
+        now_s, machine_s = self._clock.now_s(), time.monotonic()
+        times_s = np.array([now_s - (machine_s - one.time_s) / self._slower for one in stream.sent])
+        rates = max(self._receiver.newest.speed_share, 0.05)
+        lag_s = self._settings.lag_s / rates
+        newest = stream.sent[-1]
+        ended = newest.path_s is None
+        places_s = [one.path_s for one in stream.sent if one.path_s is not None]
+        at_s = float(np.interp(sample.time_s - lag_s, times_s[: len(places_s)], places_s)) if places_s else 0.0
+        done_s = next((t for t, one in zip(times_s, stream.sent, strict=True) if not one.moving), np.inf)
+        settled = float(np.abs(sample.velocities_rad_s).max()) < SETTLED_RAD_S and sample.time_s > done_s + lag_s
+        moving = newest.moving or not (settled or sample.time_s > done_s + SETTLES_S)
+        if ended and not moving:
+            self._path = self._path_s = None
+            return False, None
+        self._path_s = _nearest_s(path, at_s, sample)
+        return moving, self._path_s
+
+
+def _nearest_s(path: JointTrajectory, about_s: float, sample: Sample) -> float:
+    """The place on the path nearest to the joints, within 20 ms of where time has it."""
+    ends = np.clip([about_s - PROJECTED_S, about_s + PROJECTED_S], 0.0, path.duration_s)
+    (first, last) = path.along(ends)
+    way = last - first
+    length = float(way @ way)
+    if length < 1e-10:
+        return min(max(about_s, 0.0), path.duration_s)
+    share = float((sample.positions_rad - first) @ way) / length
+    return float(ends[0] + min(max(share, 0.0), 1.0) * (ends[1] - ends[0]))

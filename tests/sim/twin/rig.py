@@ -1,0 +1,85 @@
+"""A twin of an arm alone in a process of its own, as `ur-rtde` and a server in one process block one another."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cell.configuration import load_configuration, load_product
+from sim.cell import SimCell
+from sim.scene.settings import SimSettings
+from sim.scene.world import World
+from sim.twin.arm import TwinArm
+from sim.twin.cell import TwinCell
+from sim.twin.control import ControlDoor, ask
+from tests.processes import started
+
+
+class Twin:
+    """A running twin.
+
+    Attributes:
+        host: where its wires are.
+        process: it runs there.
+    """
+
+    def __init__(self, host: str, door: Path, process: subprocess.Popen[str]) -> None:
+        self.host, self._door, self.process = host, door, process
+
+    def fault(self, name: str) -> None:
+        """Make something go wrong."""
+        ask(self._door, {"fault": name})
+
+    def faults(self) -> Mapping[str, str]:
+        """All that can go wrong, in words."""
+        told: dict[str, str] = ask(self._door, {"faults": True})
+        return told
+
+
+@contextmanager
+def running_twin(folder: Path, number: int, robot: str = "ur10", slower: float = 1.0) -> Iterator[Twin]:
+    """A twin at 127.0.0.NUMBER: each test has its own."""
+    host, door = f"127.0.0.{number}", folder / f"twin{number}.sock"
+    words = [sys.executable, "-m", "tests.sim.twin.rig", host, str(door), robot, str(slower)]
+    with started(words) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield Twin(host, door, process)
+
+
+def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: float) -> TwinCell:
+    """A cell without person, parts and images."""
+    configuration = load_configuration()
+    product, arms = load_product(configuration), list[TwinArm]()
+
+    def made(world: World) -> TwinArm:
+        arms.append(TwinArm(world))
+        return arms[0]
+
+    period_s = 0.002 if robot == "ur10e" else 0.008
+    physics = SimSettings().physics.model_copy(update={"control_period_s": period_s})
+    simulation = SimSettings(physics=physics)
+    bench = configuration.bench.drawn
+    sim = SimCell(
+        product, bench, simulation, "virtual", "twin", 0, "g0", worker=False, clutter=(), rendered=False, arm=made
+    )
+    return TwinCell(sim, arms[0], settings, robot, period_s, slower)
+
+
+def main(host: str, door: str, robot: str, slower: str) -> None:
+    """Serve until the parent is gone."""
+    cell = light_cell({"arm": {"kind": "ur", "host": host}}, robot, float(slower))
+    cell.serve()
+    ControlDoor(cell, Path(door))
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    threading.Event().wait()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -29,6 +29,7 @@ def replay(
     ] = None,
     from_s: FromOption = 0.0,
     until_s: UntilOption = float("inf"),
+    bracket: Annotated[int | None, typer.Option(min=1, help="Begin with this bracket of a shift.")] = None,
     step: Annotated[bool, typer.Option("--step", help="Show every tick that changed something, one by one.")] = False,
     frames: Annotated[
         Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
@@ -38,11 +39,11 @@ def replay(
 ) -> int:
     """Run the tree again on a log's inputs and compare every decision; status 1 if one differs."""
     recorded = read(log)
-    again = Replay(recorded, Changes(tree, config, _weights(weights or []), *own_files(own)))
+    again = Replay(recorded, Changes(tree, config, _weights(weights or []), *own_files(own)), bracket)
     comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)
     sys.stderr.writelines(f"cell: {recorded.path}: {remark}\n" for remark in again.remarks)
     piece = step or from_s > 0 or until_s < float("inf")
-    of = None if piece else recorded.ticks_of_run
+    of = None if piece else recorded.ticks_of_run - again.first
     return tell_comparison(comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered)
 
 

@@ -47,6 +47,7 @@ class McapRecorder(Observer):
     Attributes:
         context: of all channels; a live server serves them from there, too.
         scene: what viewers show beside them, None where the cell's model was not given.
+        state: what a replay from the next tick on needs; kept at the beginning of each part and of each bracket.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class McapRecorder(Observer):
             InputError: the file cannot be written.
         """
         self.context = foxglove.Context()
+        self.state: Callable[[], Mapping[str, object]] = dict
         self._settings = settings
         self._result = result
         self._alarm = alarm
@@ -139,8 +141,8 @@ class McapRecorder(Observer):
     def tick(self, record: TickRecord) -> None:
         observation = record.observation
         tick, stamp_ns = observation.tick, _nanoseconds(observation.time_s)
-        if self._files.due(observation.time_s, _next_bracket(record)):
-            self._turn(observation.time_s, tick)
+        begins = _next_bracket(record)
+        turned = self._files.due(observation.time_s, begins) and self._turn(observation.time_s, tick)
         self._tick = tick + 1
         self._watch_disk(observation.time_s)
         if self._full:
@@ -156,6 +158,8 @@ class McapRecorder(Observer):
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)
+        if turned or (begins and self._files.rotates):
+            self._json["/state"].log(json_bytes({"tick": tick, **self.state()}), log_time=stamp_ns)
         self._write("/timing", stamp_ns, self._took(record))
         if record.joints is not None and len(record.joints.times_s) and self._settings.joint_samples:
             self._joints.log(joint_samples.encode(record.joints), log_time=stamp_ns)
@@ -230,10 +234,10 @@ class McapRecorder(Observer):
         if not self._full:
             self.message(time_s, level, text)
 
-    def _turn(self, time_s: float, tick: int) -> None:
+    def _turn(self, time_s: float, tick: int) -> bool:
         """Begin a part with what a reader of this part alone must know; `/snapshot` ends it."""
         if not self._files.turn(time_s, tick):
-            return
+            return False
         stamp_ns = _nanoseconds(time_s)
         for topic, view in (("/bench", self._bench), ("/parts", self._parts)):
             if view is not None:
@@ -241,6 +245,7 @@ class McapRecorder(Observer):
         if self.scene is not None:
             self.scene.repeat_all(stamp_ns)
         self._write("/snapshot", stamp_ns, self._snapshot.fields(tick))
+        return True
 
     def _observe(self, seen: Observation, stamp_ns: int) -> None:
         """What the tick saw; answers of detectors only where they are new."""

@@ -76,6 +76,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/edit": {**TICK, "files": OBJECT},
     "/hook": {**TICK, "order": TEXT},
     "/snapshot": {**TICK, "statuses": OBJECT, "blackboard": OBJECT, "display": record(Display)},
+    "/state": {**TICK, "nodes": array(OBJECT), "lost": TEXT},
     "/truth": {
         **dict.fromkeys(("kind", "act", "action", "edge", "part", "position"), TEXT),
         **dict.fromkeys(("name", "posture", "robot", "human"), TEXT),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
@@ -70,6 +71,16 @@ class Supervisor:
         judgement = self._judge(observation, command, [row for row in self._rows if row[0].signal in OF_COMMANDS])
         self._memory.command(observation, command, judgement)
         return judgement
+
+    @property
+    def state(self) -> list[Any]:
+        """What it keeps between two ticks: its memory, and of each row its check and where it stands."""
+        return [self._memory, *((check, state) for _, check, state in self._rows)]
+
+    @state.setter
+    def state(self, state: list[Any]) -> None:
+        self._memory, *rows = state
+        self._rows = [(fault, *row) for (fault, *_), row in zip(self._rows, rows, strict=True)]
 
     @property
     def unacknowledged(self) -> bool:

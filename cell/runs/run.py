@@ -54,6 +54,7 @@ from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_st
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.reload import WatchedTree
+from cell.wiring.run_state import state_of
 from cell.wiring.services import TickClock, load_planners, make_services
 from sim.process import pacing as real_time
 from sim.process.opening import connect, drawn_from, is_there, open_simulation, own_world
@@ -61,6 +62,7 @@ from skills.drivers.can_gripper import CanGripper, Tap
 from skills.drivers.checked_arm import CheckedArm
 from skills.motion.planner import MotionPlanner
 from trees.engine.tree import Tree
+from trees.nodes.services import Services
 
 
 @dataclass(frozen=True)
@@ -198,8 +200,26 @@ def _run(
         for observer in observers if files.unsafe else ():
             observer.message(devices.clock.now_s(), "error", f"UNSAFE: {'; '.join(files.unsafe)}")
         stack.enter_context(real_time.preferred(options.pace == "real"))
+
+        def begun(services: Services, supervisor: Supervisor) -> None:
+            def state() -> Mapping[str, object]:
+                tree = ticked.tree if isinstance(ticked, WatchedTree) else ticked
+                return state_of(tree, services, supervisor)
+
+            recorder.state = state
+
         outcome = drive(
-            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator, watchdog
+            files,
+            devices,
+            motion,
+            observers,
+            recorder.can_frame,
+            options.pace,
+            ticked,
+            injection,
+            operator,
+            watchdog,
+            begun=begun,
         )
         watchdog.step("the contact sheet")
         sheet, outcome = _sheet(options, log, recorder, moments, outcome)
@@ -220,6 +240,7 @@ def drive(
     operator: OperatorChannel | None = None,
     watchdog: Watchdog | None = None,
     supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
+    begun: Callable[[Services, Supervisor], None] = lambda *_: None,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
@@ -245,6 +266,7 @@ def drive(
         journal, seen = controller.journal, controller.observe()
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
         tree.setup(services, TickClock(services))
+        begun(services, supervisor)
         return controller.run(tree, services)
 
 

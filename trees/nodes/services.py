@@ -106,11 +106,13 @@ class Services:
 
     Attributes:
         memory: what outlives a tick; it stands on the blackboard of the main tree, as `@memory_held_part` and so on.
+        learned: brackets that were learned from, in order.
     """
 
     now: Tick
     tools: Tools
     memory: Memory = field(default_factory=Memory)
+    learned: list[tuple[str, ...]] = field(default_factory=list)
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None
@@ -156,6 +158,7 @@ class Services:
     def learn(self, parts: tuple[str, ...]) -> str | None:
         """From now on planners and guard know how a bracket was finished; the name of its goal, if it has one."""
         self.tools, name = self.tools.learn(self.tools, parts)
+        self.learned.append(parts)
         if name is not None:
             self.memory.finished = tuple(dict.fromkeys((*self.memory.finished, parts)))
         return name

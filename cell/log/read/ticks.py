@@ -38,6 +38,7 @@ class LoggedTick:
         display: what the person was shown from this tick on, as plain data; None for no change.
         wall_s: how long the tick took on the machine that ran it.
         judgement: what the supervisor allowed, as plain data; None in logs from before it.
+        state: what a replay from the next tick on needs, as JSON; None in most ticks.
         inputs: what came from outside before this tick, in order: ("edit", files of a tree that takes over in it) and
             ("hook", an order about breakpoints and overrides).
     """
@@ -54,6 +55,7 @@ class LoggedTick:
     overrun: bool
     inputs: tuple[Note, ...] = ()
     judgement: Mapping[str, Any] | None = None
+    state: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ class _Pending:
         self.inputs = inputs
         self.parts: dict[str, dict[str, Any]] = {}
         self.notes: list[Note] = []
+        self.state: bytes | None = None
 
     def whole(self) -> LoggedTick:
         tick, timing = self.parts["/tick"], self.parts["/timing"]
@@ -100,6 +103,7 @@ class _Pending:
             overrun=timing["overrun"],
             inputs=self.inputs,
             judgement=self.parts.get("/judgement"),
+            state=self.state,
         )
 
 
@@ -150,6 +154,9 @@ class TickBuilder:
                 self._open(orjson.loads(message.data))
             elif topic in FROM_OUTSIDE:
                 self._outside.append((FROM_OUTSIDE[topic], orjson.loads(message.data)))
+            elif topic == "/state":
+                if self._pending is not None:
+                    self._pending.state = message.data
             elif topic in OF_A_TICK or topic.startswith("/note/"):
                 self._add(topic, orjson.loads(message.data))
         except (ValueError, KeyError, TypeError, ValidationError) as error:

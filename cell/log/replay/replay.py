@@ -18,6 +18,7 @@ from cell.interfaces.notes import ListJournal
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
+from cell.log.read.ticks import Gap
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from cell.log.replay.logged_tree import recorded_table, write_files
 from cell.recording.identity import what_changed
@@ -27,6 +28,7 @@ from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
 from cell.wiring.detectors import fitted
 from cell.wiring.reload import take_over
+from cell.wiring.run_state import StateError, go_on_from
 from cell.wiring.services import Planners, TickClock, load_planners, make_services
 from learned.inference.onnx_model import digest_of
 from skills.motion.planner import MotionPlanner
@@ -83,38 +85,69 @@ class Replay:
 
     Attributes:
         remarks: what of the log was not replayed, and why, for people; whole after `run`.
+        first: number of the tick that it begins with.
 
     Raises:
         LogError: the log lacks what a replay needs, or was recorded with other weights than these.
         InputError, ModelError: a changed file cannot be used.
     """
 
-    def __init__(self, log: Log, changes: Changes | None = None) -> None:
-        changes = changes or Changes()
-        _refuse_without_beginning(log)
+    def __init__(self, log: Log, changes: Changes | None = None, bracket: int | None = None) -> None:
+        """Args:
+        bracket: of a shift, to begin with; by default tick 0, or the first bracket whose beginning the log still holds.
+        """
+        if not log.ticks:
+            raise LogError(log.path, "holds no tick that could be replayed")
         self.log = log
+        self.changes = changes or Changes()
         self.remarks: list[str] = []
-        self._by_name, self._memory = changes.tree is not None, remembers(log)
-        self._nodes = changes.nodes
+        self._by_name, self._memory = self.changes.tree is not None, remembers(log)
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
-        configuration, product, planners, self.tree, faults = _load(log, changes)
+        self._begin(_start(log, bracket))
+
+    def _begin(self, place: int) -> None:
+        """Make everything ready for the tick at a place of the log; beyond the first with the state before it."""
+        log, before = self.log, self.log.ticks[max(0, place - 1)]
+        edits = [fields["files"] for tick in log.ticks[:place] for kind, fields in tick.inputs if kind == "edit"]
+        configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)
         self._halted = False
         self._journal = ListJournal()
+        left_off = json.loads(log.metadata["left_off"]) if "left_off" in log.metadata and not place else None
         self._services = make_services(
             configuration,
             planners,
             motion,
             self._journal,
-            log.ticks[0].observation,
-            ResumeState.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else ResumeState(),
-            LoggedFiles(_notes(log, "file")),
-            LoggedAnswers(_notes(log, "outside")),
+            before.observation,
+            ResumeState() if left_off is None else ResumeState.of(left_off),
+            LoggedFiles(_notes(log.ticks[place:], "file")),
+            LoggedAnswers(_notes(log.ticks[place:], "outside")),
         )
         self._clock = TickClock(self._services)
         self.tree.setup(self._services, self._clock)
         self._hooks = Hooks(self.tree, _nobody)
+        self.first = log.ticks[place].number
+        self._place = place
+        if place:
+            self._go_on(before)
+
+    def _go_on(self, before: LoggedTick) -> None:
+        """Take the state that the log holds after a tick."""
+        state = json.loads(before.state or b"{}")
+        if "lost" in state:
+            raise LogError(self.log.path, f"cannot be replayed from tick {before.number + 1} on: {state['lost']}")
+        try:
+            anew = go_on_from(state, self.tree, self._services, self._supervisor)
+        except StateError as error:
+            raise LogError(self.log.path, f"cannot be replayed from tick {before.number + 1} on: {error}") from None
+        self._journal.take()
+        self.remarks.append(f"begins after tick {before.number} at {before.time_s:.2f} s, with the state that was kept")
+        if anew and self._by_name:
+            self.remarks.append(f"begin anew: {', '.join(anew)}")
+        elif anew:
+            raise LogError(self.log.path, f"holds the state of another tree; it lacks {', '.join(anew)}")
 
     def run(
         self,
@@ -127,10 +160,21 @@ class Replay:
         Args:
             watch: sees every compared tick; ends the replay by answering False.
         """
-        comparison = Comparison()
-        for place, tick in enumerate(self.log.ticks):
-            if tick.time_s > until_s or self._cut_short(place, tick):
-                break
+        comparison, ticks, place = Comparison(), self.log.ticks, self._place
+        while place < len(ticks) and ticks[place].time_s <= until_s:
+            tick = ticks[place]
+            if place > self._place and tick.number != ticks[place - 1].number + 1:
+                gap = Gap(ticks[place - 1].number + 1, tick.number - 1)
+                place = _next_start(ticks, place)
+                goes_on = (
+                    f"the replay goes on with tick {ticks[place].number}" if place < len(ticks) else "it ends before"
+                )
+                self.remarks.append(f"{gap}, and nodes remember what they saw: {goes_on}")
+                if place < len(ticks):
+                    self._begin(place)
+                continue
+            if tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK:
+                break  # a second signal stopped it anywhere
             now = self._tick(tick)
             if tick.time_s >= from_s:
                 found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name, self._memory)
@@ -139,20 +183,13 @@ class Replay:
                     break
             if (now.status in ENDS or tick.status in ENDS) and not self._stops_next(place):
                 break
+            place += 1
         return comparison
 
     def _stops_next(self, place: int) -> bool:
         """Whether the next tick of the log is one of the safe stop."""
         following = self.log.ticks[place + 1 : place + 2]
         return bool(following) and following[0].status == STOPPING
-
-    def _cut_short(self, place: int, tick: LoggedTick) -> bool:
-        """Not to be compared: what follows missing ticks, and a last tick that a second signal stopped anywhere."""
-        if tick.number != place:
-            gap = self.log.gaps[0]
-            self.remarks.append(f"{gap}: the replay ends before, as nodes remember what they saw")
-            return True
-        return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
 
     def _tick(self, tick: LoggedTick) -> Decisions:
         self._services.now.observation, self._services.now.command = tick.observation, Command()
@@ -202,31 +239,57 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = _tree(self.log, Path(folder), node_registry(more=self._nodes))
+            following = _tree(self.log, Path(folder), node_registry(more=self.changes.nodes))
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 
 
-def _refuse_without_beginning(log: Log) -> None:
-    if not log.ticks:
-        raise LogError(log.path, "holds no tick that could be replayed")
-    if first := log.ticks[0].number:
-        what = f"begins with tick {first}; nodes remember what they saw, so a replay needs the run from tick 0 on"
-        raise LogError(log.path, f"{what}: name the first part")
+def _start(log: Log, bracket: int | None) -> int:
+    """Place of the first tick to be replayed: 0, or one after which the log holds the state of the run.
+
+    Raises:
+        LogError: there is no such tick.
+    """
+    begun = {
+        fields["number"]: place + 1
+        for place, tick in enumerate(log.ticks)
+        for topic, fields in tick.notes
+        if topic == "bracket" and fields.get("edge") == "begin" and tick.state is not None
+    }
+    first = log.ticks[0].number
+    if bracket is not None:
+        found = begun.get(bracket, 0 if not first and bracket == 1 else None)
+        if found is None:
+            held = ", ".join(map(str, begun)) or "none"
+            raise LogError(log.path, f"holds no beginning of bracket {bracket}; held: {held}")
+        return found
+    place = _next_start(log.ticks, 0) if first else 0
+    if place == len(log.ticks):
+        what = f"begins with tick {first}, and nodes remember what they saw; a replay needs tick 0"
+        raise LogError(log.path, f"{what}, or the beginning of a bracket: name the first part")
+    return place
 
 
-def _notes(log: Log, about: str) -> list[dict[str, Any]]:
-    return [fields for tick in log.ticks for topic, fields in tick.notes if topic == about]
+def _next_start(ticks: Sequence[LoggedTick], place: int) -> int:
+    """Of ticks from a place on the first after which the log holds a state; their number where there is none."""
+    return next((i + 1 for i in range(place, len(ticks)) if ticks[i].state is not None), len(ticks))
+
+
+def _notes(ticks: Sequence[LoggedTick], about: str) -> list[dict[str, Any]]:
+    return [fields for tick in ticks for topic, fields in tick.notes if topic == about]
 
 
 def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
 
 
-def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
+def _load(
+    log: Log, changes: Changes, edited: Mapping[str, str] | None = None
+) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
     with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
         folder = Path(name)
         _unpack(log, folder)
+        write_files(log, {file: text.encode() for file, text in (edited or {}).items()}, folder)
         if changes.configuration is None:
             configuration = load_configuration(folder / "configuration.yaml")
             product = load_yaml(folder / "product.yaml", Product)

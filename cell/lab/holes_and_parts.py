@@ -127,7 +127,7 @@ def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
     with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
         folder, configuration = DataFolder(Path(name) / "plates", "cell lab eval holes"), task.configuration
         write_plates(kinds, configuration.bench, configuration.devices.simulation, seed, folder, stills, reach, FRAMES)
-        return load_plates([Path(name) / "plates"])
+        return load_plates([Path(name) / "plates"], task.product)
 
 
 def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:

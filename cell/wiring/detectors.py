@@ -33,8 +33,8 @@ from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
 from learned.classical.box_model import check_image
-from learned.classical.lying_parts import LyingParts
 from learned.inference.onnx_model import OnnxModel
+from learned.parts.lying_parts import LyingParts
 
 Maker = Callable[[Bench, Product, Path], Any]
 NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.errors import InputError, Place, Problem
+from cell.errors import InputError
 from cell.interfaces.hand_window import FRAME_PX, last_at_hole
-from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from learned.actions.segments import (
     CROP_PX,
@@ -28,7 +27,9 @@ from learned.actions.segments import (
 )
 from learned.actions.settings import WHOLE_FRAMES, Classes
 from learned.actions.variation import KEPT_PX, OtherCamera, Variation, cut_out, varied_track
-from learned.training.json_lines import segment_rows
+from learned.training.rows import EXPORT, SampleRow, SegmentRow, TrueAction, read_rows
+
+RATE_HZ = 15.0  # of the paper's camera
 
 
 @dataclass(frozen=True)
@@ -88,13 +89,16 @@ class Segments:
         return self.some(np.flatnonzero(~inside)), self.some(np.flatnonzero(inside))
 
 
-def load_segments(folders: Sequence[Path], classes: Classes) -> Segments:
+def load_segments(folders: Sequence[Path], classes: Classes, rate_hz: float = RATE_HZ) -> Segments:
     """Read folders; of recorded runs, assemblies are learned as a hole or a person tells them, and where one does.
+
+    Args:
+        rate_hz: of the camera's frames.
 
     Raises:
         InputError: there are none, or a line is wrong.
     """
-    rows = [row for folder in folders for row in _rows(folder, classes)]
+    rows = [row for folder in folders for row in _rows(folder, classes, rate_hz)]
     if not rows:
         raise InputError(f"{', '.join(map(str, folders))}: no labelled segments")
     windows, index = [np.zeros((KEPT_PX, KEPT_PX, 3), np.uint8)], {}
@@ -192,58 +196,60 @@ class _Row:
     before_s: float
 
 
-def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
-    path = folder / "segments.jsonl"
-    for at, (line, row) in enumerate(segment_rows(path), start=2):
-        try:
-            if (label := _label(row)) is not None:
-                yield _row(folder, row, line, label, classes)
-        except KeyError as error:
-            raise InputError(Problem(Place(path, at), f"the key {error} is missing")) from error
-        except (TypeError, ValueError) as error:
-            raise InputError(Problem(Place(path, at), f"no segment of this product: {error}")) from error
+def _rows(folder: Path, classes: Classes, rate_hz: float) -> list[_Row]:
+    """Labelled segments of a folder; those that nobody has a label for are left out."""
+
+    def made(row: SegmentRow) -> _Row | None:
+        label = _label(row)
+        if label is not None:
+            row.require_whole(rate_hz)
+        return None if label is None else _row(folder, row, label, classes)
+
+    found = read_rows(folder / "segments.jsonl", SegmentRow, made, header="cell.segments", how=EXPORT)
+    return [row for row in found if row is not None]
 
 
-def _label(row: dict[str, Any]) -> dict[str, Any] | None:
+def _label(row: SegmentRow) -> TrueAction | None:
     """The truth, or what was detected as the hole told it later, or a person; None if unknown.
 
     Whether a label agrees with what was detected does not count: a person who corrects it may leave that as it was.
+
+    Raises:
+        ValueError: there is neither.
     """
-    if "truth" in row:
-        truth: dict[str, Any] = row["truth"]
-        return truth
-    detected, confirmed = row["detected"], row["confirmed"]
+    if row.truth is not None:
+        return row.truth
+    detected, confirmed = row.detected, row.confirmed
+    if detected is None:
+        raise ValueError("neither truth nor detected is there")
     if confirmed is None:
-        return None if detected["kind"] == "assembly" else detected
-    if confirmed["part"] is None:  # the hole was empty: something else was done
+        unsure = detected.kind == "assembly"
+        return None if unsure else TrueAction(kind=detected.kind, part=detected.part, position=detected.position)
+    if confirmed.part is None:  # the hole was empty: something else was done
         return None
-    released = confirmed.get("released", detected["finished"])
-    return {"kind": "assembly", "part": confirmed["part"], "position": confirmed["position"], "released": released}
+    released = detected.finished if confirmed.released is None else confirmed.released
+    return TrueAction(kind="assembly", part=confirmed.part, position=confirmed.position, released=released)
 
 
-def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], classes: Classes) -> _Row:
-    hands = row["hands"]
-    if len(hands) != SEGMENT_FRAMES:
-        raise ValueError(f"{len(hands)} frames; {SEGMENT_FRAMES} are needed")
-    before = row.get("hand_before")  # which data of older versions do not tell
-    files = tuple(folder / row[key] if row.get(key) else None for key in ("hand_crop", "hole_crop"))
+def _row(folder: Path, row: SegmentRow, label: TrueAction, classes: Classes) -> _Row:
+    before = row.hand_before  # which data of older versions do not tell
+    hand, hole = (folder / name if name else None for name in (row.hand_crop, row.hole_crop))
     return _Row(
-        log=row["log"],
-        line=line,
-        number=classes.number(label["kind"], label.get("part"), label.get("position")),
-        released=bool(label.get("released")),
-        guarded=bool(row.get("guarded")),
-        files=(files[0], files[1]),
-        frames=tuple(folder / name for name in row.get("frames", ())),
-        track_m=np.array([UNKNOWN_HAND if hand is None else _told(hand) for hand in [before, *hands]], float),
-        before_s=math.inf if before is None else row["begin_s"] - before["time_s"],
+        log=row.log,
+        line=row.model_dump_json(),
+        number=classes.number(label.kind, label.part, label.position),
+        released=label.released,
+        guarded=row.guarded,
+        files=(hand, hole),
+        frames=tuple(folder / name for name in row.frames),
+        track_m=np.array([UNKNOWN_HAND if one is None else _told(one) for one in [before, *row.hands]], float),
+        before_s=math.inf if before is None else row.begin_s - before.time_s,
     )
 
 
-def _told(hand: dict[str, Any]) -> tuple[float, ...]:
-    height_m = hand.get("fingertips_height_m")
-    apart_m = opening_m(hand.get("thumb_m"), hand.get("index_m"))
-    return (*hand["fingertips_m"], *hand["palm_m"], math.nan if height_m is None else height_m, apart_m)
+def _told(hand: SampleRow) -> tuple[float, ...]:
+    height_m, apart_m = hand.fingertips_height_m, opening_m(hand.thumb_m, hand.index_m)
+    return (*hand.fingertips_m, *hand.palm_m, math.nan if height_m is None else height_m, apart_m)
 
 
 def _whole_frames(rows: Sequence[_Row]) -> tuple[Images, NDArray[np.int64]]:

@@ -22,13 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text, whole_or_none
+from cell.files.files import whole_or_none
 from cell.files.model import Model
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
@@ -37,6 +37,7 @@ from learned.grasp.boxes import Blocks, Boxes
 from learned.grasp.candidates import CANDIDATES, Candidate, touching
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperOutline
+from learned.training.rows import read_rows
 
 Vector = tuple[float, float, float]
 
@@ -173,51 +174,24 @@ def read_scenes(path: Path, product: Product, outline: GripperOutline | None = N
     Raises:
         InputError: the file cannot be read, or scenes are damaged or without truth and labels; all with their lines.
     """
-    scenes: list[Scene] = []
-    problems: list[Problem] = []
-    for line, record in _numbered(path, product, problems):
-        scene = record.scene(outline or GripperOutline())
-        if scene is None:
-            problems.append(Problem(Place(path, line), "no truth and no blockers", "training needs one of them"))
-        else:
-            scenes.append(scene)
-    if not scenes and not problems:
-        problems.append(Problem(Place(path, 1), "the file holds no scenes"))
-    if problems:
-        raise InputError(*problems)
+    types = tuple(product.parts)
+
+    def header(read: dict[str, Any]) -> None:
+        found = Header.model_validate(read)
+        if found.parts != types:
+            raise ValueError(f"scenes of part types {', '.join(found.parts)}; the product has {', '.join(types)}")
+
+    def made(record: SceneRecord) -> Scene:
+        if wrong := list(record.problems(types)):
+            raise ValueError("; ".join(wrong))
+        if (scene := record.scene(outline or GripperOutline())) is None:
+            raise ValueError("no truth and no blockers; training needs one of them")
+        return scene
+
+    scenes = read_rows(path, SceneRecord, made, header=header)
+    if not scenes:
+        raise InputError(Problem(Place(path, 1), "the file holds no scenes"))
     return scenes
-
-
-def _numbered(path: Path, product: Product, problems: list[Problem]) -> Iterator[tuple[int, SceneRecord]]:
-    """(Line, scene) of all that are well-formed; what is wrong with the others is added to `problems`."""
-    lines = read_text(path).splitlines()
-    _check_header(path, lines[0] if lines else "", product)
-    for line, text in enumerate(lines[1:], start=2):
-        try:
-            record = SceneRecord.model_validate_json(text)
-        except ValidationError as error:
-            problems.extend(_found(path, line, error))
-            continue
-        wrong = [Problem(Place(path, line), what) for what in record.problems(tuple(product.parts))]
-        problems.extend(wrong)
-        if not wrong:
-            yield line, record
-
-
-def _check_header(path: Path, text: str, product: Product) -> None:
-    try:
-        header = Header.model_validate_json(text)
-    except ValidationError as error:
-        raise InputError(*_found(path, 1, error)) from None
-    if header.parts != tuple(product.parts):
-        what = f"scenes of part types {', '.join(header.parts)}"
-        raise InputError(Problem(Place(path, 1), what, f"the product has {', '.join(product.parts)}"))
-
-
-def _found(path: Path, line: int, error: ValidationError) -> Iterator[Problem]:
-    for details in error.errors():
-        place = ".".join(str(step) for step in details["loc"])
-        yield Problem(Place(path, line), f"{place}: {details['msg']}" if place else details["msg"])
 
 
 def _boxes(standing: Sequence[StandingRecord]) -> Boxes:

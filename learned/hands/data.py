@@ -1,24 +1,27 @@
-"""Training data of the small tracker: rows of `cell lab data hands` as arrays."""
+"""Training data of the small tracker: frames of `cell lab data hands` or `cell label` as arrays."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, StrictBool
 
 from cell.errors import InputError
+from cell.files.model import Model
 from cell.interfaces.bench import CameraSetup
+from cell.interfaces.perception import Side
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.regions import FINDER_PX, PATCH_PX, POINTS, Image, Regions, centre_of
-from learned.training.json_lines import labelled_rows
+from learned.training.rows import Box, CameraRow, Point, PoseRow, Vector, one_of, read_rows
+from learned.training.still_dataset import read_image
 
 ROWS = "hands.jsonl"
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
@@ -26,6 +29,7 @@ EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, t
 NO_HAND_WITHIN = 0.42  # of a region: what is so far from the middle of every hand is shown as no hand
 NO_HANDS = 2  # places of a frame that are shown as none, at most
 JITTER = 0.12  # of a region, standard deviation: what looks like a hand may be seen in any part of it
+NOT_KNOWN = -1  # number of a part that is held, where nobody knows
 FOREARM = (0.8, 4.0)  # of the length from palm to wrist, beyond the wrist: sleeves look like hands
 
 
@@ -42,10 +46,10 @@ class HandData:
         centres_px: (n, 2) of each, in the image.
         points: (n, 8, 2) shares of the middle region of a patch; not a number where there is none.
         boxes: (n, 4) shares: left, top, right, bottom.
-        facts: (n, 3) 0 or 1: there is a hand, a left one, the one that works.
-        heights_m: (n, 2) of palm and pinch.
+        facts: (n, 3) 0 or 1: there is a hand, a left one (not a number where unknown), the one that works.
+        heights_m: (n, 2) of palm and pinch; not a number where unknown, as `log_angles`.
         log_angles: (n,) apparent size: logarithm of the length from palm to wrist over the distance from the camera.
-        held: (n,) 0 for nothing, else 1 + number of the type.
+        held: (n,) 0 for nothing, 1 + number of the type, or NOT_KNOWN.
         palm_lengths_m: (hands,) from palm to wrist.
         regions: of the camera.
     """
@@ -80,38 +84,91 @@ class _Sample(NamedTuple):
     held: np.int64
 
 
-def rows_of(folder: Path) -> list[dict[str, Any]]:
-    """All rows of a folder of `cell lab data hands`.
+class HandRow(Model):
+    """One hand; of a person's own pictures its box is enough, and what a tracker tells of it stands beside.
+
+    Attributes:
+        acting: it is the hand that works, not one that rests.
+        box_px: (left, top, right, bottom) of the hand without its sleeve, and of what it holds.
+        side, held_part, visible: which hand, what it holds (None: nothing), and how much of it shows.
+        points_m, points_px: (x, y, z) and (column, row) by name in POINTS; those that nobody knows are left out.
+        known: false where held_part is a guess, so that nothing is learned from it.
+    """
+
+    acting: StrictBool = True
+    side: Side | None = None
+    box_px: Box
+    held_part: str | None = None
+    visible: float = Field(default=1.0, ge=0, le=1)
+    points_m: dict[str, Vector] = Field(default_factory=dict)
+    points_px: dict[str, Point] = Field(default_factory=dict)
+    known: StrictBool = True
+
+    @property
+    def centre_px(self) -> Array:
+        """Where a region around it is centred: between palm and pinch, or in the middle of its box."""
+        if "palm" in self.points_px and "pinch" in self.points_px:
+            return centre_of(np.array(self.points_px["palm"]), np.array(self.points_px["pinch"]))
+        left, top, right, bottom = self.box_px
+        return np.array([(left + right) / 2, (top + bottom) / 2])
+
+    @property
+    def palm_length_m(self) -> float:
+        """From the middle of the palm to that of the wrist; not a number where that is unknown."""
+        if "palm" not in self.points_m or "wrist" not in self.points_m:
+            return math.nan
+        return math.dist(self.points_m["palm"], self.points_m["wrist"])
+
+
+class FrameRow(Model):
+    """A frame and all hands in it; no hands say that there are none."""
+
+    file: str
+    log: str
+    frame: int = 0
+    time_s: float = 0.0
+    camera: str = ""
+    true_camera: CameraRow | None = None
+    world_from_camera: PoseRow | None = None
+    hands: tuple[HandRow, ...]
+    tool_px: Point | None = None
+    shadows_px: tuple[Point, ...] = ()
+
+
+@dataclass(frozen=True)
+class LabelledFrame:
+    """A row and where its image is."""
+
+    row: FrameRow
+    file: Path
+
+
+def frames_of(folder: Path, types: Sequence[str] | None = None) -> list[LabelledFrame]:
+    """All rows of a folder of `cell lab data hands` or `cell label`.
+
+    Args:
+        types: that may be held; any where None.
 
     Raises:
-        InputError: it is no such folder, or a line is damaged.
+        InputError: there is no such file, it holds no frames, or rows are wrong; with file and line.
     """
-    told = ("hands", "log")
-    rows = labelled_rows(
-        folder,
-        "hands",
-        lambda row: {
-            "file": folder / row["file"],
-            **{name: row[name] for name in told},
-            "tool_px": row.get("tool_px"),
-            "shadows_px": row.get("shadows_px", ()),
-        },
-    )
-    if not rows:
+
+    def made(row: FrameRow) -> LabelledFrame:
+        for number, hand in enumerate(row.hands):
+            left, top, right, bottom = hand.box_px
+            if right <= left or bottom <= top:
+                raise ValueError(f"hands.{number}.box_px: must be left, top, right, bottom")
+            for name in (*hand.points_px, *hand.points_m):
+                one_of(f"hands.{number}: no point", name, POINTS)
+            if hand.held_part is not None and types is not None:
+                one_of(f"hands.{number}: no part", hand.held_part, tuple(types))
+        return LabelledFrame(row, folder / row.file)
+
+    how = "make it with: cell label DIR, or cell lab data hands --out DIR"
+    found = read_rows(folder / ROWS, FrameRow, made, header="cell.hands", how=how)
+    if not found:
         raise InputError(f"{folder / ROWS}: holds no frames")
-    return rows
-
-
-def read_image(path: Path) -> Image:
-    """An image file as RGB.
-
-    Raises:
-        InputError: it is missing or damaged.
-    """
-    found = cv2.imread(str(path))
-    if found is None:
-        raise InputError(f"{path}: cannot be read as an image")
-    return np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), np.uint8)
+    return found
 
 
 def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str], seed: int) -> HandData:
@@ -126,19 +183,19 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
-    rows = [row for folder in folders for row in rows_of(folder)]
+    rows = [one for folder in folders for one in frames_of(folder, types)]
     small, patches = _room(rows)
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
     samples: list[_Sample] = []
     lengths_m: list[float] = []
-    for frame, row in enumerate(rows):
-        image = _taken_by(setup, row["file"])
+    for frame, (row, file) in enumerate((one.row, one.file) for one in rows):
+        image = _taken_by(setup, file)
         small[frame] = regions.small(image)
         hands, doubtful = _hands_of(row, setup)
         for found, those in ((centres, [centre for centre, _ in hands]), (unsure, doubtful)):
             found += [[frame, *((centre + 0.5) / regions.size_px)] for centre in those]
-        lengths_m += [palm_length_m(hand) for _, hand in hands]
+        lengths_m += [hand.palm_length_m for _, hand in hands if not math.isnan(hand.palm_length_m)]
         for centre, hand in [*hands, *((place, None) for place in _none(regions, row, rng))]:
             patches[len(samples)] = regions.cut(image, centre, PATCH_PX)
             samples.append(_sample(regions, view, frame, centre, hand, types))
@@ -155,21 +212,21 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     )
 
 
-def _room(rows: Sequence[Mapping[str, Any]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _room(rows: Sequence[LabelledFrame]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Arrays for all small images, and for as many patches as there may be; what is not written takes no memory.
 
     They are gigabytes: to collect patches in a list first takes twice as much.
     """
-    (width, height), most = FINDER_PX, sum(len(row["hands"]) + NO_HANDS for row in rows)
+    (width, height), most = FINDER_PX, sum(len(one.row.hands) + NO_HANDS for one in rows)
     return np.empty((len(rows), height, width, 3), np.uint8), np.empty((most, PATCH_PX, PATCH_PX, 3), np.uint8)
 
 
-def _hands_of(row: Mapping[str, Any], setup: CameraSetup) -> tuple[list[tuple[Array, dict[str, Any]]], list[Array]]:
+def _hands_of(row: FrameRow, setup: CameraSetup) -> tuple[list[tuple[Array, HandRow]], list[Array]]:
     """The hands of a frame that are to be found, each with its centre, and the centres of those that need not be."""
     sure, unsure = [], []
-    for hand in row["hands"]:
-        centre = _centre(hand)
-        if hand["visible"] >= LEAST_VISIBLE and _inside(centre, setup, EDGE_PX):
+    for hand in row.hands:
+        centre = hand.centre_px
+        if hand.visible >= LEAST_VISIBLE and _inside(centre, setup, EDGE_PX):
             sure.append((centre, hand))
         else:
             unsure.append(centre)
@@ -188,17 +245,12 @@ def _taken_by(setup: CameraSetup, path: Path) -> Image:
     return image
 
 
-def palm_length_m(hand: dict[str, Any]) -> float:
-    """From the middle of the palm to that of the wrist."""
-    return math.dist(hand["points_m"]["palm"], hand["points_m"]["wrist"])
-
-
 def _sample(
     regions: Regions,
     view: View,
     frame: int,
     centre: Array,
-    hand: dict[str, Any] | None,
+    hand: HandRow | None,
     types: Sequence[str],
 ) -> _Sample:
     """One row: a hand, or, with None, a place without one."""
@@ -210,24 +262,25 @@ def _sample(
             np.int64(frame), centre, points, box, no_facts, no_heights, log_angles=no_angle, held=nothing_held
         )
     for index, name in enumerate(POINTS):
-        if name in hand["points_px"]:
-            points[index] = regions.inside(np.array(hand["points_px"][name]), centre)
-    box[:] = regions.inside(np.array(hand["box_px"]).reshape(2, 2), centre).reshape(4)
-    away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
+        if name in hand.points_px:
+            points[index] = regions.inside(np.array(hand.points_px[name]), centre)
+    box[:] = regions.inside(np.array(hand.box_px).reshape(2, 2), centre).reshape(4)
+    heights_m = [hand.points_m[name][2] if name in hand.points_m else math.nan for name in ("palm", "pinch")]
+    log_angle = math.nan
+    if not math.isnan(hand.palm_length_m):
+        log_angle = math.log(hand.palm_length_m / float(view.depths(np.array([hand.points_m["palm"]]))[0]))
+    left = math.nan if hand.side is None else float(hand.side == "left")
+    held = 0 if hand.held_part is None else 1 + list(types).index(hand.held_part)
     return _Sample(
         frames=np.int64(frame),
         centres_px=centre,
         points=points,
         boxes=box,
-        facts=np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32),
-        heights_m=np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32),
-        log_angles=np.float32(math.log(palm_length_m(hand) / away_m)),
-        held=np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"])),
+        facts=np.array([1.0, left, hand.acting], np.float32),
+        heights_m=np.array(heights_m, np.float32),
+        log_angles=np.float32(log_angle),
+        held=np.int64(held if hand.known else NOT_KNOWN),
     )
-
-
-def _centre(hand: dict[str, Any]) -> Array:
-    return centre_of(np.array(hand["points_px"]["palm"]), np.array(hand["points_px"]["pinch"]))
 
 
 def _inside(point: Array, setup: CameraSetup, margin_px: float) -> Any:
@@ -235,15 +288,16 @@ def _inside(point: Array, setup: CameraSetup, margin_px: float) -> Any:
     return ((point >= margin_px) & (point < size - margin_px)).all()
 
 
-def _none(regions: Regions, row: Mapping[str, Any], rng: np.random.Generator) -> list[Array]:
+def _none(regions: Regions, row: FrameRow, rng: np.random.Generator) -> list[Array]:
     """Some places of an image without a hand: anywhere, and what looks most like one.
 
     That is the robot's gripper, the shadows of hands and of the gripper, and forearms.
     """
     near_px = NO_HAND_WITHIN * regions.side_px
-    centres = [_centre(hand) for hand in row["hands"]]
-    tool = () if row["tool_px"] is None else (np.array(row["tool_px"]),)
-    alike = [*tool, *map(np.array, row["shadows_px"]), *(_on_forearm(hand, rng) for hand in row["hands"])]
+    centres = [hand.centre_px for hand in row.hands]
+    tool = () if row.tool_px is None else (np.array(row.tool_px),)
+    arms = [hand for hand in row.hands if {"palm", "wrist"} <= hand.points_px.keys()]
+    alike = [*tool, *map(np.array, row.shadows_px), *(_on_forearm(hand, rng) for hand in arms)]
     places = [rng.uniform((0.0, 0.0), regions.size_px)]
     places += [place + rng.normal(0.0, JITTER * regions.side_px, 2) for place in alike]
     empty = [
@@ -255,7 +309,7 @@ def _none(regions: Regions, row: Mapping[str, Any], rng: np.random.Generator) ->
     return [empty[index] for index in rng.permutation(len(empty))[:NO_HANDS]]
 
 
-def _on_forearm(hand: Mapping[str, Any], rng: np.random.Generator) -> Array:
-    palm, wrist = (np.array(hand["points_px"][name]) for name in ("palm", "wrist"))
+def _on_forearm(hand: HandRow, rng: np.random.Generator) -> Array:
+    palm, wrist = (np.array(hand.points_px[name]) for name in ("palm", "wrist"))
     point: Array = wrist + rng.uniform(*FOREARM) * (wrist - palm)
     return point

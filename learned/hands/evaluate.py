@@ -5,16 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.data import read_image, rows_of
+from learned.hands.data import HandRow, frames_of
 from learned.hands.reading import HandReader, Reading
 from learned.inference.scores import ScoreCounter, latencies
+from learned.training.still_dataset import read_image
 
 FOUND_M = 0.06
 LEAST_VISIBLE, EDGE_PX = 0.5, 8.0
@@ -28,12 +28,12 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
         folder: of `cell lab data hands`.
     """
     scored, times_s = _Scored(bench), list[float]()
-    for row in rows_of(folder):
-        image, began_s = read_image(row["file"]), time.process_time()
+    for row, file in ((one.row, one.file) for one in frames_of(folder)):
+        image, began_s = read_image(file), time.process_time()
         read = reader.read(image, ())
         times_s.append(time.process_time() - began_s)
         readings = [one for one in read if one.confidence >= SURE]
-        true = sum(scored.add(hand, readings) for hand in row["hands"])
+        true = sum(scored.add(hand, readings) for hand in row.hands)
         scored.counter.measure("imagined_per_frame", len(readings) - true)
     return scored.counter.scores() | scored.errors() | latencies(times_s)
 
@@ -47,15 +47,15 @@ class _Scored:
         self._errors_m: dict[str, list[float]] = {name: [] for name in ("palm", "pinch", "index", "height")}
         self.counter = ScoreCounter()
 
-    def add(self, hand: Mapping[str, Any], readings: Sequence[Reading]) -> bool:
+    def add(self, hand: HandRow, readings: Sequence[Reading]) -> bool:
         """One more true hand, a row's, and the readings of its frame; whether one of them is near it."""
         view = self._view
-        points = {name: np.array(px) for name, px in hand["points_px"].items()}
-        heights = {name: point[2] for name, point in hand["points_m"].items()}
+        points = {name: np.array(px) for name, px in hand.points_px.items()}
+        heights = {name: point[2] for name, point in hand.points_m.items()}
         there = {name: view.on_plane(px[np.newaxis], heights[name])[0] for name, px in points.items()}
         nearest = _nearest([_xy(view, one, "palm") for one in readings], there["palm"])
-        if self._must_be_found(hand["visible"], np.array([points["palm"], points["pinch"]])):
-            self.counter.add("found" if hand["acting"] else "second_found", nearest is not None)
+        if self._must_be_found(hand.visible, np.array([points["palm"], points["pinch"]])):
+            self.counter.add("found" if hand.acting else "second_found", nearest is not None)
             if nearest is not None:
                 self._compare(hand, readings[nearest], there)
         return nearest is not None
@@ -73,15 +73,15 @@ class _Scored:
         inside = (places >= EDGE_PX).all() and (places < self._size - EDGE_PX).all()
         return bool(visible >= LEAST_VISIBLE and inside)
 
-    def _compare(self, hand: Mapping[str, Any], reading: Reading, there: Mapping[str, Array]) -> None:
-        self.counter.add("side", (reading.left > 0.5) == (hand["side"] == "left"))
-        self.counter.add("acting", (reading.acting > 0.5) == hand["acting"])
-        if not hand["acting"]:
+    def _compare(self, hand: HandRow, reading: Reading, there: Mapping[str, Array]) -> None:
+        self.counter.add("side", (reading.left > 0.5) == (hand.side == "left"))
+        self.counter.add("acting", (reading.acting > 0.5) == hand.acting)
+        if not hand.acting:
             return
-        self.counter.add("held", reading.held_part == hand["held_part"])
+        self.counter.add("held", reading.held_part == hand.held_part)
         for name in ("palm", "pinch", "index"):
             self._errors_m[name].append(float(np.linalg.norm(_xy(self._view, reading, name) - there[name])))
-        self._errors_m["height"].append(abs(reading.heights_m[0] - hand["points_m"]["palm"][2]))
+        self._errors_m["height"].append(abs(reading.heights_m[0] - hand.points_m["palm"][2]))
 
 
 def _nearest(palms: Sequence[Array], true: Array) -> int | None:

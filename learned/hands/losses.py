@@ -49,18 +49,22 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     hand = batch["facts"][:, 0] > 0
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2) & hand[:, None]
     wanted = torch.nan_to_num(batch["points"])
-    likely = F.binary_cross_entropy_with_logits(told.likely, batch["facts"], reduction="none")
-    typed = hand & batch["paint"]
+    likely = F.binary_cross_entropy_with_logits(told.likely, torch.nan_to_num(batch["facts"]), reduction="none")
+    typed = hand & batch["paint"] & (batch["held"] >= 0)
+    sized = hand & ~batch["angle"].isnan() & ~batch["heights"].isnan().any(dim=1)
+    sided = hand & ~batch["facts"][:, 1].isnan()
+    batch = {**batch, **{name: torch.nan_to_num(batch[name]) for name in ("angle", "heights")}}
+    held = batch["held"].clamp(min=0)
     terms = {
         "points": _mean((points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
         "box": _mean((told.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
-        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), hand),
-        "angle": _mean(unlikely(told.log_angle - batch["angle"], told.angle_error), hand),
+        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), sized),
+        "angle": _mean(unlikely(told.log_angle - batch["angle"], told.angle_error), sized),
         "present": likely[:, 0].mean(),
-        "side": _mean(likely[:, 1], hand),
+        "side": _mean(likely[:, 1], sided),
         "acting": _mean(likely[:, 2], hand),
-        "held": _mean(F.cross_entropy(told.held, batch["held"], reduction="none") * _rarity(batch["held"]), typed),
+        "held": _mean(F.cross_entropy(told.held, held, reduction="none") * _rarity(held), typed),
     }
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 

@@ -97,7 +97,7 @@ def train_hands(
     closer = card.model_copy(update={"kind": REFINER_KIND})
     if not (begun and _is_made(refiner_file(out), closer)):
         refiner = fit_refiner(training, out.with_suffix(".refiner.checkpoint"))
-        few = refiner_batch(training.data, _rows_of_hands(training.data)[:2], np.random.default_rng(seed))
+        few = refiner_batch(training.data, _rows_of_sizes(training.data)[:2], np.random.default_rng(seed))
         closeups = {name: few[name].numpy() for name in ("closeup", "place")}
         model = TorchModel(refiner, Refined._fields, closer)
         write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE, short=True)
@@ -171,7 +171,7 @@ def fit_refiner(training: Training, checkpoint: Path | None = None) -> Refiner:
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 8])
     data, network = training.data, Refiner().to(memory_format=torch.channels_last)
-    hands = _rows_of_hands(data)
+    hands = _rows_of_sizes(data)
 
     def losses(_: int) -> Iterator[Tensor]:
         for rows in _batches(hands, rng):
@@ -215,3 +215,8 @@ def _batches(rows: NDArray[np.int64], rng: np.random.Generator) -> Iterator[NDAr
 def _rows_of_hands(data: HandData) -> NDArray[np.int64]:
     """Rows of the reader's arrays that show a hand."""
     return np.flatnonzero(data.facts[:, 0] == 1)
+
+
+def _rows_of_sizes(data: HandData) -> NDArray[np.int64]:
+    """Those of them whose hands have a known size."""
+    return np.flatnonzero((data.facts[:, 0] == 1) & ~np.isnan(data.log_angles))

@@ -120,9 +120,10 @@ def _draw(
             values[OFFSET] = centre / STRIDE - 0.5 - (at, at_row)
             values[BOX] = np.concatenate([centre - low, high - centre]) / BOX_UNIT_PX
             values[AXIS] = math.cos(double), math.sin(double)
-            values[HEIGHT] = (label.pose.position_m[2] - floor_m) / HEIGHT_UNIT_M
-            values[UPRIGHT] = label.upright
+            values[HEIGHT] = (label.pose.position_m[2] - floor_m) / HEIGHT_UNIT_M if label.pose is not None else 0.0
+            values[UPRIGHT] = bool(label.upright)
+            known = label.part != UNKNOWN
             weight[:] = bump[at_row, at]
-            weight[AXIS] *= min(1.0, length) if label.part != UNKNOWN else 0.0
-            weight[HEIGHT] *= label.part != UNKNOWN
-            weight[UPRIGHT] *= label.part != UNKNOWN
+            weight[AXIS] *= min(1.0, length) if known else 0.0
+            weight[HEIGHT] *= known and label.pose is not None
+            weight[UPRIGHT] *= known and label.upright is not None

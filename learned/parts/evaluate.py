@@ -90,6 +90,8 @@ def judge(scene: Scene, answers: Sequence[PartDetection], product: Product, find
         findings.things[name] = findings.things.get(name, 0) + len(counted)
         for level, least in enumerate(IOU):
             findings.found.setdefault((name, level), []).extend(_matched(own, labels, least, findings, level))
+    if any(label.pose is None for label in scene.labels):
+        return  # of a person's own pictures boxes are known, and no poses
     for name, kind in product.parts.items():
         _poses([one for one in scene.labels if one.part == name and one.upright and one.shown >= LEAST_SHOWN],
                [one for one in answers if one.part == name and one.upright],
@@ -106,7 +108,7 @@ def _matched(
         right = best is not None and overlap(np.array(one.box_px, float), best.box_px) >= least
         if right and best is not None:
             free = [label for label in free if label is not best]
-            if level == 0 and best.part != UNKNOWN and best.shown >= LEAST_SHOWN:
+            if level == 0 and best.part != UNKNOWN and best.upright is not None and best.shown >= LEAST_SHOWN:
                 findings.postures[0] += best.upright == one.upright
                 findings.postures[1] += 1
             if best.shown < LEAST_SHOWN:
@@ -119,6 +121,7 @@ def _poses(labels: Sequence[Label], answers: Sequence[PartDetection], alike: boo
     findings.standing += len(labels)
     free = list(answers)
     for label in labels:
+        assert label.pose is not None
         place = label.pose.position_m
         near = [(math.dist(one.world_from_part.position_m[:2], place[:2]), index) for index, one in enumerate(free)]
         if not near or min(near)[0] > NEAREST_M:

@@ -93,7 +93,7 @@ def train_pose(
     network = PoseNet(len(types), settings.widths, settings.hidden)
     network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
     network.to(memory_format=torch.channels_last)
-    things = [(scene, label) for scene in scenes for label in scene.labels]
+    things = posed_things(scenes)
 
     def loss(chosen: list[tuple[Scene, Label]]) -> Tensor:
         return _pose_loss(network, [pose_sample(thing, product, floor_m, settings, rng) for thing in chosen])
@@ -110,6 +110,11 @@ def _checkpoint(
     return None if path is None else Checkpoint(path, identity, stays)
 
 
+def posed_things(scenes: Sequence[Scene]) -> list[tuple[Scene, Label]]:
+    """Things whose poses are known: a pose net learns from no others."""
+    return [(scene, label) for scene in scenes for label in scene.labels if label.pose is not None]
+
+
 PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
 
 
@@ -122,7 +127,8 @@ def pose_sample(
 ) -> PoseSample:
     """A crop around where the centre net might see a thing, the type of a standing part, and how far off it is."""
     (scene, label), types = thing, tuple(product.parts)
-    stands = label.part != UNKNOWN and label.upright
+    assert label.pose is not None
+    stands = label.part != UNKNOWN and bool(label.upright)
     name = label.part if label.part != UNKNOWN else types[int(rng.integers(len(types)))]
     kind = product.parts[name]
     middle_m = floor_m + kind.peg_length_m + kind.size_m[2] / 2
@@ -195,9 +201,7 @@ def seen_by_pose(scenes: Sequence[Scene], product: Product, floor_m: float, sett
     """Crops of all things in some scenes, as the pose net learns from them."""
     rng = np.random.default_rng(0)
     return [
-        {"crops": pose_sample((scene, label), product, floor_m, settings, rng)[0][np.newaxis]}
-        for scene in scenes
-        for label in scene.labels
+        {"crops": pose_sample(thing, product, floor_m, settings, rng)[0][np.newaxis]} for thing in posed_things(scenes)
     ]
 
 

@@ -76,7 +76,7 @@ def things_seen(scenes: Sequence[Scene], product: Product, floor_m: float, centr
         carrying = {number for label in scene.labels for number in label.on}
         for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE):
             number = _label_of(peak, scene, turn, types)
-            if number is not None:
+            if number is not None and scene.labels[number].pose is not None:
                 place, yaw = _supposed(peak, scene, floor_m, len(types))
                 found.append(Thing(scene, peak.kind, place, yaw, scene.labels[number], number in carrying))
     return found
@@ -140,16 +140,14 @@ def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.
     if rng is not None:
         levels = spoiled(levels, rng, mean_level(scene.image), POOR)
     crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5)
-    parts = list(product.parts.items())
+    parts, pose = list(product.parts.items()), one.label.pose
+    assert pose is not None
     name, kind = parts[one.kind] if one.kind < len(parts) else (UNKNOWN, parts[0][1])
-    seen, pose = (
-        Pose.from_yaw((float(place[0]), float(place[1]), float(place[2])), float(yaw)).inverse(),
-        one.label.pose,
-    )
+    seen = Pose.from_yaw((float(place[0]), float(place[1]), float(place[2])), float(yaw)).inverse()
     middle = seen.transform(pose.transform(np.array([0.0, 0.0, kind.size_m[2] / 2])))
     turn = seen.rotation @ pose.rotation
     wanted = np.concatenate([turn[:, 0], turn[:, 1], middle * 100]).astype(np.float32)
-    posed = name == one.label.part != UNKNOWN and not one.label.upright
+    posed = name == one.label.part != UNKNOWN and one.label.upright is False
     stacked = np.array([bool(one.label.on), one.carrying], np.float32)
     return Sample(crop, min(one.kind, len(parts) - 1), posed, wanted, stacked)
 

@@ -22,7 +22,7 @@ from cell.files.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
 from learned.semantic.scenarios import action_pairs
 from learned.semantic.settings import DETECTION_ERROR
-from learned.training.json_lines import segment_rows
+from learned.training.rows import EXPORT, DetectedAction, SegmentRow, read_rows
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
@@ -254,31 +254,34 @@ def confirmed_reports(path: Path) -> list[Reported]:
     Raises:
         InputError: the file cannot be read or holds no segments.
     """
-    rows = [row for _, row in segment_rows(path)]
+
+    def made(row: SegmentRow) -> tuple[SegmentRow, DetectedAction]:
+        if row.detected is None:
+            raise ValueError("detected: is missing: noise is learned from recorded runs")
+        return row, row.detected
+
+    rows = read_rows(path, SegmentRow, made, header="cell.segments", how=EXPORT)
     found: list[Reported] = []
-    for number, row in enumerate(rows):
-        try:
-            true = _true_action(row, rows[number + 1 :])
-            detected = (row["detected"]["part"], row["detected"]["position"])
-        except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(Problem(Place(path, number + 2), f"no segment: {error!r}")) from error
-        if true is None or row["detected"].get("shown"):  # the hole told it: that says nothing about the network
+    for number, (row, detected) in enumerate(rows):
+        true = _true_action(row, detected, [later for later, _ in rows[number + 1 :]])
+        if true is None or detected.shown:  # the hole told it: that says nothing about the network
             continue
-        if number == 0 or row["detected"] != rows[number - 1].get("detected"):
-            found.append((true, detected))
+        said = detected.part, detected.position
+        if said[0] is not None and said[1] is not None and (not number or detected != rows[number - 1][1]):
+            found.append((true, (said[0], said[1])))
     return found
 
 
-def _true_action(row: dict[str, Any], later: list[dict[str, Any]]) -> tuple[str, str] | None:
-    confirmed = row["confirmed"]
-    if row["detected"]["kind"] != "assembly" or confirmed is None:
+def _true_action(row: SegmentRow, detected: DetectedAction, later: list[SegmentRow]) -> tuple[str, str] | None:
+    confirmed = row.confirmed
+    if detected.kind != "assembly" or confirmed is None:
         return None
-    if confirmed["part"] is not None:
-        return confirmed["part"], confirmed["position"]
+    if confirmed.part is not None:
+        return confirmed.part, confirmed.position
     for after in later:
-        if after["log"] != row["log"]:
+        if after.log != row.log:
             return None
-        filled = [(part, hole) for hole, part in after["holes"].items() if part and not row["holes"].get(hole)]
+        filled = [(part, hole) for hole, part in after.holes.items() if part and not row.holes.get(hole)]
         if filled:
             return filled[0] if len(filled) == 1 else None
     return None

@@ -23,26 +23,23 @@ not known and placements that were misdetected or corrected. Planners learn from
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text, write_whole
+from cell.files.files import write_whole
 from cell.files.model import Model
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Layout
 from learned.semantic.scenarios import Scenarios
+from learned.training.rows import mistakes, read_rows
 
 FORMAT: Final = "cell.demonstrations"
 VERSION: Final = 1
-MOST_PROBLEMS = 20  # of a file that are reported at once
-
-AnyModel = TypeVar("AnyModel", bound=Model)
 
 
 class Header(Model):
@@ -136,23 +133,20 @@ def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:
         InputError: the file cannot be read, is of another format, version or product, or has mistakes (all of them,
             up to MOST_PROBLEMS, each with file and line).
     """
-    lines = read_text(path).splitlines()
-    product = _check_header(path, lines[0] if lines else "", product)
-    problems: list[Problem] = []
-    demonstrations = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        found = _parse(Demonstration, line)
-        what = found if isinstance(found, str) else found.misfit(product)
-        if isinstance(found, Demonstration) and what is None:
-            demonstrations.append(found)
-        else:
-            problems.append(Problem(Place(path, number), str(what)))
-    if problems:
-        raise InputError(*problems[:MOST_PROBLEMS])
+    known = product
+
+    def header(read: dict[str, Any]) -> None:
+        nonlocal known
+        known = _known(read, product)
+
+    def made(found: Demonstration) -> Demonstration:
+        if what := found.misfit(known):
+            raise ValueError(what)
+        return found
+
+    demonstrations = read_rows(path, Demonstration, made, header=header)
     if not demonstrations:
-        raise InputError(Problem(Place(path, max(len(lines), 1)), "no demonstration after the header"))
+        raise InputError(Problem(Place(path, 1), "no demonstration after the header"))
     return demonstrations
 
 
@@ -193,32 +187,24 @@ def _rows(layout: Layout, demonstration: Demonstration) -> Iterator[tuple[int, l
         seen[position] = layout.parts.index(placed.part)
 
 
-def _check_header(path: Path, line: str, product: Product) -> Product:
-    """The product with the goals that the file knows: the product's own, and others that were learned."""
-    place = Place(path, 1)
-    found = _parse(Header, line)
-    if isinstance(found, str):
-        raise InputError(Problem(place, f"no header of {FORMAT} version {VERSION}: {found}"))
+def _known(read: dict[str, Any], product: Product) -> Product:
+    """The product with the goals that a file's header knows: the product's own, and others that were learned.
+
+    Raises:
+        ValueError: it is no such header, or one of another product.
+    """
+    try:
+        found = Header.model_validate(read)
+    except ValidationError as error:
+        raise ValueError(f"no header of {FORMAT} version {VERSION}: {mistakes(error)[0]}") from None
     for name, here, there in (
         ("parts", found.parts, tuple(product.parts)),
         ("positions", found.positions, product.positions),
         ("goals", {goal: found.goals.get(goal) for goal in product.goals}, product.goals),
     ):
         if here != there:
-            raise InputError(Problem(place, f"recorded with {name} {here}", f"the product has {there}"))
+            raise ValueError(f"recorded with {name} {here}; the product has {there}")
     try:
         return Product.model_validate({**product.model_dump(), "goals": product.goals | found.goals})
     except ValidationError as error:
-        raise InputError(Problem(place, f"goals that the parts cannot make: {error.errors()[0]['msg']}")) from error
-
-
-def _parse(model: type[AnyModel], line: str) -> AnyModel | str:
-    """The line as a model, or what is wrong with it."""
-    try:
-        return model.model_validate(json.loads(line))
-    except json.JSONDecodeError as error:
-        return f"no JSON: {error.msg} at column {error.colno}"
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(step) for step in first["loc"])
-        return f"{where}: {first['msg']}" if where else first["msg"]
+        raise ValueError(f"goals that the parts cannot make: {error.errors()[0]['msg']}") from None

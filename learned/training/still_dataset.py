@@ -1,21 +1,37 @@
-"""Labelled images of `cell lab data`: JSON lines beside the images, the first line about all of them."""
+"""Labelled images: JSON lines beside the images, of `cell lab data` or of `cell label`."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.errors import InputError
+from cell.files.model import Model
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
-from learned.training.json_lines import labelled_rows
+from learned.training.rows import CameraRow, PoseRow, read_rows
+
+
+class StillRow(Model):
+    """An image and how it was taken.
+
+    Attributes:
+        log: the recording that it is of; images of one are learned from together or not at all.
+        world_from_camera: where the camera was believed to be.
+    """
+
+    file: str
+    log: str
+    camera: str = ""
+    true_camera: CameraRow
+    world_from_camera: PoseRow
 
 
 @dataclass(frozen=True)
@@ -36,25 +52,43 @@ class Still:
     believed: Pose
 
 
+AnyStillRow = TypeVar("AnyStillRow", bound=StillRow)
 OneStill = TypeVar("OneStill", bound=Still)
 
 
 def load_stills(
-    folders: Sequence[Path], what: str, labelled: Callable[[Still, dict[str, Any]], OneStill]
+    folders: Sequence[Path], what: str, row: type[AnyStillRow], labelled: Callable[[Still, AnyStillRow], OneStill]
 ) -> list[OneStill]:
     """All images of some folders.
 
     Args:
-        what: the command `cell lab data WHAT` that made them, and the name of their file.
-        labelled: adds the labels of a row.
+        what: the name of their file, and of the data set of `cell lab data`.
+        labelled: adds the labels of a row; raises ValueError for those that do not fit the product.
 
     Raises:
         InputError: a file is missing or wrong; the message names file and line.
     """
+    how = f"make it with: cell label DIR, or cell lab data {what} --out DIR"
     stills: list[OneStill] = []
     for folder in folders:
-        stills += labelled_rows(folder, what, partial(_labelled_still, folder, labelled))
+
+        def made(one: AnyStillRow, folder: Path = folder) -> OneStill:
+            return labelled(_still(folder, one), one)
+
+        stills += read_rows(folder / f"{what}.jsonl", row, made, header=f"cell.{what}", how=how)
     return stills
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """An image file as RGB.
+
+    Raises:
+        InputError: it is missing or damaged.
+    """
+    read = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if read is None:
+        raise InputError(f"{path}: is not an image, or is not there")
+    return np.ascontiguousarray(read[..., ::-1], np.uint8)
 
 
 def data_hash(stills: Sequence[Still]) -> str:
@@ -67,32 +101,20 @@ def data_hash(stills: Sequence[Still]) -> str:
 
 
 def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[OneStill], list[OneStill]]:
-    """Images to learn from and images kept apart; a recording is on one side."""
+    """Images to learn from and images kept apart; a recording is on one side.
+
+    Raises:
+        InputError: all are of one recording.
+    """
     logs = sorted({still.log for still in stills})
+    if len(logs) < 2:
+        raise InputError(f"{len(stills)} images of {len(logs)} recordings; 2 are needed: one is kept for scores")
     chosen = np.random.default_rng([seed, 3]).permutation(len(logs))[: max(1, round(share * len(logs)))]
     apart = {logs[index] for index in chosen}
     return [one for one in stills if one.log not in apart], [one for one in stills if one.log in apart]
 
 
-def pose_of(entry: dict[str, Any]) -> Pose:
-    """The pose of a row."""
-    x, y, z = entry["position_m"]
-    w, a, b, c = entry["quaternion_wxyz"]
-    return Pose((x, y, z), (w, a, b, c))
-
-
-def _labelled_still(
-    folder: Path, labelled: Callable[[Still, dict[str, Any]], OneStill], row: dict[str, Any]
-) -> OneStill:
-    return labelled(_still(folder, row), row)
-
-
-def _still(folder: Path, row: dict[str, Any]) -> Still:
-    read = cv2.imread(str(folder / row["file"]), cv2.IMREAD_COLOR)
-    if read is None:
-        raise ValueError(f"{folder / row['file']} is not an image")
-    image = np.ascontiguousarray(read[..., ::-1], np.uint8)
-    true = row["true_camera"]
-    lens = true["focal_px"], true["distortion_k1"], true["distortion_k2"]
-    camera = CameraModel(image.shape[1], image.shape[0], *lens)
-    return Still(row["log"], image, camera, pose_of(true), pose_of(row["world_from_camera"]))
+def _still(folder: Path, row: StillRow) -> Still:
+    image, true = read_image(folder / row.file), row.true_camera
+    camera = CameraModel(image.shape[1], image.shape[0], true.focal_px, true.distortion_k1, true.distortion_k2)
+    return Still(row.log, image, camera, true.pose, row.world_from_camera.pose)

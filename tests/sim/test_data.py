@@ -307,7 +307,7 @@ def test_as_many_parts_of_a_mixed_tray_lie_as_is_asked_for(share: float) -> None
 def test_stills_of_the_plate_tell_what_is_in_the_holes_and_what_hides_them(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "new", "test")
     write_plates(PRODUCT, BENCH, SIMULATION, 3, folder, 12, lambda *_: np.array(BENCH.arm_look_rad))
-    plates = load_plates([tmp_path / "new"])
+    plates = load_plates([tmp_path / "new"], PRODUCT)
     holes = [hole for plate in plates for hole in plate.holes]
     assert len(plates) == 12
     assert {hole.position for hole in holes} == set(PRODUCT.positions)
@@ -360,7 +360,9 @@ def test_as_many_parts_on_the_plate_are_astray_as_asked_for(tmp_path: Path) -> N
     for share in (0.0, 1.0):
         folder = DataFolder(tmp_path / f"of {share}", "test")
         write_plates(PRODUCT, BENCH, SIMULATION, 4, folder, 3, lambda *_: None, astray_share=share)
-        holes = [hole for plate in load_plates([tmp_path / f"of {share}"]) for hole in plate.holes if hole.part]
+        holes = [
+            hole for plate in load_plates([tmp_path / f"of {share}"], PRODUCT) for hole in plate.holes if hole.part
+        ]
         assert len(holes) > 5
         assert {hole.upright for hole in holes} == {share == 0.0}
 

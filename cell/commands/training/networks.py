@@ -60,7 +60,7 @@ ACTIONS = (
 
 def hands(asked: Training, weights: Path) -> Scores:
     """Train finder, reader and refiner, and score them on frames that they never saw."""
-    from learned.hands.data import rows_of
+    from learned.hands.data import frames_of
     from learned.hands.evaluate import score_readings
     from learned.hands.model import SlimReader
     from learned.hands.train import train_hands
@@ -68,7 +68,7 @@ def hands(asked: Training, weights: Path) -> Scores:
     epochs = asked.epochs or 9
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
     for folder in asked.data or ():
-        rows_of(folder)  # a wrong one is reported before minutes go into frames for the scores
+        frames_of(folder)  # a wrong one is reported before minutes go into frames for the scores
     validation = max(2, int(HAND_VALIDATION * count))
     folders, apart = made(asked, weights, "hands", HANDS, count, validation=validation)
     configuration, product = asked.cell()
@@ -95,10 +95,10 @@ def holes(asked: Training, weights: Path) -> Scores:
     options = {"--stills": PLATE_STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
     looks = max(4, int(HOLES_DATA * budget_s / LOOK_S))
     folders, _ = made(asked, weights, "plates", STILLS, looks, options | {"--steel-share": STEEL_SHARE})
-    read = load_plates(folders)
-    affordable = int((1 - HOLES_DATA) * budget_s / (STILL_S * len(read)))
-    settings = HoleTraining(epochs=asked.epochs or min(30, max(2, affordable)))
     configuration, product = asked.cell()
+    read = load_plates(folders, product)
+    affordable = int((1 - HOLES_DATA) * budget_s / (STILL_S * max(1, len(read))))
+    settings = HoleTraining(epochs=asked.epochs or min(30, max(2, affordable)))
     command = asked.command("holes", epochs=settings.epochs)
     return train_holes(read, configuration.bench, product, weights, asked.seed, settings, command=command, quiet=False)
 

@@ -74,7 +74,7 @@ def test_a_label_by_hand_is_what_is_learned(tmp_path: Path) -> None:
 
 
 def test_a_key_that_is_missing_is_named_as_such(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"segments\.jsonl:2: the key 'position' is missing"):
+    with pytest.raises(InputError, match=r"segments\.jsonl:2: confirmed\.position: Field required"):
         labelled(tmp_path / "some", confirmed={"part": "o1"})
 
 
@@ -87,7 +87,7 @@ def test_a_key_that_is_missing_is_named_as_such(tmp_path: Path) -> None:
             "segments.jsonl:1: segments of version 99; this program reads version 1",
         ),
         (lambda lines: [lines[0], "{", *lines[2:]], "segments.jsonl:2"),
-        (lambda lines: [line.replace('"part": "o', '"part": "x') for line in lines], "no segment of this product"),
+        (lambda lines: [line.replace('"part": "o', '"part": "x') for line in lines], "segments.jsonl:2: x"),
         (lambda lines: [lines[0], *(line.replace("0000.png", "gone.png") for line in lines[1:])], "gone.png: no image"),
         (lambda lines: lines[:1], "no labelled segments"),
     ],

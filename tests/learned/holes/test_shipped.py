@@ -31,7 +31,7 @@ def test_bare_holes_are_read_and_filled_ones_are_not_called_empty(tmp_path: Path
         return network.read(*(network.answer(plate.image, BENCH.overhead.mount.pose) for plate in frames))
 
     findings = HoleFindings()
-    for plate in load_plates([tmp_path / "new"]):
+    for plate in load_plates([tmp_path / "new"], PRODUCT):
         evaluate_holes([plate], read, findings)
     scores = findings.scores()
     assert scores["holes"] > 60

@@ -33,7 +33,7 @@ def drawn(seed: int) -> Plate:
         column, row = np.rint(setup.model.project(setup.mount.pose, place)[0]).astype(int)
         colour = (10.0, 10.0, 10.0) if part is None else tuple(255 * level for level in PRODUCT.parts[part].colour_rgb)
         image[row - 5 : row + 6, column - 5 : column + 6] = colour
-        holes.append(Hole(position, part, True, 0.0))
+        holes.append(Hole(position=position, part=part))
     return Plate(f"log{seed // 2}", image, setup.model, setup.mount.pose, setup.mount.pose, tuple(holes))
 
 

@@ -89,7 +89,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
     path = tmp_path / "some.jsonl"
     save_demonstrations(path, DEFAULT, [demonstration()], "a test")
     path.write_text(path.read_text() + '{"goal": "g0"\n\n{"goal": "g0"}\n')
-    with pytest.raises(InputError, match=r"(?s)jsonl:3: no JSON: .*jsonl:5: placements: Field required"):
+    with pytest.raises(InputError, match=r"(?s)jsonl:3: Invalid JSON: .*jsonl:5: placements: Field required"):
         load_demonstrations(path, DEFAULT)
 
 

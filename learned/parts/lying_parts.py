@@ -13,7 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from learned.classical.lying_fit import LyingFit, LyingFitter
+from learned.parts.lying_fit import LyingFit, LyingFitter
 
 LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
 BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it

@@ -13,7 +13,7 @@ from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from learned.classical.lying_scene import Mask, Model, Poses, Scene, Window, about_vertical, middle_of
+from learned.parts.lying_scene import Mask, Model, Poses, Scene, Window, about_vertical, middle_of
 
 HEADINGS = np.arange(24) * 2 * math.pi / 24
 FINER, OTHERS = 6, 3  # coarse answers that are looked at more closely, and such that mean something else

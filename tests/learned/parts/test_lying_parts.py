@@ -13,8 +13,8 @@ from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting_pose import SIDES, UPRIGHT, rest_on
 from cell.wiring.detectors import Detectors
-from learned.classical.lying_fit import LyingFitter
-from learned.classical.lying_parts import LyingParts, covers
+from learned.parts.lying_fit import LyingFitter
+from learned.parts.lying_parts import LyingParts, covers
 from sim.data.trays import TrayCamera
 from sim.scene.clutter import sample_clutter
 from sim.scene.settings import ClutterSettings

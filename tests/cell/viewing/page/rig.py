@@ -153,7 +153,7 @@ class PageRig:
         seen = replace(seen, arm=self.arm, gripper=self.gripper, parts=self.parts)
         changes, self._changes = tuple(self._changes), []
         command = Command(display=self.display)
-        self.page.tick(
+        record = (
             TickRecord(seen, "RUNNING", changes, notes, command, SentCommand(), 0.001, False, None, self.judgement)
         )
 

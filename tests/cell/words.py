@@ -14,7 +14,14 @@ SPOKEN = ("Answer", "Detection", "FingersRest", "Instruction", "Move", "Progress
 SPOKEN_TOO = ("_also", "_mode", "_restarted", "_with", "ask", "done", "failed", "show")
 STATIC = ROOT / "cell" / "viewing" / "page" / "static"
 QUOTED = r'"((?:[^"\\]|\\.)*)"'
-ACTS = ("screw", "assembly", "transit", "idle")
+KEPT = {"feedback_message", "reason", "TODO", "DONE_BY", "FINISHED", "ACKNOWLEDGE"}
+NOT_SHOWN = {  # ids, help and refusals that only programs see
+    *("foreign origin", "unknown host", "goes on", "the table", "the bracket", "the tray", "in the tray", "near it"),
+    *("too many pages are open already", "the order did not come to its end", "the order is too long", "after part"),
+    *("finished, and the bracket is right", "finished, but the bracket is not right", "input, select", "work order"),
+    *("what the child said when it ended", "why that is safe", "M0,0 L-14,-20 L-5,-20 L-5,-44 L5,-44 L5,-20 L14,-20 Z"),
+    "it asks for help, and the arm can take the part as it stands",
+}
 
 
 def spoken() -> dict[str, str]:
@@ -26,7 +33,10 @@ def spoken() -> dict[str, str]:
             found |= {text: f"{file.relative_to(ROOT)}:{line}" for text, line in _of_python(file)}
     for file in (STATIC / "page.js", STATIC / "scene.js"):
         found |= {text: str(file.relative_to(ROOT)) for text in _of_script(file.read_text(encoding="utf-8"))}
-    return found
+    for file in sorted((ROOT / "trees").glob("*.xml")):
+        asked = re.findall(r'(?:AskForHelp|AskOperator|ShowMessage) text="([^"{]+)"', file.read_text(encoding="utf-8"))
+        found |= dict.fromkeys(asked, file.name)
+    return {text: place for text, place in found.items() if text not in NOT_SHOWN}
 
 
 def _of_python(file: Path) -> Iterator[tuple[str, int]]:

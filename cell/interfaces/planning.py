@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Protocol
 
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.product import Product
 
 Placement = tuple[str, str]  # (part type, position), for example ("o1", "p3")
 
 UNKNOWN_GOAL = "none of these"
+FOLLOWS_ORDER = 0.95  # share of brackets that are what the work order says
 
 
 def weights_file(planner: str, kind: str) -> str:
@@ -125,6 +127,35 @@ class AssemblyPlan:
         rest = {part: tuple(at for at in to if at not in told) for part, to in self.guidance.items()}
         guidance = {part: (*first[part], *rest.get(part, ())) for part in first}
         return replace(self, next_belief={**others, **sure}, next_part=next(iter(told.values())), guidance=guidance)
+
+    def expecting(self, variant: str, product: Product, state: AssemblyState) -> AssemblyPlan:
+        """The plan where a work order says what to expect: by Bayes' rule, so that what is placed still decides.
+
+        Args:
+            variant: name of the goal that was ordered.
+        """
+        rare = (1.0 - FOLLOWS_ORDER) / max(len(self.goal_belief) - 1, 1)
+        joint = {goal: p * (FOLLOWS_ORDER if goal == variant else rare) for goal, p in self.goal_belief.items()}
+        total = sum(joint.values())
+        if state.told_goal is not None or variant not in product.goals or total <= 0.0:
+            return self
+        belief = {goal: share / total for goal, share in joint.items()}
+        wanted = {goal: product.goal_placements(goal) for goal in product.goals if goal in belief}
+        known, before = (sum(shares[goal] for goal in wanted) for shares in (belief, self.goal_belief))
+        rest = (1.0 - known) / (1.0 - before) if before < 1.0 - 1e-9 else 0.0  # of what is no goal of the product
+        nexts: dict[Placement, float] = {}
+        for position in product.positions:
+            for part in product.parts if position not in state.placed else ():
+                of = [goal for goal in wanted if wanted[goal][position] == part]
+                other = self.next_belief.get((part, position), 0.0) - sum(self.goal_belief[goal] for goal in of)
+                nexts[part, position] = min(1.0, sum(belief[goal] for goal in of) + rest * max(other, 0.0))
+        likeliest = max(belief, key=lambda goal: belief[goal])
+        if likeliest == self.goal or likeliest not in wanted:
+            return replace(self, goal_belief=belief, next_belief=nexts)
+        left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
+        guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
+        most = max(guidance, key=lambda part: len(guidance[part])) if left else None
+        return AssemblyPlan(belief, nexts, most, guidance)
 
 
 class SemanticPlanner(Protocol):

@@ -70,7 +70,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     },
     "/note/message": {**TICK, "text": TEXT, "weight": TEXT},
     "/note/snapshot": {**TICK, "camera": TEXT, "sequence": INTEGER, "taken_s": NUMBER, "label": TEXT},
-    "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT},
+    "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT, "order": TEXT},
     "/note/memory": {**TICK, **fields_of(Memory)},
     "/note/skill": {**TICK, "node": TEXT, "status": TEXT, "reason": TEXT},
     "/edit": {**TICK, "files": OBJECT},

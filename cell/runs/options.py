@@ -43,7 +43,7 @@ class RunOptions:
 
     tree: Path = DEFAULT_TREE
     configuration: Annotated[Path, Option("--config", help="Configuration file of the cell.")] = DEFAULT_CONFIGURATION
-    goal: Annotated[str, Option(help="Goal of the simulated person: a goal's name, or random.")] = "random"
+    goal: Annotated[str, Option(help="Goals of the simulated person, by commas, or random.")] = "random"
     seed: Annotated[int, Option(min=0, help="Random seed: the same seed gives the same run.")] = 0
     pace: Pace = "fast"
     log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None

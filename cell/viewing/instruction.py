@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,11 +19,11 @@ from trees.engine.node import StatusChange
 Moment = Literal[
     "beginning", "unknown", "unsure", "sure", "brings", "waits", "question", "alarm", "paused", "finished", "over"
 ]
-URGENT: tuple[Moment, ...] = ("question", "alarm", "paused", "waits", "over")
+URGENT: tuple[Moment, ...] = ("question", "alarm", "paused", "over")
 STAYS_S = 0.6  # a sentence stands at least so long, unless an urgent one comes
+NEAR_S = 0.4  # a hand is near for so long before the person is asked to take it away
 LIKELY = 0.05  # goals below this are not told
-GIVES_WAY = ("WaitForHandClear", "WaitForHandClearOfPart", "WaitForHandClearOfSpot", "GiveWay")
-FETCHES = ("PickPart", "LookAtTray")
+GIVES_WAY = {"WaitForHandClear", "WaitForHandClearOfPart", "WaitForHandClearOfSpot", "GiveWay"}
 NO_VIEW = ("camera_lost", "camera_unhealthy", "bench_not_seen", "bench_stale", "hand_unknown", "hand_cues_disagree")
 FINISHED = "the bracket is assembled"
 Fate = Literal["placed", "robot", "you", "open"]
@@ -79,6 +80,8 @@ class Instructor:
         self._display = Display()
         self._asks = False
         self._ended: Outcome | None = None
+        self._near_since_s = math.inf
+        self._put = False  # the robot let go of what it places, and has not seen it there yet
         self._loose = ""  # where the person placed a part whose screw was not turned since
         self._told, self._told_s = Instruction("beginning", "Wait: the cell begins"), float("-inf")
         self.placed: dict[str, str] = {}
@@ -104,8 +107,11 @@ class Instructor:
                 self._running[change.uid] = kind
             elif kind == "PutBack" and change.new.name == "SUCCESS":
                 self.next = None
+            self._put |= kind == "PlacePart" and change.new.name == "SUCCESS"
         for topic, fields in record.notes:
             self._note(topic, fields)
+        near = self._judgement.held_by == (HAND_TOO_NEAR,) or not GIVES_WAY.isdisjoint(self._running.values())
+        self._near_since_s = min(self._near_since_s, seen.time_s) if near else math.inf
         if seen.bench is not None and seen.bench.action.kind == "screw":
             self._loose = ""
         if seen.bench is not None and self._loose and self._loose not in self.placed:
@@ -165,17 +171,18 @@ class Instructor:
                 self._loose = position
             self.placed[position] = part
             if self.next is not None and self.next[1] == position:
-                self.next = None
+                self.next, self._put = None, False
         elif topic == "verdict":
             part, _, position = str(fields.get("subject")).partition(" at ")
             acts = fields.get("decision") == "act"
             self.doubt = "" if acts else fields.get("reason", "")
             if acts:
+                self._put &= self.next == (part, position)
                 self.next = (part, position)
             elif self.next == (part, position):
                 self.next = None
         elif topic == "bracket" and fields["edge"] == "begin":
-            self.placed, self.by, self.next, self.doubt, self._loose = {}, {}, None, "", ""
+            self.placed, self.by, self.next, self.doubt, self._loose, self._put = {}, {}, None, "", "", False
 
     def _likely(self) -> list[str]:
         belief = self._display.goal_belief
@@ -198,7 +205,9 @@ class Instructor:
         if seen.operator.pause == "now":
             return Instruction("paused", "The robot stands still. Press Resume to go on")
         signals = [signal for signal, _ in judged.reasons]
-        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,):
+        if signals == ["bench_stale"] and not self._display.goal_belief:  # the cameras begin
+            return None
+        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,) or not words or seen.bench is None:
             return None
         if judged.action is Action.HOLD and any(signal in NO_VIEW for signal in signals):
             return Instruction("alarm", Message("Clear the view of the camera above: {what}", what=words))
@@ -209,8 +218,8 @@ class Instructor:
         if not questions:
             return None
         first = questions[0]
-        bins = (first.part,) if first.kind == "where" and first.part else ()
-        return Instruction("question", self._question(first), first.positions, bins, tray=first.kind == "help")
+        moment: Moment = "finished" if first.kind == "bracket" else "question"
+        return Instruction(moment, self._question(first), first.positions, tray=first.kind == "help")
 
     def _question(self, question: Question) -> str:
         product, part = self._product, question.part
@@ -221,8 +230,9 @@ class Instructor:
         if question.kind == "mend":
             return Message("{holes}: please {todo}", holes=", ".join(question.positions), todo=question.todo)
         if question.kind == "goal":
-            known = [answer.value for answer in question.answers if answer.value in product.goals]
-            return Message("Say which one you build: {goals}?", goals=_or([product.goal_title(one) for one in known]))
+            names = [answer.value for answer in question.answers]
+            titles = ["a new one" if name == UNKNOWN_GOAL else product.goal_title(name) for name in names]
+            return Message("Say which one you build: {goals}?", goals=_or(titles))
         if question.kind == "where":
             at = _or(list(question.positions))
             return Message("Say where the {part} goes: {holes}?", part=self._title(part), holes=at)
@@ -238,7 +248,7 @@ class Instructor:
         if self._display.message == FINISHED:
             return Instruction("finished", "Take the bracket out: it is finished")
         if "WaitForEmptyBracket" in running:
-            return Instruction("finished", "Put an empty bracket in")
+            return Instruction("beginning", "Wait: I look at the bracket")
         if not self._display.goal_belief:
             return Instruction("beginning", "Wait: the cell begins")
         if len(self.placed) == len(self._product.positions):
@@ -249,8 +259,8 @@ class Instructor:
         """Where the robot needs the bench for itself."""
         running, seen = set(self._running.values()), self._seen
         assert seen is not None
-        near = self._judgement.held_by == (HAND_TOO_NEAR,) or not running.isdisjoint(GIVES_WAY)
-        if near and self.next is not None:
+        near = seen.time_s - self._near_since_s >= NEAR_S
+        if near and self.next is not None and not self._put:
             part, position = self.next
             words = Message("Take your hand away from {hole}: I wait", hole=position)
             if "PlacePart" in running or seen.gripper.holding:
@@ -258,7 +268,7 @@ class Instructor:
                     "Take your hand away from {hole}: I wait with the {part}", hole=position, part=self._title(part)
                 )
             return Instruction("waits", words, (position,))
-        if near and self._judgement.held_by:
+        if near and seen.arm.moving:
             return Instruction("waits", "Take your hand away from the robot: I wait")
         if "PlacePart" in running and self.next is not None:
             part, position = self.next
@@ -269,6 +279,8 @@ class Instructor:
     def _work(self) -> Instruction:
         """What the person does beside the robot."""
         task = self._task()
+        if self.next is not None and self._put:
+            return task if task.words else Instruction("brings", "Wait: I look whether it stands right")
         if self.next is None:
             waits = "WaitForAction" in self._running.values()
             if waits and task.words and self._loose in task.holes and len(self.placed) < len(self._product.positions):
@@ -322,6 +334,7 @@ def _also(task: Instruction, words: str) -> Instruction:
 
 
 def _or(names: list[str]) -> str:
+    """Names with "or" before the last; each is translated."""
     if len(names) < 2:
         return names[0] if names else ""
-    return Message("{first} or {last}", first=", ".join(names[:-1]), last=names[-1])
+    return Message("{first} or {last}", first=listed(names[:-1], ", "), last=names[-1])

@@ -66,6 +66,7 @@ class Bracket:
     Attributes:
         finished: every hole was seen filled; None while it is worked on.
         inferred_goal: most probable goal when it ended.
+        order: id of the work order that it serves; empty for none.
         known_wrong: holes that the cell knew to be wrong, and that nobody mended.
         rss_mb: memory of this process when it ended; None where the system does not tell.
     """
@@ -76,6 +77,7 @@ class Bracket:
     finished: bool | None = None
     inferred_goal: str | None = None
     help_requests: int = 0
+    order: str = ""
     known_wrong: tuple[str, ...] = ()
     rss_mb: float | None = None
 
@@ -108,6 +110,7 @@ class BracketTally(Observer):
                     self.brackets.append(Bracket(int(str(fields["number"])), now_s, now_s))
             elif topic == "bracket" and self._open is not None:
                 self._open.end_s = now_s
+                self._open.order = str(fields.get("order", ""))
                 self._open.known_wrong = tuple(fields.get("known_wrong") or ())
                 self._open.rss_mb = memory_mb()
                 self._open.finished = bool(fields["finished"])
@@ -160,6 +163,7 @@ def _row(one: Bracket, judged: Mapping[str, object]) -> dict[str, object]:
         "robot_placements": judged.get("robot_placements"),
         "human_placements": judged.get("human_placements"),
         "help_requests": one.help_requests,
+        "order": one.order,
         "known_wrong": list(one.known_wrong),
         "rss_mb": one.rss_mb,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 
@@ -27,13 +28,14 @@ class Jobs:
     """Draws the jobs of a shift.
 
     Args:
-        goal: every bracket's; "random" draws one for each.
+        goal: every bracket's, or several by commas that take turns; "random" draws one for each.
         new_goals: share of the brackets of a random shift that have an arrangement which the product does not list; it
             is the same one all through the shift, so that it can be learned.
     """
 
     def __init__(self, product: Product, goal: str, new_goals: float, rng: np.random.Generator) -> None:
         self._product, self._goal, self._new_goals, self._rng = product, goal, new_goals, rng
+        self._turns = cycle(goal.split(","))
         self._unlisted = _unlisted(product, rng) if goal == RANDOM_GOAL and new_goals > 0 else None
 
     def next(self) -> Job:
@@ -41,7 +43,7 @@ class Jobs:
         product = self._product
         if self._unlisted is not None and self._rng.random() < self._new_goals:
             return Job(NOT_LISTED, self._unlisted)
-        goal = chosen_goal(product, self._goal, self._rng)
+        goal = chosen_goal(product, next(self._turns), self._rng)
         return Job(goal, product.goal_placements(goal))
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from cell.interfaces.observation import Image
 from cell.settings import PageSettings
@@ -26,6 +25,7 @@ from tests.cell.viewing.page.rig import PageRig
 SIZES = {"laptop": (1280, 800), "wall": (1920, 1080), "tablet": (1024, 768)}
 GL = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SCHEMES = ("light", "dark")
+JPEG = b"\xff\xd8"  # how one begins
 
 
 def photograph(folder: Path, image: Image | None = None, language: str = "en") -> list[Path]:
@@ -67,9 +67,9 @@ def image_of(log: Path) -> Image:
         ValueError: it has none.
     """
     with log.open("rb") as file:
-        for _, channel, _, message in make_reader(file, [DecoderFactory()]).iter_decoded_messages():
-            if channel.topic == "/camera/overhead/image":
-                return np.ascontiguousarray(cv2.imdecode(np.frombuffer(message.data, np.uint8), 1)[..., ::-1])
+        for _, _, message in make_reader(file).iter_messages("/camera/overhead"):
+            jpeg = message.data[message.data.find(JPEG) :]
+            return np.ascontiguousarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1)[..., ::-1])
     raise ValueError(f"{log} holds no images")
 
 

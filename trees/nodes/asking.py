@@ -11,7 +11,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.nodes.services import CellNode
+from trees.nodes.services import CellNode, Services
 
 TRAY_MARGIN_M = 0.05
 LIKELIEST_N = 4  # goals that a question offers
@@ -155,6 +155,7 @@ class AskWhichGoal(Asks):
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
     unattended = InputPort(bool, "ask even if no person is known to be there", default=False)
+    order = InputPort(bool, "ask where what is placed contradicts the work order, too", default=False)
 
     _asks = False  # this node, or another one the same
 
@@ -169,7 +170,8 @@ class AskWhichGoal(Asks):
         if self._asks and (told := self.state.get().told_goal) is not None:
             self.feedback_message = Message("it is {told}", told=told)
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
-        if not services.tools.guard.asks_for_goal(plan, state):
+        against = self.order.get() and against_order(services, state)
+        if not (against or services.tools.guard.asks_for_goal(plan, state)):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
             return Status.SUCCESS if self._asks else Status.FAILURE
         if not (services.now.observation.operator.present or self.unattended.get()):
@@ -199,7 +201,14 @@ class AskWhichGoal(Asks):
             goal=plan.goal,
             unknown=f"{unknown:.2f}",
         )
-        if plan.goal == UNKNOWN_GOAL:
+        job = services.now.observation.operator.job
+        if job is not None and self.order.get() and against_order(services, state):
+            title = product.goal_title
+            words = "work order {id} wants {wanted}, and this looks like {goal}"
+            reason = Message(words, id=job.id, wanted=title(job.variant), goal=title(plan.goal))
+            if plan.goal == job.variant:
+                reason = Message("what is placed contradicts work order {id}", id=job.id)
+        elif plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
         elif state.taken_out:
             reason = Message("I took this for {goal}, and what I placed was taken out again", goal=plan.goal)
@@ -238,6 +247,17 @@ class WaitWhilePaused(CellNode):
         self.feedback_message = "paused by the operator"
         self.now.show(message=self.feedback_message)
         return Status.RUNNING
+
+
+def against_order(services: Services, state: AssemblyState) -> bool:
+    """Whether a hole shows another part than the work order wants there, and nobody said which goal it is."""
+    job, view = services.now.observation.operator.job, services.now.observation.bench
+    product = services.tools.product
+    if job is None or view is None or state.told_goal is not None or job.variant not in product.goals:
+        return False
+    wanted = product.goal_placements(job.variant)
+    seen = {at: hole.part for at, hole in view.holes.items() if hole.part in product.parts}
+    return any(state.placed.get(at) == part != wanted[at] for at, part in seen.items())
 
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:

@@ -10,7 +10,7 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.nodes.asking import Asks
+from trees.nodes.asking import Asks, against_order
 from trees.nodes.mistakes import KINDS, Mistake, Mistakes, mistakes_in, reason_of, todo_of
 from trees.nodes.services import CellNode
 
@@ -93,6 +93,26 @@ class AwaitMisfit(CellNode):
         now_s = services.now.observation.time_s
         self._since_s = now_s if self._since_s is None else self._since_s
         self.feedback_message = "it fits no product that is known"
+        return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
+
+
+class AwaitContradiction(CellNode):
+    """Wait until what is placed has contradicted the work order for a while."""
+
+    state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
+    settle_s = InputPort(float, "how long it must contradict it", default=2.0)
+
+    _since_s: float | None = None
+
+    def initialise(self) -> None:
+        self._since_s = None
+
+    def update(self) -> Status:
+        now_s = self.now.observation.time_s
+        if not against_order(self.services, self.state.get()):
+            self._since_s = None
+            return Status.RUNNING
+        self._since_s = now_s if self._since_s is None else self._since_s
         return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
 
 

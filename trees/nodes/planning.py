@@ -14,19 +14,24 @@ from trees.nodes.services import CellNode, Services
 
 
 class InferGoal(CellNode):
-    """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11 and 14)."""
+    """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11 and 14).
+
+    A work order that is open counts as what is expected; what is placed decides.
+    """
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = OutputPort(AssemblyPlan, "belief over goals and next placements, and a plan for every object")
 
     _state: AssemblyState | None = None
     _plan: AssemblyPlan | None = None
+    _variant: str | None = None
 
     def update(self) -> Status:
-        state = self.state.get()
-        if self._plan is None or state != self._state:
-            self._plan = self.tools.infer(state)
-            self._state = state
+        state, job = self.state.get(), self.now.observation.operator.job
+        variant = None if job is None else job.variant
+        if self._plan is None or state != self._state or variant != self._variant:
+            self._plan = self.tools.infer(state, job)
+            self._state, self._variant = state, variant
             self.tools.journal.note(
                 "belief", placed=dict(state.placed), goals=dict(self._plan.goal_belief), goal=self._plan.goal
             )

@@ -15,7 +15,7 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.memory import NEVER_S, PREFIX, Memory
 from cell.interfaces.notes import Journal
 from cell.interfaces.observation import Observation
-from cell.interfaces.operator import Question, QuestionKind
+from cell.interfaces.operator import Question, QuestionKind, WorkOrder
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
@@ -87,8 +87,12 @@ class Tools:
     teach: Callable[[str, tuple[str, ...]], str] | None = None
     learn: Callable[[Tools, tuple[str, ...]], tuple[Tools, str | None]] = lambda tools, _: (tools, None)
 
-    def infer(self, state: AssemblyState) -> AssemblyPlan:
-        """The chosen planner's answer if the guard lets it pass, else the rule-based planner's."""
+    def infer(self, state: AssemblyState, job: WorkOrder | None = None) -> AssemblyPlan:
+        """The chosen planner's answer if the guard lets it pass, else the rule-based planner's.
+
+        Args:
+            job: the work order, if there is one: what is expected before anything is placed.
+        """
         try:
             plan = self.semantic.plan(state)
             refusal = self.guard.refusal(plan, state)
@@ -97,6 +101,8 @@ class Tools:
         if refusal is not None:
             self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
             plan = self.rule_semantic.plan(state)
+        if job is not None:
+            plan = plan.expecting(job.variant, self.product, state)
         return plan.with_told({at: part for at, part in state.told_parts.items() if at not in state.placed})
 
 

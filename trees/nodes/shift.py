@@ -81,7 +81,9 @@ class BeginBracket(CellNode):
         self.number.set(number)
         self.state.set(left.state if resumed else AssemblyState({}))
         memory.brackets += 1
-        self.tools.journal.note("bracket", number=number, edge="begin", **({"resumed": True} if resumed else {}))
+        job = self.now.observation.operator.job
+        more = {**({"resumed": True} if resumed else {}), **({} if job is None else {"order": job.id})}
+        self.tools.journal.note("bracket", number=number, edge="begin", **more)
         self.now.show(message=Message("bracket {number}", number=number), help_request=None)
         self.feedback_message = Message("bracket {number}", number=number)
         return Status.SUCCESS
@@ -118,7 +120,7 @@ class BracketTaken(CellNode):
 
 
 class EndBracket(CellNode):
-    """Note how a bracket ended, and learn its goal if every hole was seen filled."""
+    """Note how a bracket ended and which work order it serves, and learn its goal if every hole was seen filled."""
 
     number = InputPort(int, "which bracket of the shift this is")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -132,6 +134,8 @@ class EndBracket(CellNode):
         parts = tuple(part for part in seen if part is not None)
         finished = len(parts) == len(seen)
         learned = services.learn(parts) if finished and not kept else None
+        jobs, product = services.now.observation.operator.jobs, services.tools.product
+        served = [job.id for job in jobs if finished and product.goals.get(job.variant) == parts]
         self.feedback_message = Message(
             "bracket {number} {value}", number=self.number.get(), value="finished" if finished else "taken away"
         )
@@ -143,6 +147,7 @@ class EndBracket(CellNode):
             placed=dict(placed),
             goal=learned,
             known_wrong=list(self.state.get().known_wrong),
+            **({"order": served[0]} if served else {}),
         )
         return Status.SUCCESS
 

@@ -33,7 +33,7 @@ def listed(messages: list[str], mark: str = "; ") -> str:
     """Several messages as one, joined by a mark."""
     joined, *rest = messages or [""]
     for one in rest:
-        joined = Message("{first}" + mark + "{second}", first=joined, second=one)
+        joined = Message(f"{{first}}{mark}{{second}}", first=joined, second=one)
     return joined
 
 

@@ -18,7 +18,7 @@ export class Space {
     this.scene.add(sun);
     this.camera = new THREE.PerspectiveCamera(42, 1, 0.05, 20);
     this.camera.up.set(0, 0, 1); // the world's z is up, and the person looks along -x
-    this.turn = { around: 0.45, above: 0.6, away: 2.2 };
+    this.turn = { around: 0.45, above: 0.6, away: 1.9 };
     this.frames = { base_link: new THREE.Group() };
     this.scene.add(this.frames.base_link);
     this.joints = scene.joints.map((joint) => this.joint(joint));

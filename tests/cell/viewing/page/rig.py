@@ -153,9 +153,10 @@ class PageRig:
         seen = replace(seen, arm=self.arm, gripper=self.gripper, parts=self.parts)
         changes, self._changes = tuple(self._changes), []
         command = Command(display=self.display)
-        self.page.tick(
-            TickRecord(seen, "RUNNING", changes, notes, command, SentCommand(), 0.001, False, None, self.judgement)
-        )
+        sent, judged = SentCommand(), self.judgement
+        record = TickRecord(seen, "RUNNING", changes, notes, command, sent, 0.001, False, None, judged)
+        self.channel.jobs.tick(record)
+        self.page.tick(record)
 
     def look(self, sequence: int) -> None:
         """One more tick, in which the detectors' answer to a frame is there."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.clock import Clock
+from cell.interfaces.devices import DeviceCheck
 from cell.interfaces.perception import Frame
-from skills.drivers.settings import CameraDriverSettings, FileSettings, StreamSettings, V4l2Settings
+from skills.drivers.settings import DRIVERS, CameraDriverSettings, FileSettings, StreamSettings, V4l2Settings
 
 OPEN_MS, READ_MS = 3000, 500  # after which a stream that is silent is given up; OpenCV waits 30 s by itself
 RETRY_S = 0.2  # after which a camera that is gone is opened again
 AT_ONCE_SHARE = 0.25  # of a period: a frame that comes sooner after the one before waited in a buffer
+LOOKED_S, OLD_S, SLOW, DARK = 2.0, 0.2, 0.8, 8.0  # of `examine`: how long; share of the rate; mean grey level
 GRANTED = 0.02  # share by which a granted setting may differ from what was asked for
 FIXED = 1.0  # V4L2: exposure by hand
 Image = NDArray[np.uint8]
@@ -130,7 +133,7 @@ class GrabbingCamera:
             told = f"{image.shape[1]} x {image.shape[0]} pixels, the bench file says {wanted[1]} x {wanted[0]}"
             raise OSError(f"its images have {told}")
         now_s = self._clock.now_s()
-        taken_s = now_s - (ago_s or 0.0) - self._settings.delay_s
+        taken_s = now_s - (ago_s or 0.0) - (self._settings.delay_s or 0.0)
         mount, at_tool = self._setup.mount.pose, self._name == "wrist"
         frame = Frame(self._name, self._sequence, taken_s, image, mount, at_tool=at_tool)
         with self._lock:
@@ -267,3 +270,51 @@ class FileCamera(GrabbingCamera):
             return _Film(settings.path, settings.repeat, 1.0 / setup.rate_hz)
 
         super().__init__(settings, clock, bench, role, film)
+
+
+def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: str) -> Iterator[DeviceCheck]:
+    """Images for two seconds: rate, age, and whether they show anything."""
+    module, _, name = DRIVERS[type(settings)].partition(":")
+    what, rate_hz = f"camera {role}", getattr(bench, role).rate_hz
+    try:
+        camera: GrabbingCamera = getattr(import_module(module), name)(settings, clock, bench, role)
+    except DeviceFault as error:
+        yield DeviceCheck(what, f"{error.reason}: check cable and address; names by id: ls /dev/v4l/by-id")
+        return
+    frames: list[Frame] = []
+    begun_s = clock.now_s()
+    try:
+        while clock.now_s() < begun_s + LOOKED_S:
+            camera.trigger()
+            frame = camera.latest()
+            if frame is not None and (not frames or frame is not frames[-1]):
+                frames.append(frame)
+            clock.sleep_until(clock.now_s() + 0.2 / rate_hz)
+        age_s = clock.now_s() - frames[-1].time_s if frames else float("inf")
+    except DeviceFault as error:
+        yield DeviceCheck(what, f"{error.reason}")
+        return
+    finally:
+        camera.close()
+    yield _of_frames(what, frames, rate_hz, age_s)
+    told = f"{what}: stamps {1e3 * (settings.delay_s or 0.0):.0f} ms after the exposure"
+    yield DeviceCheck(
+        told if settings.delay_s is not None else f"{what}: how late its stamps are",
+        "" if settings.delay_s is not None else "not known: `cell calibrate` measures it: delay_s",
+    )
+
+
+def _of_frames(what: str, frames: list[Frame], rate_hz: float, age_s: float) -> DeviceCheck:
+    if len(frames) < 2:
+        return DeviceCheck(what, f"no image in {LOOKED_S:g} s")
+    found_hz = (len(frames) - 1) / (frames[-1].time_s - frames[0].time_s)
+    told = f"{what}: {found_hz:.1f} images per second, the newest {1e3 * age_s:.0f} ms old"
+    if found_hz < SLOW * rate_hz:
+        return DeviceCheck(told, f"rate_hz says {rate_hz:g}: a USB port of its own, less exposure, or a lower rate_hz")
+    if age_s > OLD_S + 2 / rate_hz:
+        return DeviceCheck(told, "too old: less buffering in the camera, or another way to it")
+    if float(np.mean(frames[-1].image)) < DARK:
+        return DeviceCheck(told, "they are black: take the cover off, light the bench, or raise exposure")
+    if all(np.array_equal(frames[0].image, one.image) for one in frames[1:]):
+        return DeviceCheck(told, "they are all the same: the camera is frozen; unplug it for a moment")
+    return DeviceCheck(told)

@@ -185,7 +185,7 @@ class RtdeReceiver:
         mode, safety, runtime, scaling, fraction = values[19:]
         share = min(max(scaling, 0.0), 1.0) * min(max(fraction, 0.0), 1.0)
         with self._came:
-            self._newest = Sample(time_s, *joints, int(mode), int(safety), int(runtime), share)
+            self._newest = Sample(time_s, joints[0], joints[1], joints[2], int(mode), int(safety), int(runtime), share)
             self._samples.append(self._newest)
             self._came.notify_all()
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -114,7 +113,7 @@ class UrArm:
         self._path: JointTrajectory | None = None
         self._path_s: float | None = None  # where on it the arm was last seen
         self._stopped: tuple[ArmMode, str] | None = None  # until it is brought back
-        self._threads: list[threading.Thread] = []  # what is done beside the loop
+        self._letting_go = self._bringing = threading.Thread()
         self._share, self._upper = 1.0, settings.registers == "upper"
         self._last_s = -np.inf
         self._receiver = RtdeReceiver(settings.host, clock, self._slower)
@@ -184,8 +183,9 @@ class UrArm:
 
     def close(self) -> None:
         """The arm stands on its path, its program ends; harmless when repeated."""
-        for thread in self._threads:
-            thread.join(LEAVING_S * self._slower)
+        for thread in (self._letting_go, self._bringing):
+            if thread.is_alive():
+                thread.join(LEAVING_S * self._slower)
         if self._stream is not None:
             self._stream.close(LEAVING_S * self._slower)
             self._stream = None
@@ -225,7 +225,8 @@ class UrArm:
             self._path = None
         if began:
             stream, self._stream = self._stream, None
-            self._beside(partial(self._let_go, stream))
+            self._letting_go = threading.Thread(target=self._let_go, args=(stream,), daemon=True)
+            self._letting_go.start()
 
     def _let_go(self, stream: Stream | None) -> None:
         stop_program(self._settings.host, self._slower)
@@ -234,17 +235,15 @@ class UrArm:
 
     def _bring_back(self) -> None:
         """Beside the loop, once at a time."""
-        if not any(one.is_alive() for one in self._threads):
-            self._beside(self._brought_back)
-
-    def _beside(self, act: Callable[[], None]) -> None:
-        self._threads = [one for one in self._threads if one.is_alive()]
-        self._threads.append(threading.Thread(target=act, name="beside the loop", daemon=True))
-        self._threads[-1].start()
+        if not self._bringing.is_alive():
+            self._bringing = threading.Thread(target=self._brought_back, name="bring back", daemon=True)
+            self._bringing.start()
 
     def _brought_back(self) -> None:
         assert self._stopped is not None
         mode = self._stopped[0]
+        if self._letting_go.is_alive():
+            self._letting_go.join()
         try:
             bring_back(self._settings.host, self._slower)
             self._open()

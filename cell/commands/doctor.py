@@ -23,7 +23,7 @@ from cell.files.packages import damaged_packages, missing_packages
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
 from cell.wiring.detectors import check_detectors, fitted
-from cell.wiring.devices import find_drivers
+from cell.wiring.devices import examined, find_drivers
 from sim.rendering.available import chosen_backend, remedy, renders
 from skills.drivers.settings import CanSettings
 
@@ -78,7 +78,8 @@ def examine(path: Path) -> list[Finding]:
     logs = configuration.log.folder
     rendering = replace(rendering, needed=bool(configuration.devices.simulated))
     machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
-    devices = _devices(configuration, product) if all(one.ok for one in (rendering, *machine[3:])) else ()
+    there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
+    devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), _bench(configuration, product, path)]
     return [*machine, *devices, *own, _detectors(configuration, product), *planners, *rest]
@@ -133,7 +134,16 @@ def _drivers(configuration: Configuration, path: Path) -> Finding:
     except CellError as error:
         return Finding("drivers of the devices", False, str(error))
     own = [f"{role} {driver.make.__name__}" for role, driver in drivers.items()]
-    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'} (opened only by a run)", True)
+    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'}", True)
+
+
+def _examined(configuration: Configuration, product: Product) -> Iterator[Finding]:
+    """The real devices, each opened and looked at; nothing moves."""
+    if drivers := find_drivers(configuration):
+        from skills.motion.kinematics import Kinematics
+
+        for one in examined(configuration, drivers, product, Kinematics(configuration.motion).forward):
+            yield Finding(one.what, not one.remedy, one.remedy)
 
 
 def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:

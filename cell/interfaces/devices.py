@@ -48,6 +48,19 @@ ROLES = ("arm", "gripper", "overhead", "wrist", "panel", "signals")  # of the de
 KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
 
 
+@dataclass(frozen=True)
+class DeviceCheck:
+    """One thing that was looked at on a device, without moving it.
+
+    Attributes:
+        what: in words.
+        remedy: what to do; empty where all is well.
+    """
+
+    what: str
+    remedy: str = ""
+
+
 class Camera(Protocol):
     """A camera whose intrinsics and mount the bench file gives."""
 

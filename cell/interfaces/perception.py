@@ -27,6 +27,7 @@ class Frame:
         sequence: number of the frame, from 0, without gaps unless frames were lost.
         image: (height, width, 3) uint8, RGB.
         world_from_camera: where the camera was when the frame was taken.
+        at_tool: `world_from_camera` tells only where it is at the tool: who reads the frame puts in where the tool was.
         robot_m: (links, n, 3) points around the robot's links and what it holds when the frame was taken: each link is
             in the hull of its points. In the world frame; None if unknown.
     """
@@ -37,6 +38,7 @@ class Frame:
     image: NDArray[np.uint8] = field(repr=False, compare=False)
     world_from_camera: Pose
     robot_m: Array | None = field(default=None, repr=False, compare=False)
+    at_tool: bool = False
 
     def beside(self, robot_m: Array | None) -> Frame:
         """The same frame, with where the robot was."""

@@ -19,7 +19,7 @@ from cell.interfaces.observation import (
     Trouble,
 )
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from cell.remote.worker import NotAnswering
 from cell.running.inference import Executor
 from skills.motion.arm_outline import ArmOutline
@@ -30,10 +30,15 @@ NEAR_S = 0.1  # a state that is farther in time from a frame tells nothing of it
 
 
 class RobotPoseHistory:
-    """Remembers the arm's last states."""
+    """Remembers the arm's last states, and what it measured between them.
 
-    def __init__(self, outline: ArmOutline) -> None:
-        self._outline = outline
+    Args:
+        forward: world_from_tool of joints (6,).
+    """
+
+    def __init__(self, outline: ArmOutline, forward: Callable[[Array], Pose]) -> None:
+        self._outline, self._forward = outline, forward
+        self._samples: deque[JointSamples] = deque(maxlen=KEPT)
         self._part = np.array([name == HELD for name in outline.names])
         self._states: deque[tuple[float, tuple[float, ...], bool]] = deque(maxlen=KEPT)
 
@@ -42,6 +47,19 @@ class RobotPoseHistory:
         known = len(arm.positions_rad) == 6 and all(map(math.isfinite, arm.positions_rad))
         if known and (not self._states or arm.time_s > self._states[-1][0]):
             self._states.append((arm.time_s, arm.positions_rad, gripper.holding))
+
+    def sampled(self, samples: JointSamples) -> None:
+        """What was measured between the last states."""
+        self._samples.append(samples)
+
+    def tool_at(self, time_s: float) -> Pose | None:
+        """world_from_tool at a time, between measurements; None where the arm was not measured about then."""
+        states = [one for one in self._states if not self._samples or one[0] > self._samples[-1].times_s[-1]]
+        times_s = np.concatenate([*(one.times_s for one in self._samples), np.array([one[0] for one in states])])
+        if not len(times_s) or not times_s[0] - NEAR_S <= time_s <= times_s[-1] + NEAR_S:
+            return None
+        joints = np.concatenate([*(one.positions_rad for one in self._samples), *([one[1]] for one in states)])
+        return self._forward(np.array([np.interp(time_s, times_s, column) for column in joints.T]))
 
     def at(self, time_s: float) -> Array | None:
         """Points around the links at a time, see `Frame.robot_m`; None where the arm was not measured about then.
@@ -152,10 +170,13 @@ class DeviceReader:
 
     def samples(self) -> JointSamples | None:
         """What the arm measured since the last call; None where it cannot be asked."""
-        return self._read("arm", self._devices.arm.samples)
+        samples = self._read("arm", self._devices.arm.samples)
+        if samples is not None and len(samples.times_s) and self._own_body is not None:
+            self._own_body.sampled(samples)
+        return samples
 
     def _detect(self, reader: CameraReader, executor: Executor[Frame, object], name: str) -> None:
-        frame = self._read(f"camera {name}", reader.new_frame)
+        frame = self._read(f"camera {name}", lambda: self._placed(reader.new_frame()))
         if frame is None:
             return
         self._framed(frame)
@@ -165,6 +186,19 @@ class DeviceReader:
         if taken is False and reader.in_time:
             self._say(f"the detector of camera {name} is late: frames are dropped")
         reader.in_time = taken is not False
+
+    def _placed(self, frame: Frame | None) -> Frame | None:
+        """A frame with where its camera was.
+
+        Raises:
+            DeviceFault: it is at the tool, and the arm was not measured then.
+        """
+        if frame is None or not frame.at_tool:
+            return frame
+        tool = None if self._own_body is None else self._own_body.tool_at(frame.time_s)
+        if tool is None:
+            raise DeviceFault(f"camera {frame.camera}", "the arm was not measured when its frame was taken")
+        return frame.seen_from(tool @ frame.world_from_camera)
 
     def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
         try:

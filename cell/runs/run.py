@@ -226,8 +226,8 @@ def drive(
         else:
             executors = lock_step(*detectors, devices)
         supervisor = supervised(files.faults, motion)
-        own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
-        slower = getattr(devices.clock, "slower", 1.0)
+        own_body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
+        watchdog, slower = watchdog or Watchdog(), getattr(devices.clock, "slower", 1.0)
         watchdog.limit_s = TICK_S * slower if pace == "real" else None
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog

@@ -20,10 +20,10 @@ from cell.device_settings import NoPanel as NoPanelSettings
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
-from cell.interfaces.devices import ROLES, Arm, Camera, Devices, Gripper, Panel, Signals
+from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
 from skills.drivers.no_panel import NoPanel
-from skills.drivers.settings import DRIVERS, EXTRAS, RecordedSettings
+from skills.drivers.settings import DRIVERS, EXAMINERS, EXTRAS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
 RECORDED = {role: f"cell.log.replay.recorded:Recorded{name}" for role, name in (
@@ -138,13 +138,43 @@ def _our_driver(role: str, device: BaseModel) -> type:
     if isinstance(device, NoPanelSettings):
         return NoPanel
     name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
-    module, _, name = name.partition(":")
     try:
-        found: type = getattr(importlib.import_module(module), name)
+        found: type = _found(name)
     except ImportError as error:
         what = f"the driver needs the package {error.name}: pip install 'bracket-cell[{EXTRAS.get(str(error.name))}]'"
         raise SettingError((_kind(role), what)) from error
     return found
+
+
+def _found(name: str) -> Any:
+    """What MODULE:NAME names."""
+    module, _, name = name.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def examined(
+    configuration: Configuration, drivers: Drivers, product: Product, forward: Callable[[Any], Any]
+) -> Iterator[DeviceCheck]:
+    """What a look at each real device shows; nothing moves. Devices of one's own have a static function `examine`.
+
+    Args:
+        forward: world_from_tool of joints (6,).
+    """
+    offered = {
+        "clock": WallClock(), "bench": configuration.bench, "product": product, "robot": configuration.robot,
+        "forward": forward,
+    }  # fmt: skip
+    for role, driver in drivers.items():
+        ours = EXAMINERS.get(type(driver.settings))  # type: ignore[arg-type]
+        look = getattr(driver.make, "examine", None) if ours is None else _found(ours)
+        if look is None:
+            continue
+        given = {**offered, "settings": driver.settings, "role": role}
+        asked = inspect.signature(look).parameters
+        try:
+            yield from look(**{name: value for name, value in given.items() if name in asked})
+        except CellError as error:
+            yield DeviceCheck(role, str(error))
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:

@@ -149,7 +149,7 @@ class BenchEvidence:
         if since_s < COMPARE_EVERY_S:
             return
         self._compared_s, shape = now_s, self._frames.shape
-        hidden = (_robot(frame, self._view, shape) > 0) | _towards(self._edge, hands, shape)
+        hidden = _near(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
         if now_s >= self._looked_s + LOOK_EVERY_S:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
@@ -253,8 +253,8 @@ def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArra
     return rim, own
 
 
-def _robot(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
-    """1 where the robot may be in a small image, (height, width)."""
+def robot_outline(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
+    """1 inside the robot's outline in a small image, (height, width)."""
     mask = np.zeros(shape, np.uint8)
     if frame.robot_m is not None:
         points_m = frame.robot_m.reshape(-1, 3)
@@ -263,7 +263,12 @@ def _robot(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
         pixels = (view.pixels(points_m) / GRID).reshape(links, -1, 2)
         for link in pixels[~behind]:
             cv2.fillConvexPoly(mask, outline(link).round().astype(np.int32), 1)
-    return np.asarray(cv2.dilate(mask, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)), np.uint8)
+    return mask
+
+
+def _near(robot: Mask) -> NDArray[np.bool_]:
+    """Where the robot may be."""
+    return cv2.dilate(robot, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)) > 0
 
 
 def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:

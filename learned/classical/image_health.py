@@ -19,8 +19,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence
+from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, robot_outline
 from learned.classical.box_model import View
+from learned.classical.image_lag import ImageLag
 from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
@@ -76,13 +77,13 @@ class ImageHealth:
     """
 
     def __init__(self, bench: Bench, product: Product) -> None:
-        view = View(bench.overhead.model, bench.overhead.mount.pose)
+        self._view = view = View(bench.overhead.model, bench.overhead.mount.pose)
         edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
         size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
         self._edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
-        self._fresh = _Freshness()
+        self._fresh, self._lag = _Freshness(), ImageLag()
         self._evidence = BenchEvidence(bench, product)
         self._soft = 0
         self.unseen = self.unexplained = ""
@@ -100,7 +101,9 @@ class ImageHealth:
         health = health or _glaring(looked) or self._focus(looked.grey)
         if not nothing:  # such an image says nothing of where the camera looks
             self._evidence.see(frame, looked.small, looked.grey, hands)
-        self.unseen, self.unexplained = self._fresh.repeats or self._evidence.unseen, self._evidence.unexplained
+            self._lag.see(frame, looked.small, robot_outline(frame, self._view, looked.small.shape[:2]))
+        self.unseen = self._fresh.repeats or self._lag.late or self._evidence.unseen
+        self.unexplained = self._evidence.unexplained
         return health or self.unseen or self.unexplained
 
     def prepare(self, image: NDArray[np.uint8]) -> None:

@@ -10,9 +10,11 @@ import re
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from pathlib import Path
 from typing import Protocol
 
 from pymodbus.client import ModbusSerialClient
@@ -22,6 +24,7 @@ from pymodbus.pdu import ModbusPDU
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
+from cell.interfaces.devices import DeviceCheck
 from cell.interfaces.observation import GripperState, ObjectStatus
 from skills.drivers.can_gripper import ACTIVE, ADOPTION_S, MAJOR_FAULT, NO_COMMUNICATION
 from skills.drivers.settings import FingerSettings, RobotiqModbusSettings, RobotiqUrcapSettings
@@ -377,6 +380,59 @@ class UrcapWire:
         if (found := re.fullmatch(answer, told.strip())) is None:
             raise ConnectionError(f"{line!r} is answered with {told!r}")
         return found
+
+
+def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[DeviceCheck]:
+    """Whether it answers, what it complains of, and whether its fingers end where the settings say; only reads."""
+    serial = isinstance(settings, RobotiqModbusSettings)
+    where = settings.port if serial else f"{settings.host}:{settings.port}"
+    what = f"gripper at {where}"
+    try:
+        status = _looked(settings)
+    except TimeoutError:
+        yield DeviceCheck(what, "it does not answer: 24 V, baud and node_id, A and B, and no other program at the port")
+        return
+    except WIRE_ERRORS as error:
+        adapter = "names of adapters: ls /dev/serial/by-id; the user must be in the group dialout"
+        urcap = "install the gripper's URCap on the controller, and switch its network service on"
+        yield DeviceCheck(what, f"cannot be opened: {error}; {adapter if serial else urcap}")
+        return
+    if status.fault >= MAJOR_FAULT and status.fault != NO_COMMUNICATION:
+        yield DeviceCheck(what, f"fault 0x{status.fault:02X}, {FAULTS[status.fault]}: switch it off and on")
+        return
+    yield DeviceCheck(f"{what}{'' if status.state == ACTIVE else ', not active: a run opens and closes it first'}")
+    yield _stroke(settings, status)
+    timer = Path("/sys/bus/usb-serial/devices", Path(where).resolve().name, "latency_timer")
+    if serial and timer.is_file() and (ms := timer.read_text().strip()) != "1":
+        yield DeviceCheck(f"gripper: its adapter waits {ms} ms", f"echo 1 | sudo tee {timer}")
+
+
+def _looked(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Status:
+    """The status, without a command; raises one of WIRE_ERRORS."""
+    wire: Wire
+    if isinstance(settings, RobotiqModbusSettings):
+        wire = ModbusWire(settings.port, settings.baud, settings.node_id)
+    else:
+        wire = UrcapWire(settings.host, settings.port)
+    try:
+        for _ in range(FAILURES):
+            with suppress(TimeoutError):
+                return Status.of(wire.read())
+        raise TimeoutError
+    finally:
+        wire.close()
+
+
+def _stroke(settings: FingerSettings, status: Status) -> DeviceCheck:
+    """Fingers that rest at an end tell where it is."""
+    ends = settings.open_count, settings.closed_count
+    what = f"gripper: its fingers stand at {status.position} of {ends[0]} (open) to {ends[1]} (closed)"
+    beyond = not ends[0] - END_COUNTS <= status.position <= ends[1] + END_COUNTS
+    rests = status.going and status.object_status is not ObjectStatus.MOVING
+    end = ends[0] if status.echo <= ends[0] else ends[1] if status.echo >= min(ends[1], 250) else None
+    if beyond or (rests and end is not None and abs(status.position - end) > END_COUNTS):
+        return DeviceCheck(what, "take a part out of them; if none is there: `cell teach gripper` measures their ends")
+    return DeviceCheck(what)
 
 
 def _count(value: float, limits: tuple[float, float]) -> int:

@@ -69,17 +69,17 @@ class RtdeConnection:
         self.socket.settimeout(limit_s)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._came = b""
-        if not self._asked("V", struct.pack(">H", 2))[0]:
+        if not self.asked("V", struct.pack(">H", 2))[0]:
             raise DeviceFault("arm", f"{host}: its RTDE is older than protocol version 2")
-        self.version = struct.unpack(">4I", self._asked("v", b""))
+        self.version = struct.unpack(">4I", self.asked("v", b""))
         rate = float((500 if self.version[0] >= 5 else 125) if rate_hz is None else rate_hz)
-        types = self._asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())[1:].decode().split(",")
+        types = self.asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())[1:].decode().split(",")
         unknown = [name for name, kind in zip(outputs, types, strict=True) if kind not in FORMS]
         if unknown:
             raise DeviceFault("arm", f"{host}: its RTDE does not tell {', '.join(unknown)}")
         self.widths = [int(FORMS[kind][:-1] or 1) for kind in types]
         self._form = struct.Struct(">" + "".join(FORMS[kind] for kind in types))
-        self._asked("S", b"")
+        self.asked("S", b"")
 
     def receive(self) -> tuple[float, ...]:
         """The next sample's values, one after the other; raises OSError."""
@@ -89,7 +89,8 @@ class RtdeConnection:
         """Hang up."""
         self.socket.close()
 
-    def _asked(self, kind: str, body: bytes) -> bytes:
+    def asked(self, kind: str, body: bytes) -> bytes:
+        """The answer to a package; raises OSError."""
         self.socket.sendall(struct.pack(">HB", len(body) + 3, ord(kind)) + body)
         return self._next(kind)
 

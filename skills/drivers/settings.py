@@ -104,11 +104,11 @@ class CameraDriverSettings(Model):
     """What every camera's driver needs to know; size and rate of its images stand in the bench section.
 
     Attributes:
-        delay_s: from the middle of the exposure to the stamp; `cell calibrate` measures it.
+        delay_s: from the middle of the exposure to the stamp; unknown until `cell calibrate` has measured it.
         lost_s: no new frame for this long is a fault.
     """
 
-    delay_s: float = Field(default=0.0, ge=0, le=1)
+    delay_s: float | None = Field(default=None, ge=0, le=1)
     lost_s: float = Field(default=0.5, gt=0, le=60)
 
 
@@ -232,6 +232,12 @@ DRIVERS: Mapping[type[Model], str] = {
     FileSettings: "skills.drivers.cameras:FileCamera",
     RealsenseSettings: "skills.drivers.realsense:RealsenseCamera",
 }  # loaded where they are named: each needs packages of its own
+EXAMINERS: Mapping[type[Model], str] = {
+    UrSettings: "skills.drivers.ur_examined:examine",
+    RobotiqModbusSettings: "skills.drivers.robotiq:examine",
+    RobotiqUrcapSettings: "skills.drivers.robotiq:examine",
+    **dict.fromkeys((V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "skills.drivers.cameras:examine"),
+}  # what looks at a device for `cell doctor`: it opens it, and moves nothing
 EXTRAS = {
     "rtde_control": "ur",
     "pymodbus": "robotiq",

@@ -69,9 +69,10 @@ class Rig:
         return told[0]
 
 
-def modbus(
-    tmp_path: Path, clock: AnsweredClock, registers: Registers
-) -> tuple[ModbusTwin, Callable[[], RegisterGripper]]:
+Opened = tuple[ModbusTwin | UrcapTwin, Callable[[], RegisterGripper]]
+
+
+def modbus(tmp_path: Path, clock: AnsweredClock, registers: Registers) -> Opened:
     port = tmp_path / "by-id" / "usb-FTDI"
     settings = RobotiqModbusSettings(port=str(port), lost_s=LOST_S)
     return ModbusTwin(registers, port), lambda: ModbusGripper(settings, clock)

@@ -76,6 +76,10 @@ class Frames:
                 found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
         return found
 
+    def times_s(self, camera: str) -> list[float]:
+        """When this camera took its images."""
+        return [message.time_ns / 1e9 for message in self._messages.get(camera, ())]
+
     def at(self, camera: str, time_s: float) -> LoggedFrame | None:
         """The image that a camera took at this very time; None where it is not in the log."""
         written, time_ns = self._messages.get(camera, []), round(time_s * 1e9)

@@ -8,7 +8,7 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus
+from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
 from cell.interfaces.perception import BenchView, Frame, PendingFrame
 from cell.interfaces.pose import Pose
 from cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
@@ -36,7 +36,7 @@ def fingers(holding: bool) -> GripperState:
 
 
 def test_the_tool_is_in_the_hull_of_the_points_of_its_links(motion: MotionPlanner) -> None:
-    body = RobotPoseHistory(motion.separation.outline)
+    body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
     body.keep(arm(1.0, LOOK), fingers(holding=False))
     points = body.at(1.0)
     assert points is not None
@@ -51,7 +51,7 @@ def test_the_tool_is_in_the_hull_of_the_points_of_its_links(motion: MotionPlanne
 
 
 def test_between_two_ticks_it_is_wherever_the_arm_may_have_been(motion: MotionPlanner) -> None:
-    body, nobody = RobotPoseHistory(motion.separation.outline), fingers(holding=False)
+    body, nobody = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward), fingers(holding=False)
     body.keep(arm(1.0, PARK), nobody)
     body.keep(arm(1.04, LOOK), nobody)
     between, after = body.at(1.02), body.at(1.04)
@@ -65,7 +65,7 @@ def test_between_two_ticks_it_is_wherever_the_arm_may_have_been(motion: MotionPl
 
 
 def test_it_is_unknown_where_the_arm_was_not_measured_about_then(motion: MotionPlanner) -> None:
-    body, nobody = RobotPoseHistory(motion.separation.outline), fingers(holding=False)
+    body, nobody = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward), fingers(holding=False)
     assert body.at(0.0) is None
     body.keep(arm(0.0, (float("nan"), *LOOK[1:])), nobody)
     body.keep(arm(0.0, LOOK[:3]), nobody)
@@ -73,6 +73,52 @@ def test_it_is_unknown_where_the_arm_was_not_measured_about_then(motion: MotionP
     body.keep(arm(0.0, LOOK), nobody)
     assert body.at(0.0) is not None
     assert body.at(NEAR_S + 0.01) is None
+
+
+def test_the_tool_at_an_exposure_is_between_what_was_measured(motion: MotionPlanner) -> None:
+    body, nobody = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward), fingers(holding=False)
+    assert body.tool_at(1.0) is None
+    park, look = np.array(PARK), np.array(LOOK)
+
+    def joints(time_s: float) -> np.ndarray:
+        """Slowing down, so that no straight line fits."""
+        return park + (1 - (1 - time_s) ** 2) * (look - park)
+
+    times_s = np.arange(0.0, 0.48, 0.008)
+    positions = np.array([joints(float(one)) for one in times_s])
+    body.sampled(JointSamples(times_s, positions, 0 * positions, 0 * positions))
+    body.keep(arm(0.5, tuple(joints(0.5).tolist())), nobody)
+    for time_s in (0.0, 0.1234, 0.49):
+        told, wanted = body.tool_at(time_s), motion.kinematics.forward(joints(time_s))
+        assert told is not None
+        assert np.allclose(told.position_m, wanted.position_m, atol=1e-3)
+    assert body.tool_at(0.5 + NEAR_S + 0.01) is None
+    assert body.tool_at(-NEAR_S - 0.01) is None
+
+
+def test_a_wrist_frame_gets_the_arms_place_or_is_not_used(motion: MotionPlanner) -> None:
+    clock, mount, placed = ManualClock(), Pose((0.0, -0.09, -0.12)), list[Frame]()
+    wrist = FakeCamera(clock, replace(frame(0), camera="wrist", world_from_camera=mount, at_tool=True))
+    robot = FakeArm(clock)
+    reader = DeviceReader(
+        Devices(clock=clock, arm=robot, gripper=FakeGripper(clock), overhead=FakeCamera(clock), wrist=wrist,
+                panel=FakePanel()),
+        LockStep(idle_view, clock, 0.0),
+        LockStep(no_parts, clock, 0.0),
+        placed.append,
+        lambda _: None,
+        own_body=RobotPoseHistory(motion.separation.outline, motion.kinematics.forward),
+    )  # fmt: skip
+    reader.observe(0)
+    tool = motion.kinematics.forward(np.array(robot.state().positions_rad))
+    assert np.allclose(placed[-1].world_from_camera.position_m, (tool @ mount).position_m)
+    assert not placed[-1].at_tool
+    wrist.newest = replace(frame(1), camera="wrist", time_s=1.0, world_from_camera=mount, at_tool=True)
+    clock.sleep_until(clock.now_s() + 0.04)
+    seen = reader.observe(1)
+    assert [trouble.reason for trouble in seen.troubles] == [
+        "camera wrist: the arm was not measured when its frame was taken"
+    ]
 
 
 def test_detectors_of_the_bench_are_told_and_images_still_come_late(motion: MotionPlanner) -> None:
@@ -91,7 +137,7 @@ def test_detectors_of_the_bench_are_told_and_images_still_come_late(motion: Moti
         LockStep(no_parts, clock, 0.0),
         lambda _: None,
         lambda _: None,
-        own_body=RobotPoseHistory(motion.separation.outline),
+        own_body=RobotPoseHistory(motion.separation.outline, motion.kinematics.forward),
     )
     reader.observe(0)
     assert seen

@@ -1,0 +1,67 @@
+"""Images that are older than their stamps: the arm is seen where it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from learned.classical.image_lag import ImageLag
+
+RATE_HZ, ROWS, COLUMNS = 15.0, 90, 120
+SIDE, STEP = 30, 3  # small pixels: of the arm, and by which it moves in a frame
+ROBOT = np.zeros((1, 1, 3))
+CHANCE = np.random.default_rng(3)
+TABLE = CHANCE.integers(100, 140, (ROWS, COLUMNS, 3))
+SKIN = CHANCE.integers(30, 90, (SIDE, SIDE, 3))
+
+
+def place(number: int) -> int:
+    """Left side of the arm, which stands, goes over the bench, stands and goes back."""
+    moved = min(max(number - 10, 0), 25) - min(max(number - 50, 0), 25)
+    return 5 + STEP * moved
+
+
+def image(number: int, hand: int | None = None) -> NDArray[np.uint8]:
+    """The bench with the arm, and a hand that trembles at a column."""
+    drawn = TABLE + np.random.default_rng(number + 100).integers(-3, 4, TABLE.shape)
+    left = place(max(number, 0))
+    drawn[20 : 20 + SIDE, left : left + SIDE] = SKIN
+    if hand is not None:
+        drawn[25:45, hand : hand + 12] = 200 + 40 * (number % 2)
+    return drawn.astype(np.uint8)
+
+
+def outline(number: int) -> NDArray[np.uint8]:
+    mask = np.zeros((ROWS, COLUMNS), np.uint8)
+    left = place(number)
+    mask[16 : 24 + SIDE, max(0, left - 4) : left + SIDE + 4] = 1
+    return mask
+
+
+def late(behind: int, hand: int | None = None, known: bool = True, frames: int = 90) -> str:
+    """What is said of images that are so many frames behind their stamps."""
+    lag = ImageLag()
+    for number in range(frames):
+        small = image(number - behind, hand)
+        frame = Frame("overhead", number, number / RATE_HZ, small, Pose((0, 0, 1)), ROBOT if known else None)
+        lag.see(frame, small, outline(number))
+    return lag.late
+
+
+@pytest.mark.parametrize("hand", [None, 10, 80])
+@pytest.mark.parametrize("behind", [0, 1])
+def test_images_in_time_are_not_late_whatever_a_hand_does(behind: int, hand: int | None) -> None:
+    assert late(behind, hand) == ""
+
+
+@pytest.mark.parametrize("behind", [3, 5, 8, 12])
+def test_images_of_a_buffer_are_noticed_once_the_arm_moves(behind: int) -> None:
+    assert late(behind, frames=10) == ""
+    assert late(behind).startswith("the image is late: the arm is seen where it was")
+
+
+def test_without_the_arms_place_nothing_is_said() -> None:
+    assert late(8, known=False) == ""

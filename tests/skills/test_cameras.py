@@ -1,0 +1,246 @@
+"""Camera drivers against twins, films and logs: the contract, and what a camera does wrong."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration
+from cell.errors import DeviceFault
+from cell.interfaces.bench import Bench
+from cell.interfaces.clock import WallClock
+from cell.interfaces.perception import Frame
+from sim.twin.cameras import MjpegServer
+from skills.drivers import cameras
+from skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
+from skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
+from tests.skills import camera_contract
+from tests.skills.camera_contract import CHECKS, Check
+
+SIZE = 64, 48
+PERIOD_S = 0.02
+
+
+def small_bench(**wrist: Any) -> Bench:
+    bench = load_configuration().bench
+    size = {"width_px": SIZE[0], "height_px": SIZE[1], "rate_hz": 1 / PERIOD_S}
+    cut = {name: getattr(bench, name).model_copy(update=size) for name in ("overhead", "wrist")}
+    cut["wrist"] = cut["wrist"].model_copy(update=wrist)
+    return bench.model_copy(update=cut)
+
+
+class Shooting:
+    """A server that is sent a new image every period."""
+
+    def __init__(self) -> None:
+        self.server = MjpegServer("camera", "127.0.0.1", 0)
+        self.url = f"http://127.0.0.1:{self.server.port}/"
+        self.number, self._ended, self._paused = 0, threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._shoot, daemon=True)
+        self._thread.start()
+
+    def unplug(self) -> None:
+        self._paused.set()
+        self.server.replug()
+
+    def replug(self) -> None:
+        self._paused.clear()
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.server.close()
+
+    def _shoot(self) -> None:
+        while not self._ended.wait(PERIOD_S):
+            if not self._paused.is_set():
+                self.number += 1
+                self.server.send(numbered(self.number))
+
+
+def numbered(number: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """An image whose grey level tells its number, 8 levels a step."""
+    return np.full((SIZE[1], SIZE[0], 3), number * 8 % 256, np.uint8)
+
+
+def number_of(frame: Frame) -> int:
+    return round(float(frame.image.mean()) / 8)
+
+
+@pytest.fixture
+def shooting() -> Iterator[Shooting]:
+    made = Shooting()
+    yield made
+    made.close()
+
+
+@contextmanager
+def streamed(shooting: Shooting, role: str = "overhead", **more: Any) -> Iterator[camera_contract.Bench]:
+    settings, clock = StreamSettings(url=shooting.url, **more), WallClock()
+    camera = StreamCamera(settings, clock, small_bench(), role)
+    yield camera_contract.Bench(camera, clock, SIZE, shooting.unplug, shooting.replug)
+    camera.close()
+
+
+def film(folder: Path, count: int = 20) -> Path:
+    path = folder / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 1 / PERIOD_S, SIZE)
+    for number in range(count):
+        writer.write(numbered(number))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("role", ["overhead", "wrist"])
+def test_contract_of_a_stream(shooting: Shooting, role: str, check: Check) -> None:
+    with streamed(shooting, role) as bench:
+        check(bench)
+
+
+@pytest.mark.parametrize("check", CHECKS[:-1])
+def test_contract_of_a_film(tmp_path: Path, check: Check) -> None:
+    clock = WallClock()
+    camera = FileCamera(FileSettings(path=film(tmp_path)), clock, small_bench(), "overhead")
+    check(camera_contract.Bench(camera, clock, SIZE))
+    camera.close()
+
+
+def test_a_film_without_repeat_ends(tmp_path: Path) -> None:
+    clock = WallClock()
+    camera = FileCamera(FileSettings(path=film(tmp_path), repeat=False), clock, small_bench(), "overhead")
+    assert "the film is over" in camera_contract.Bench(camera, clock, SIZE).lost()
+    camera.close()
+
+
+def test_frames_that_waited_in_a_buffer_are_not_taken_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = [False] * 5 + [True] + [False] * 3
+    given: list[int] = []
+    go_on = threading.Event()
+
+    class Buffered:
+        def grab(self) -> tuple[Any, None]:
+            if len(given) == len(waits) or waits[len(given)]:
+                go_on.wait(0.2)
+            if len(given) == len(waits):
+                raise OSError("over")
+            given.append(len(given))
+            return numbered(given[-1]), None
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(cameras, "RETRY_S", 60.0)
+    settings, clock = StreamSettings(url="http://nobody/", lost_s=60), WallClock()
+    camera = cameras.GrabbingCamera(settings, clock, small_bench(), "overhead", lambda _: Buffered())
+    frame = camera_contract.Bench(camera, clock, SIZE).frames(1)[0]
+    assert number_of(frame) == 5
+    camera.close()
+
+
+def test_the_delay_that_was_measured_is_taken_off_the_stamp(shooting: Shooting) -> None:
+    with streamed(shooting, delay_s=0.5) as bench:
+        frame = bench.frames(1)[0]
+        assert frame.time_s <= bench.clock.now_s() - 0.5
+
+
+def test_a_triggered_camera_hands_out_what_was_taken_after_the_trigger(shooting: Shooting) -> None:
+    clock = WallClock()
+    camera = StreamCamera(StreamSettings(url=shooting.url), clock, small_bench(triggered=True), "wrist")
+    bench = camera_contract.Bench(camera, clock, SIZE)
+    first = bench.frames(1)[0]
+    while shooting.number < 20:
+        clock.sleep_until(clock.now_s() + 0.02)
+        assert camera.latest() is not None
+    assert camera.latest() is first or first.time_s > 0
+    asked_s = clock.now_s()
+    bench.frames(2)
+    newest = camera.latest()
+    assert newest is not None
+    assert newest.time_s > asked_s
+    assert newest.at_tool
+    camera.close()
+
+
+def test_images_of_another_size_are_refused(shooting: Shooting) -> None:
+    clock = WallClock()
+    camera = StreamCamera(StreamSettings(url=shooting.url), clock, load_configuration().bench, "overhead")
+    told = camera_contract.Bench(camera, clock, SIZE).lost()
+    assert "64 x 48 pixels, the bench file says 480 x 360" in told
+    camera.close()
+
+
+def test_nobody_at_the_other_end(tmp_path: Path) -> None:
+    clock, bench = WallClock(), small_bench()
+    with pytest.raises(DeviceFault, match="camera overhead: cannot be opened"):
+        StreamCamera(StreamSettings(url="http://127.0.0.1:1/"), clock, bench, "overhead")
+    with pytest.raises(DeviceFault, match="camera wrist: cannot be opened"):
+        FileCamera(FileSettings(path=tmp_path / "none.avi"), clock, bench, "wrist")
+    with pytest.raises(DeviceFault, match="camera wrist: cannot be opened"):
+        V4l2Camera(V4l2Settings(device=str(tmp_path / "video0")), clock, bench, "wrist")
+
+
+class FakeVideo:
+    """A USB camera: takes what it is set to but for what `refuses` names."""
+
+    refuses: ClassVar[dict[int, float]] = {}
+
+    def __init__(self, what: str, *_: object) -> None:
+        self.what, self.settings = what, dict[int, float]()
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, setting: int, value: float) -> bool:
+        self.settings[setting] = value
+        return True
+
+    def get(self, setting: int) -> float:
+        return self.refuses.get(setting, self.settings.get(setting, 0.0))
+
+    def read(self) -> tuple[bool, Any]:
+        threading.Event().wait(PERIOD_S)
+        return True, numbered(1)
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_usb_camera_is_opened_by_its_id_with_exposure_and_focus_fixed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", FakeVideo)
+    (tmp_path / "by-id").symlink_to(tmp_path / "video7")
+    settings = V4l2Settings(device=str(tmp_path / "by-id"), exposure=80, focus=30)
+    camera = V4l2Camera(settings, WallClock(), small_bench(), "overhead")
+    capture: Any = camera._source.capture  # type: ignore[union-attr]
+    assert capture.what == str(tmp_path / "video7")
+    assert capture.settings[cv2.CAP_PROP_EXPOSURE] == 80
+    assert (capture.settings[cv2.CAP_PROP_AUTOFOCUS], capture.settings[cv2.CAP_PROP_FOCUS]) == (0, 30)
+    assert next(iter(capture.settings)) == cv2.CAP_PROP_FOURCC
+    camera.close()
+
+
+def test_a_usb_camera_that_keeps_its_own_exposure_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", FakeVideo)
+    monkeypatch.setattr(FakeVideo, "refuses", {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0})
+    with pytest.raises(DeviceFault, match=r"takes no fixed exposure \(auto_exposure\) of 1: it has 3"):
+        V4l2Camera(V4l2Settings(device="/dev/video0"), WallClock(), small_bench(), "overhead")
+
+
+def test_a_camera_with_a_buffer_tells_old_images_with_new_stamps(shooting: Shooting) -> None:
+    """Nothing in the stream tells: whoever sees the arm move must notice."""
+    with streamed(shooting) as bench:
+        bench.frames(10)
+        shooting.server.behind = 8
+        bench.frames(3)
+        frame = bench.frames(1)[0]
+        assert bench.clock.now_s() - frame.time_s < 1.0
+        assert shooting.number % 32 != number_of(frame)

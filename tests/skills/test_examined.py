@@ -1,0 +1,177 @@
+"""Wrong set-ups of a cell are named with what to do, without motion."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration
+from cell.interfaces.clock import WallClock
+from cell.interfaces.devices import DeviceCheck
+from cell.interfaces.robot import load_robot
+from sim.twin.controller import Controller, UrWires
+from sim.twin.gripper import ModbusTwin, Registers
+from sim.twin.ur_model import MODELS
+from skills.drivers import cameras, robotiq, ur_examined
+from skills.drivers.settings import RobotiqModbusSettings, StreamSettings, UrSettings
+from skills.motion.kinematics import Kinematics
+from tests.sim.twin.rig import light_cell
+from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
+from tests.skills.test_cameras import Shooting, small_bench
+
+HOST = "127.0.0.71"
+CONFIGURATION = load_configuration()
+FORWARD = Kinematics(CONFIGURATION.motion).forward
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[Controller]:
+    cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
+    (wires,) = cell.serve()
+    assert isinstance(wires, UrWires)
+    yield wires.controller
+    cell.close()
+
+
+def wrong(**more: Any) -> list[DeviceCheck]:
+    """What is found wrong of the arm."""
+    settings = UrSettings(**{"host": HOST, **more})
+    found = list(ur_examined.examine(settings, CONFIGURATION.bench, CONFIGURATION.robot, FORWARD))
+    return [one for one in found if one.remedy]
+
+
+@pytest.mark.usefixtures("controller")
+def test_an_arm_as_it_is_configured_is_well() -> None:
+    assert wrong() == []
+
+
+def test_nobody_at_the_address() -> None:
+    (found,) = wrong(host="127.0.0.72")
+    assert "check cable and address" in found.remedy
+
+
+Change = dict[str, Any]
+CASES: dict[str, tuple[Change, Change, str]] = {
+    "mode": ({"safety": 3}, {}, "clear it there"),
+    "power": ({"robot_mode": 5}, {}, "release the brakes"),
+    "local": ({"remote": False}, {}, "switch it to remote control"),
+    "payload": ({"payload_kg": 2.0}, {}, "weigh gripper, coupling and camera"),
+    "tcp": ({"tcp": np.array([0, 0, 0.149, 0, 0, 0.0])}, {}, "(0, 0, 156.0) mm without rotation"),
+    "model": ({"model": MODELS["ur10e"]}, {}, "write robot: ur10e"),
+    "calibration": ({"model": MODELS["ur10"].corrected(7)}, {}, "this arm's own calibration"),
+    "registers": ({"fieldbus": True}, {"registers": "lower"}, "write registers: upper"),
+    "turns": ({"turned_rad": np.array([0, 0, 0, 0, 0, 2 * np.pi])}, {}, "turn it back by hand"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_wrong_with_an_arm_is_told(controller: Controller, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    change, settings, remedy = CASES[name]
+    for attribute, value in change.items():
+        monkeypatch.setattr(controller, attribute, value)
+    assert remedy in " ".join(one.remedy for one in wrong(**settings))
+
+
+def test_a_tool_elsewhere_is_not_taken_for_another_calibration(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(controller, "tcp", np.array([0.01, 0.0, 0.149, 0.1, 0.0, 0.0]))
+    assert len(wrong()) == 1
+
+
+def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controller: Controller) -> None:
+    robot = load_robot("ur10e").model_copy(update={"name": "ours"})
+    forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
+    found = ur_examined.examine(UrSettings(host=HOST), CONFIGURATION.bench, robot, forward)
+    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True]
+    assert controller.model.name == "UR10"
+
+
+@pytest.fixture
+def gripper(tmp_path: Path) -> Iterator[tuple[IdealFingers, ModbusTwin, Registers, AnsweredClock]]:
+    clock = AnsweredClock()
+    clock.answered = count().__next__
+    fingers = IdealFingers(clock)
+    registers = Registers(fingers, threading.RLock())
+    twin = ModbusTwin(registers, tmp_path / "adapter")
+    yield fingers, twin, registers, clock
+    twin.close()
+
+
+Gripper = tuple[IdealFingers, ModbusTwin, Registers, AnsweredClock]
+
+
+def of_gripper(gripper: Gripper, **more: Any) -> list[str]:
+    settings = RobotiqModbusSettings(**{"port": gripper[1].told.split()[-1], **more})
+    return [one.remedy for one in robotiq.examine(settings) if one.remedy]
+
+
+def closed(gripper: Gripper) -> None:
+    registers, clock = gripper[2], gripper[3]
+    registers.write(0, bytes((9, 0, 0, 255, 255, 255)))
+    clock.sleep_until(5.0)
+
+
+def test_a_gripper_is_looked_at_without_a_command(gripper: Gripper) -> None:
+    assert of_gripper(gripper) == []
+    assert gripper[0].requests == []
+
+
+def test_what_is_wrong_with_a_gripper_is_told(gripper: Gripper) -> None:
+    assert "ls /dev/serial/by-id" in of_gripper(gripper, port="/dev/serial/by-id/none")[0]
+    assert "it does not answer: 24 V" in of_gripper(gripper, node_id=8)[0]
+    gripper[0].fault = 0x0A
+    assert "supply voltage too low: switch it off and on" in of_gripper(gripper)[0]
+
+
+def test_fingers_that_end_elsewhere_than_configured_are_told(gripper: Gripper) -> None:
+    closed(gripper)
+    assert of_gripper(gripper) == []
+    assert "`cell teach gripper` measures" in of_gripper(gripper, closed_count=255)[0]
+
+
+@pytest.fixture
+def shooting() -> Iterator[Shooting]:
+    made = Shooting()
+    yield made
+    made.close()
+
+
+def of_camera(shooting: Shooting, rate_hz: float = 50.0, **more: Any) -> list[str]:
+    bench = small_bench()
+    overhead = bench.overhead.model_copy(update={"rate_hz": rate_hz})
+    bench = bench.model_copy(update={"overhead": overhead})
+    settings = StreamSettings(**{"url": shooting.url, "delay_s": 0.03, **more})
+    return [one.remedy for one in cameras.examine(settings, WallClock(), bench, "overhead") if one.remedy]
+
+
+@pytest.fixture(autouse=True)
+def _short_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cameras, "LOOKED_S", 0.6)
+
+
+Break = Callable[[Shooting], object]
+WRONG: dict[str, tuple[Break, Change, str]] = {
+    "rate": (lambda _: None, {"rate_hz": 90.0}, "rate_hz says 90"),
+    "frozen": (lambda one: setattr(one.server, "frozen", True), {}, "the camera is frozen"),
+    "black": (lambda one: setattr(one.server, "black", True), {}, "take the cover off"),
+    "delay": (lambda _: None, {"delay_s": None}, "`cell calibrate` measures it"),
+    "nobody": (lambda _: None, {"url": "http://127.0.0.1:1/"}, "check cable and address"),
+}
+
+
+def test_a_camera_as_it_is_configured_is_well(shooting: Shooting) -> None:
+    assert of_camera(shooting, rate_hz=20.0) == []
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_with_a_camera_is_told(shooting: Shooting, name: str) -> None:
+    breaks, more, remedy = WRONG[name]
+    breaks(shooting)
+    assert remedy in " ".join(of_camera(shooting, **{"rate_hz": 20.0, **more}))

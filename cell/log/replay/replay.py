@@ -20,7 +20,7 @@ from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.read.ticks import Gap
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
-from cell.log.replay.logged_tree import recorded_table, write_files
+from cell.log.replay.logged_tree import code_differs, recorded_table, write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
 from cell.running.device_writer import withhold
@@ -109,7 +109,15 @@ class Replay:
         """Make everything ready for the tick at a place of the log; beyond the first with the state before it."""
         log, before = self.log, self.log.ticks[max(0, place - 1)]
         edits = [fields["files"] for tick in log.ticks[:place] for kind, fields in tick.inputs if kind == "edit"]
-        configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
+        try:
+            configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
+        except InputError as error:
+            own = [name for name in log.attachments if name.startswith("nodes/")]
+            if not own or self.changes.nodes:
+                raise
+            way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
+            raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
+        self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)
         self._halted = False
@@ -166,11 +174,10 @@ class Replay:
             if place > self._place and tick.number != ticks[place - 1].number + 1:
                 gap = Gap(ticks[place - 1].number + 1, tick.number - 1)
                 place = _next_start(ticks, place)
-                goes_on = (
-                    f"the replay goes on with tick {ticks[place].number}" if place < len(ticks) else "it ends before"
-                )
-                self.remarks.append(f"{gap}, and nodes remember what they saw: {goes_on}")
-                if place < len(ticks):
+                there = place < len(ticks)
+                ends = f"goes on with tick {ticks[place].number}" if there else "ends before"
+                self.remarks.append(f"{gap}: the replay {ends}, as nodes remember what they saw")
+                if there:
                     self._begin(place)
                 continue
             if tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK:

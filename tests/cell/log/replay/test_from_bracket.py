@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -158,3 +159,23 @@ def test_a_command_is_planned_from_where_the_arm_stood(shift: Path) -> None:
     moved = [tick for tick in log.ticks if tick.command is not None]
     assert moved, "nothing was commanded: nothing was compared"
     assert Command() != moved[0].command
+
+
+def test_a_mended_tree_is_explained_for_one_log_and_for_many(
+    shift: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mended = changes(shift, 'least="3"', 'least="4"').tree
+    asked = ["--tree", str(mended), "--with", str(shift.parent / "counting.py")]
+    page = tmp_path / "why.html"
+    assert main(["replay", str(shift), *asked, "--html", str(page)]) == 1
+    told = capsys.readouterr().out
+    assert "CountTicks.least: 3 -> 4" in told
+    assert "lies between 3 and 4 of" in told
+    assert "What follows from it" in page.read_text()
+    shutil.copy(parts_of(shift)[1], tmp_path / "other.mcap")
+    (tmp_path / "cut.mcap").write_bytes(parts_of(shift)[1].read_bytes()[:60])
+    assert main(["replay", str(shift), str(tmp_path / "other.mcap"), str(tmp_path / "cut.mcap"), *asked]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("lies between 3 and 4 of" in line for line in lines) == 2
+    assert any("cut.mcap: cannot be replayed" in line for line in lines)
+    assert "2 of 3 logs differ, 1 could not be replayed" in lines

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import trees.nodes.ported
 from cell.errors import InputError
+from cell.files.files import INSTALLED
 from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
 from trees.engine.decorators import SubTree
@@ -79,6 +80,16 @@ def node_registry(
         )
     except ValueError as error:
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
+
+
+def own_code(tree: Tree) -> list[Path]:
+    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit."""
+    members = [member for node in tree.nodes for member in vars(type(node)).values()]
+    files = {Path(member.__code__.co_filename).resolve() for member in members if hasattr(member, "__code__")}
+    here = Path.cwd() / USUAL_FOLDER
+    return sorted(
+        file for file in files if file.is_file() and (not file.is_relative_to(INSTALLED) or file.is_relative_to(here))
+    )
 
 
 def tree(

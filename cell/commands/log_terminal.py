@@ -114,15 +114,16 @@ def tell_comparison(
     names: tuple[str, str] = ("was", "now"),
     ticks_of_run: int | None = None,
     altered: bool = False,
+    changed: Sequence[str] = (),
+    crossed: Sequence[str] = (),
 ) -> int:
     """Say how two runs compare; returns the exit status.
 
     Args:
         ticks_of_run: how many should have been compared; None where only a piece was asked for.
         altered: what the run saw was changed in its log.
+        changed, crossed: keys that were changed, and values between their old and new limits.
     """
-    from cell.log.report.text import difference_lines
-
     whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
     if altered:
         sys.stderr.write(
@@ -137,15 +138,31 @@ def tell_comparison(
     elif comparison.identical:
         say(f"identical, but only {comparison.ticks} of {ticks_of_run} ticks could be compared")
     else:
-        assert comparison.first is not None
-        say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ", "first:")
-        say(*difference_lines(comparison.first, names), "by what differs (number of ticks, first one):")
-        for aspect, first in comparison.first_by_aspect.items():
-            say(f"  {aspect}: {comparison.ticks_by_aspect[aspect]}", *difference_lines(first, names))
-        if comparison.ticks_by_node:
-            say("by node (ticks):")
-            say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
+        _tell_differences(comparison, names, changed, crossed)
     return 0 if comparison.identical and whole and not altered else DIFFERS
+
+
+def _tell_differences(
+    comparison: Comparison, names: tuple[str, str], changed: Sequence[str], crossed: Sequence[str]
+) -> None:
+    """The first other command and why, what differs up to there, and in numbers what follows from it."""
+    from cell.log.report.text import difference_lines
+
+    first, leading = comparison.first, comparison.leading
+    assert first is not None
+    assert leading is not None
+    say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ")
+    say(f"first other {leading.aspect}:", *difference_lines(leading, names))
+    for title, lines in (("changed:", changed[:SHOWN_NODES]), ("why:", crossed)):
+        if lines:
+            say(title, *(f"      {line}" for line in lines))
+    before = [one for one in comparison.first_by_aspect.values() if one.tick <= leading.tick and one is not leading]
+    if before:
+        say("with it or before it:")
+        say(*(line for one in before for line in difference_lines(one, names)))
+    counts = ", ".join(f"{aspect} {count}" for aspect, count in comparison.ticks_by_aspect.most_common())
+    nodes = [f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)]
+    say(f"all ticks that differ, with what follows from it: {counts}", *nodes)
 
 
 def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:

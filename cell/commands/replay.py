@@ -3,29 +3,55 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from cell.commands.log_terminal import FromOption, LogArgument, UntilOption, read, say, tell_comparison
-from cell.commands.options import JsonOption, WithOption, own_files
+from cell.commands.log_terminal import (
+    DIFFERS,
+    FromOption,
+    UntilOption,
+    read,
+    say,
+    spared,
+    tell_comparison,
+    tell_json,
+)
+from cell.commands.options import JsonOption, OverwriteOption, WithOption, own_files
 from cell.errors import InputError
 from cell.log.read.frames import Frames
-from cell.log.read.reader import Log
+from cell.log.read.reader import Log, files_of
+from cell.log.replay.compare import Difference
+from cell.log.replay.explain import changed_keys, crossed, replay_row
 from cell.log.replay.replay import Changes, Replay, Step
+from cell.log.report.replay_page import write_replay
 from cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
+from cell.recording.parts import whole_path
 
 LONGEST_VALUE = 200
+MOST_KEPT = 2000  # differences for a page
+ManyLogs = Annotated[
+    list[Path],
+    typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; of several runs one table is made."),
+]
 
 
 def replay(
-    log: LogArgument,
+    log: ManyLogs,
     tree: Annotated[Path | None, typer.Option(help="Tree file to tick instead of the recorded tree.")] = None,
     config: Annotated[Path | None, typer.Option(help="Configuration instead of the recorded one.")] = None,
     weights: Annotated[
         list[str] | None, typer.Option(help="PLANNER=FILE: weights instead of the recorded ones; may be repeated.")
+    ] = None,
+    perception: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND|FOLDER",
+            help="Let other detectors see the recorded images: classical, learned, or a folder with weights.",
+        ),
     ] = None,
     from_s: FromOption = 0.0,
     until_s: UntilOption = float("inf"),
@@ -34,17 +60,84 @@ def replay(
     frames: Annotated[
         Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
     ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Also write a page with the first other command, and why.")
+    ] = None,
+    overwrite: OverwriteOption = False,
     own: WithOption = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, where several logs are replayed.")] = 1,
     as_json: JsonOption = False,
 ) -> int:
-    """Run the tree again on a log's inputs and compare every decision; status 1 if one differs."""
+    """Run the tree again on a log's inputs and compare every decision; status 1 if one differs.
+
+    Several logs are answered in one table, with the node and the tick of the first other command of each.
+    """
+    nodes, beside = own_files(own)
+    changes = Changes(tree, config, _weights(weights or []), nodes, beside, perception)
+    if len(log) > 1 and len({whole_path(path) for path in log}) > 1:
+        if step or html is not None or bracket is not None or from_s > 0 or until_s < float("inf"):
+            raise InputError("--step, --html, --bracket, --from and --until are questions about one log")
+        return _many(log, changes, workers, as_json)
+    if html is not None:
+        spared(html, log, overwrite)
     recorded = read(log)
-    again = Replay(recorded, Changes(tree, config, _weights(weights or []), *own_files(own)), bracket)
-    comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)
-    sys.stderr.writelines(f"cell: {recorded.path}: {remark}\n" for remark in again.remarks)
-    piece = step or from_s > 0 or until_s < float("inf")
+    again = Replay(recorded, changes, bracket)
+    changed = changed_keys(recorded, changes, again.tree)
+    _remark(recorded, again.remarks)
+    told, found = len(again.remarks), list[Difference]()
+    show = _shower(recorded, frames) if step else lambda _: True
+
+    def watch(one: Step) -> bool:
+        found.extend(one.differences if html is not None and len(found) < MOST_KEPT else ())
+        return show(one)
+
+    comparison = again.run(from_s, until_s, watch)
+    _remark(recorded, again.remarks[told:])
+    why = [] if comparison.first is None else crossed(again, changed, comparison)
+    keys = [str(one) for one in changed]
+    if html is not None:
+        write_replay(recorded, comparison, (again.remarks, keys, why), found, html)
+    piece = step or from_s > 0 or until_s < float("inf") or perception is not None
     of = None if piece else recorded.ticks_of_run - again.first
-    return tell_comparison(comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered)
+    return tell_comparison(
+        comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered, changed=keys, crossed=why
+    )
+
+
+def _remark(log: Log, remarks: Iterable[str]) -> None:
+    sys.stderr.writelines(f"cell: {log.path}: {remark}\n" for remark in remarks)
+
+
+def _many(logs: Sequence[Path], changes: Changes, workers: int, as_json: bool) -> int:
+    """A row for each log, and at which node the first other command comes how often."""
+    from cell.fleet.engine import mapped
+
+    paths = list(dict.fromkeys(str(files_of(whole_path(path))[0]) for path in logs))
+    rows, nodes = 0, Counter[str]()
+    differing = failed = 0
+    for row in mapped(replay_row, ((path, changes) for path in paths), workers):
+        rows += 1
+        failed += bool(row["error"])
+        if row["differing_ticks"]:
+            differing += 1
+            nodes[row["node"] if row["command_tick"] is not None else "no other command"] += 1
+        tell_json(row) if as_json else say(_row_text(row))
+    if not as_json:
+        say(f"{differing} of {rows} logs differ" + (f", {failed} could not be replayed" if failed else ""))
+        say(*(f"  {count:4d}  {node or 'no node'}" for node, count in nodes.most_common()))
+    return DIFFERS if differing or failed else 0
+
+
+def _row_text(row: Mapping[str, Any]) -> str:
+    name = Path(row["log"]).name
+    if row["error"]:
+        return f"{name}: cannot be replayed: {row['error']}"
+    if not row["differing_ticks"]:
+        return f"{name}: identical, {row['ticks']} ticks"
+    of = "command" if row["command_tick"] is not None else "first"
+    at = f"first other {row[f'{of}_aspect']} at tick {row[f'{of}_tick']}, {row[f'{of}_time_s']:.2f} s"
+    why = f"; {row['why']}" if row["why"] else ""
+    return f"{name}: {row['differing_ticks']} of {row['ticks']} ticks differ; {at}, {row['node'] or 'no node'}{why}"
 
 
 def _weights(options: Iterable[str]) -> dict[str, Path]:

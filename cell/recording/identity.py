@@ -82,8 +82,8 @@ def code_version() -> dict[str, str]:
 
 
 def what_changed(recorded: Mapping[str, str]) -> list[str]:
-    """Versions that are others now than a log says, a line each."""
-    now = versions()
+    """What of the program is another one than a log says, a line each: commit, whether files were changed, versions."""
+    now = {**code_version(), **versions()}
     return [
         f"{name.removeprefix('version.')} was {was}, is {now[name]}"
         for name, was in recorded.items()

@@ -13,7 +13,6 @@ from pathlib import Path
 import yaml
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import INSTALLED
 from cell.interfaces.devices import Devices
 from cell.interfaces.robot import PACKAGE, RobotModel
 from cell.recording.identity import identity
@@ -29,7 +28,7 @@ from learned.inference.onnx_model import digest_of
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from skills.drivers.settings import CanSettings
 from trees.engine.tree import Tree
-from trees.node_library import USUAL_FOLDER
+from trees.node_library import own_code
 
 
 def heading(options: RunOptions, files: Files) -> Heading:
@@ -74,7 +73,8 @@ def heading(options: RunOptions, files: Files) -> Heading:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
             values |= _weights(name, planner.weights)
-    for file in _own_code(files.tree):
+    for file in own_code(files.tree):
+        attachments[f"nodes/{file.name}"] = ("text/x-python", file.read_bytes())
         values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
     if options.world is not None:
         values["world"] = str(options.world.resolve())
@@ -103,16 +103,6 @@ def _weights(name: str, file: Path) -> dict[str, str]:
     """Which weights a planner or detector has."""
     digest = digest_of(file.read_bytes())
     return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
-
-
-def _own_code(tree: Tree) -> list[Path]:
-    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit."""
-    members = [member for node in tree.nodes for member in vars(type(node)).values()]
-    files = {Path(member.__code__.co_filename).resolve() for member in members if hasattr(member, "__code__")}
-    here = Path.cwd() / USUAL_FOLDER
-    return sorted(
-        file for file in files if file.is_file() and (not file.is_relative_to(INSTALLED) or file.is_relative_to(here))
-    )
 
 
 def tree_texts(tree: Tree) -> dict[str, str]:

@@ -122,6 +122,8 @@ def _nodes(written: list[Any], tree: Tree, read: _Reader) -> list[str]:
         alike = [two for two in places.values() if len(two[0]) == len(two[1])]
         pairs = [pair for nodes, ones in alike for pair in zip(nodes, ones, strict=True)]
     found = {id(one): node for node, one in pairs}
+    numbers = {id(one): number for number, one in enumerate(written, 1)}
+    read.named |= {f"node {numbers[key]}": node for key, node in found.items()}
     for one in written:
         if (node := found.get(id(one))) is None:
             read.skip(one[2])
@@ -163,12 +165,12 @@ def _named(tree: Tree, services: Services) -> dict[str, Any]:
     """What both have, the run and its replay, by name; it is not written."""
     seen, tools = services.now.observation, services.tools
     named: dict[str, Any] = {"unset": UNSET, "services": services, "now": services.now, "memory": services.memory}
-    named |= {"seen": seen, "command": services.now.command, "runtime": tree._runtime, "clock": tree._runtime.clock}
+    named |= {"seen": seen, "runtime": tree._runtime, "clock": tree._runtime.clock}
     named |= {f"seen.{name}": value for name, value in vars(seen).items() if _is_own(value)}
     named |= {f"tools.{one.name}": getattr(tools, one.name) for one in dataclasses.fields(tools)}
     named |= {"tools": tools, **dict(_below("motion", tools.motion, 3))}
     named |= {f"entry {scope} {key}": entry for (scope, key), entry in _entries_of(tree).items()}
-    return named | {f"node {node.uid} {node.full_path}": node for node in tree.nodes}
+    return named | {f"node {node.uid}": node for node in tree.nodes}
 
 
 def _below(name: str, thing: Any, depth: int) -> Iterator[tuple[str, Any]]:
@@ -248,10 +250,14 @@ class _Writer:
 
 
 class _Reader:
-    """The way back; `was` is what stands in the place, which gives what was not written."""
+    """The way back, for objects of this program's data and of the modules of the tree's nodes.
 
-    def __init__(self, named: Mapping[str, Any]) -> None:
-        self._named = named
+    Where a value is read, `was` is what stands in its place; it gives what was not written.
+    """
+
+    def __init__(self, named: dict[str, Any]) -> None:
+        self.named = named
+        self._modules = {type(one).__module__ for one in named.values() if isinstance(one, TreeNode)}
         self._known: dict[int, Any] = {}
         self._lenient = False
 
@@ -274,7 +280,7 @@ class _Reader:
         if not isinstance(written, dict):
             return written
         if "named" in written:
-            return self._named[written["named"]] if not self._lenient else self._named.get(written["named"], MISSING)
+            return self.named.get(written["named"], MISSING)
         if "float" in written:
             return float(written["float"])
         if "enum" in written:
@@ -295,7 +301,8 @@ class _Reader:
             if name in written:
                 old = list(was) if isinstance(was, list | tuple) else []
                 old += [MISSING] * (len(written[name]) - len(old))
-                return kind(self(one, before) for one, before in zip(written[name], old, strict=False))
+                items = [self(one, before) for one, before in zip(written[name], old, strict=False)]
+                return kind(one for one in items if one is not MISSING)
         if (pairs := written.get("dict", written.get("frozen"))) is not None:
             old = was if isinstance(was, Mapping) else {}
             made = defaultdict(was.default_factory) if isinstance(was, defaultdict) else {}
@@ -323,7 +330,8 @@ class _Reader:
 
     def _object(self, written: Mapping[str, Any], was: Any) -> Any:
         kind = _known_class(*written["object"])
-        if not _may_be_filled(kind):
+        module = kind.__module__
+        if not (module.startswith(FILLED) and not module.startswith(OPENING)) and module not in self._modules:
             raise StateError(f"a {kind.__name__} is no part of a run's state")
         made = object.__new__(kind)
         self._known[written["n"]] = made
@@ -345,12 +353,6 @@ def _fields(value: Any) -> Iterator[tuple[str, Any]]:
 
 def _class(kind: type) -> list[str]:
     return [kind.__module__, kind.__qualname__]
-
-
-def _may_be_filled(kind: type) -> bool:
-    """Whether an object of a class may be made of what a log says: it holds data, and opens nothing."""
-    module = kind.__module__
-    return (module.startswith(FILLED) and not module.startswith(OPENING)) or module.partition(".")[0] not in OWN
 
 
 def _content(cell: CellType) -> Any:

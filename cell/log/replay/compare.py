@@ -18,6 +18,7 @@ from trees.engine.node import StatusChange
 _NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
 MEMORY = "memory"
+LEADING = ("command", "judgement", "verdict", "plan")
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,8 @@ class Comparison:
         differing_ticks: how many of them differ in anything.
         first: the first difference.
         first_by_aspect, ticks_by_aspect, ticks_by_node: by name.
+        at_first: all differences of the first tick that differs.
+        command_node: the first node that differs in the tick of the first other command, or before it.
     """
 
     ticks: int = 0
@@ -74,6 +77,13 @@ class Comparison:
     first_by_aspect: dict[str, Difference] = field(default_factory=dict)
     ticks_by_aspect: Counter[str] = field(default_factory=Counter)
     ticks_by_node: Counter[str] = field(default_factory=Counter)
+    at_first: list[Difference] = field(default_factory=list)
+    command_node: str = ""
+
+    @property
+    def leading(self) -> Difference | None:
+        """What says most: the first other command, judgement, verdict or plan, else the first difference."""
+        return next((self.first_by_aspect[one] for one in LEADING if one in self.first_by_aspect), self.first)
 
     @property
     def identical(self) -> bool:
@@ -83,6 +93,9 @@ class Comparison:
         """The differences of one more tick."""
         self.ticks += 1
         self.differing_ticks += bool(differences)
+        self.at_first = self.at_first or list(differences)
+        if "command" not in self.first_by_aspect and (node := next((one.node for one in differences if one.node), "")):
+            self.command_node = node
         for difference in differences:
             self.first = self.first or difference
             self.first_by_aspect.setdefault(difference.aspect, difference)

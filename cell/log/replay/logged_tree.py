@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,8 +23,10 @@ from cell.interfaces.robot import FOLDER as ROBOTS
 from cell.log.read.reader import Log, LogStream
 from skills.motion.settings import MotionSettings, SeparationSettings
 from trees.engine.tree import Tree
-from trees.files.loader import load_tree
-from trees.node_library import node_registry
+from trees.files.check import with_stubs
+from trees.files.loader import build, find_problems
+from trees.files.parse.library import read_library
+from trees.node_library import node_registry, own_code
 
 CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
 OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
@@ -93,14 +96,14 @@ def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
 
 
 def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
-    """Load it with the nodes of this version.
+    """The tree to look at, not to tick: a node that is not here, such as one of the user's own, is a stub.
 
     Args:
         more: files or packages with further nodes.
 
     Raises:
-        LogError: the log holds no tree.
-        InputError: this version cannot load it.
+        LogError: the log holds no tree, or none that can be told from its files.
+        InputError: a file or package with nodes cannot be loaded.
     """
     name = f"{FOLDER}{log.metadata.get('tree')}"
     files = {one: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
@@ -108,7 +111,24 @@ def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
         raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
     with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
         write_files(log, files, Path(folder))
-        return load_tree(Path(folder) / name, node_registry(more=more))
+        library = read_library(Path(folder) / name, (Path(folder) / FOLDER,))
+    registry = with_stubs(library, node_registry(more=more))
+    problems = find_problems(library, registry)  # what is wrong becomes a stub, too
+    if library.incomplete or library.main not in library.trees:
+        raise LogError(log.path, f"holds a tree that cannot be read: {problems[0] if problems else library.main}")
+    return build(library, registry, library.main, {})[0]
+
+
+def code_differs(log: Log | LogStream, tree: Tree) -> list[str]:
+    """Sources of the user's own nodes that are others than in the log, a line each; nothing of the log is run."""
+    here = {file.name: sha256(file.read_bytes()).hexdigest() for file in own_code(tree)}
+    found = []
+    for key, digest in log.metadata.items():
+        if key.startswith("code.") and key.endswith(".sha256"):
+            name = key.removeprefix("code.").removesuffix(".sha256")
+            if here.get(name) != digest:
+                found.append(f"{name} is {'another one here' if name in here else 'not used here'}")
+    return found
 
 
 def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:

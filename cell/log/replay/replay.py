@@ -20,7 +20,8 @@ from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.read.ticks import Gap
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
-from cell.log.replay.logged_tree import recorded_table, write_files
+from cell.log.replay.logged_tree import code_differs, recorded_table, write_files
+from cell.log.replay.perceive import perceived
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
 from cell.running.device_writer import withhold
@@ -54,6 +55,7 @@ class Changes:
         weights: ONNX file by planner, "semantic" or "grasp".
         nodes: files and packages with further nodes.
         beside: further files, and folders with them, whose trees `tree` may name.
+        perception: a kind of detectors, or a folder with their weights: they see the recorded images again.
     """
 
     tree: Path | None = None
@@ -61,6 +63,7 @@ class Changes:
     weights: Mapping[str, Path] = field(default_factory=dict)
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
+    perception: str | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Replay:
     Attributes:
         remarks: what of the log was not replayed, and why, for people; whole after `run`.
         first: number of the tick that it begins with.
+        log: what it sees; `recorded` is that of the run, which other detectors may see otherwise.
 
     Raises:
         LogError: the log lacks what a replay needs, or was recorded with other weights than these.
@@ -98,7 +102,7 @@ class Replay:
         """
         if not log.ticks:
             raise LogError(log.path, "holds no tick that could be replayed")
-        self.log = log
+        self.log = self.recorded = log
         self.changes = changes or Changes()
         self.remarks: list[str] = []
         self._by_name, self._memory = self.changes.tree is not None, remembers(log)
@@ -109,7 +113,19 @@ class Replay:
         """Make everything ready for the tick at a place of the log; beyond the first with the state before it."""
         log, before = self.log, self.log.ticks[max(0, place - 1)]
         edits = [fields["files"] for tick in log.ticks[:place] for kind, fields in tick.inputs if kind == "edit"]
-        configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
+        try:
+            configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
+        except InputError as error:
+            own = [name for name in log.attachments if name.startswith("nodes/")]
+            if not own or self.changes.nodes:
+                raise
+            way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
+            raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
+        self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
+        if self.changes.perception is not None and log is self.recorded:
+            self.log, told = perceived(log, configuration, product, self.changes.perception)
+            self.remarks += [told] if told else []
+            log, before = self.log, self.log.ticks[max(0, place - 1)]
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)
         self._halted = False
@@ -166,11 +182,10 @@ class Replay:
             if place > self._place and tick.number != ticks[place - 1].number + 1:
                 gap = Gap(ticks[place - 1].number + 1, tick.number - 1)
                 place = _next_start(ticks, place)
-                goes_on = (
-                    f"the replay goes on with tick {ticks[place].number}" if place < len(ticks) else "it ends before"
-                )
-                self.remarks.append(f"{gap}, and nodes remember what they saw: {goes_on}")
-                if place < len(ticks):
+                there = place < len(ticks)
+                ends = f"goes on with tick {ticks[place].number}" if there else "ends before"
+                self.remarks.append(f"{gap}: the replay {ends}, as nodes remember what they saw")
+                if there:
                     self._begin(place)
                 continue
             if tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK:
@@ -181,6 +196,8 @@ class Replay:
                 comparison.add(found)
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
+                if self.changes.perception is not None and any(one.aspect == "command" for one in found):
+                    break  # the bench would have gone another way from here on
             if (now.status in ENDS or tick.status in ENDS) and not self._stops_next(place):
                 break
             place += 1

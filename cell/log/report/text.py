@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -161,7 +162,7 @@ def difference_lines(difference: Difference, names: tuple[str, str] = ("was", "n
         fields = [("", *told)]
     width = max(len(name) for name in names)
     for path, was, now in fields[:MOST_FIELDS]:
-        one, other = short(was), short(now)
+        one, other = _apart(was, now)
         if path and len(one) + len(other) < LONGEST_PAIR:
             lines.append(f"      {path}: {names[0]} {one}, {names[1]} {other}")
             continue
@@ -213,6 +214,16 @@ def _told(aspect: str, value: Any) -> str | None:
     return None
 
 
+def _apart(was: Any, now: Any) -> tuple[str, str]:
+    """Two values in as few figures as tell them apart, and by how much numbers differ that are almost the same."""
+    one, other = short(was), short(now)
+    if one != other:
+        return one, other
+    if isinstance(was, float | int) and isinstance(now, float | int):
+        return repr(was), f"{now!r}, which is {now - was:+.2g}"
+    return short(json.dumps(was), 10 * LONGEST_TEXT), short(json.dumps(now), 10 * LONGEST_TEXT)
+
+
 def _joined(lines: Sequence[str]) -> str:
     return "; ".join(" ".join(line.split()) for line in lines) or NOTHING
 
@@ -223,12 +234,27 @@ def _differing(was: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, A
         for key in (*was, *(key for key in now if key not in was)):
             if was.get(key, ABSENT) != now.get(key, ABSENT):
                 yield from _differing(was.get(key, ABSENT), now.get(key, ABSENT), f"{path}.{key}" if path else str(key))
-    elif isinstance(was, list) and isinstance(now, list) and len(was) == len(now) <= LONGEST_LIST:
-        for place, (one, other) in enumerate(zip(was, now, strict=True)):
-            if one != other:
-                yield from _differing(one, other, f"{path}[{place}]" if path or len(was) > 1 else "")
+    elif isinstance(was, list) and isinstance(now, list) and len(was) == len(now):
+        places = [place for place, pair in enumerate(zip(was, now, strict=True)) if pair[0] != pair[1]]
+        if len(was) > LONGEST_LIST:  # of many the one that differs most
+            most = max(places, key=lambda place: _distance(was[place], now[place]))
+            path, places = (
+                f"{path} differs in {len(places)} of {len(was)}, most at " if len(places) > 1 else path,
+                [most],
+            )
+        for place in places:
+            yield from _differing(was[place], now[place], f"{path}[{place}]" if path or len(was) > 1 else "")
     else:
         yield path, was, now
+
+
+def _distance(was: Any, now: Any) -> float:
+    """How far apart numbers, or lists of them, are; infinite for what is no number."""
+    if isinstance(was, list) and isinstance(now, list) and len(was) == len(now):
+        return max(map(_distance, was, now), default=0.0)
+    if isinstance(was, float | int) and isinstance(now, float | int):
+        return abs(now - was)
+    return 0.0 if was == now else math.inf
 
 
 def _brief(value: Any) -> Any:

@@ -304,3 +304,17 @@ def test_a_product_that_no_weights_know_is_replayed_as_it_was_run(assembly_log: 
     assert "ball" in product.parts
     assert configuration.perception.kind == "classical"
     assert planners.confusions is None  # those on the card of trained detectors say nothing about colours
+
+
+def test_other_detectors_see_the_recorded_images(assembly_log: Log) -> None:
+    replay = Replay(assembly_log, Changes(perception="learned"))
+    comparison = replay.run()
+    seen = [tick.observation.bench for tick in replay.log.ticks if tick.observation.bench is not None]
+    was = [tick.observation.bench for tick in assembly_log.ticks if tick.observation.bench is not None]
+    assert [view.sequence for view in seen] == [view.sequence for view in was]
+    assert seen != was, "images are packed, so something is seen otherwise in its last digits"
+    alike = sum(one.holes.keys() == other.holes.keys() for one, other in zip(seen, was, strict=True))
+    assert alike == len(seen)
+    assert comparison.ticks > 0
+    with pytest.raises(InputError, match="legal: classical, learned"):
+        Replay(assembly_log, Changes(perception="none"))

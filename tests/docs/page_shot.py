@@ -9,10 +9,11 @@ import sys
 import tempfile
 import time
 
+from tests.docs.page_moments import GL
 from tests.processes import started
 
 RUN = ("-m", "cell", "run", "--shift", "2", "--seed", "33", "--page", "0", "--log")
-MOMENT = "Boolean(document.querySelector('#does')?.textContent.includes('carrying'))"
+MOMENT = "Boolean(document.querySelector('#robot')?.textContent.includes('carrying'))"
 LONGEST_S = 3600.0  # of wall time; a busy machine needs ten times as long as a quiet one
 
 
@@ -29,8 +30,8 @@ def shot() -> bytes:
         sync_playwright() as playwright,
         started([sys.executable, *RUN, f"{folder}/log.mcap"]) as run,
     ):
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=GL)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(_address(run))
         until_s = time.monotonic() + LONGEST_S
         while not page.evaluate(MOMENT):

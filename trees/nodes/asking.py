@@ -189,7 +189,9 @@ class AskWhichGoal(Asks):
         answers = [
             Answer(
                 goal,
-                Message("{goal} ({share})", goal=goal, share=f"{plan.goal_belief.get(goal, 0.0):.0%}"),
+                Message(
+                    "{goal} ({share})", goal=product.goal_title(goal), share=f"{plan.goal_belief.get(goal, 0.0):.0%}"
+                ),
                 product.goal_placements(goal),
             )
             for goal in ranked
@@ -198,7 +200,7 @@ class AskWhichGoal(Asks):
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         reason = Message(
             "I am not sure that this is {goal}: a product that I do not know has probability {unknown}",
-            goal=plan.goal,
+            goal=product.goal_title(plan.goal),
             unknown=f"{unknown:.2f}",
         )
         job = services.now.observation.operator.job
@@ -211,7 +213,9 @@ class AskWhichGoal(Asks):
         elif plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
         elif state.taken_out:
-            reason = Message("I took this for {goal}, and what I placed was taken out again", goal=plan.goal)
+            reason = Message(
+                "I took this for {goal}, and what I placed was taken out again", goal=product.goal_title(plan.goal)
+            )
         elif services.tools.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))

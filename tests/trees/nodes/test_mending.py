@@ -257,7 +257,7 @@ def test_what_the_robot_placed_and_a_person_took_out_rules_out_the_goal_that_has
     assert to.tools.guard.judge(plan, gone, EMPTY_HOLES, G1[P2], P2, True).decision == "ask"
     node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
     assert node.execute() is Status.RUNNING
-    assert to.now.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
+    assert to.now.display.questions[0].reason == "I took this for bracket B, and what I placed was taken out again"
     for time_s in (3.0, 4.0, 5.0):
         shows(to, time_s, {P1: G1[P1], P2: G1[P2]})
         reconcile.execute()

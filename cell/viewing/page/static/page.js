@@ -1,9 +1,9 @@
 // Draws what the cell tells, and says what the operator presses. No framework, no build step.
-import { learn, t } from "./words.js";
+import { learn, name, t } from "./words.js";
 
 const SVG = ["svg", "rect", "circle", "text", "polyline", "polygon", "path", "g"];
 const COLOURS = ["#3b82d6", "#d9822b", "#2a9d74", "#a24bb3", "#c23b4e", "#6b7a1f", "#8a8f98"];
-const SIGNS = { alarm: "!", question: "?", waits: "✋", brings: "✋", finished: "✓", paused: "II", over: "■" };
+const SIGNS = { alarm: "!", question: "?", waits: "II", brings: "II", finished: "✓", paused: "II", over: "■" };
 const NOTICE_S = 20; // a change of the orders is told for so long
 const UNKNOWN = "none of these";
 // name, key, words, what it says, and why it does nothing now: null where it does something
@@ -227,11 +227,12 @@ function fit() {
 
 function showFront(state) {
   const notice = [...state.lines].reverse().find(([time, level, words]) => level === "warning" && t(words).length && JSON.stringify(words).includes("work order") && state.time_s - time < NOTICE_S);
-  const now = JSON.stringify([state.ended, state.alarms, state.questions, notice, operates]);
+  const now = JSON.stringify([state.ended, state.instruction.moment, state.alarms, state.questions, notice, operates]);
   if (now === front) return; // a button that is being pressed stays the same
   front = now;
   const blocks = state.ended ? [make("div", { class: "alarm" }, t("The run has ended: {how}", { how: state.ended }))] : [];
-  for (const [signal, words] of state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
+  const told = ["alarm", "waits"].includes(state.instruction.moment); // the sentence says it already
+  for (const [signal, words] of told ? [] : state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
   if (notice) blocks.push(make("div", { class: "notice" }, t(notice[2])));
   for (const question of state.questions) blocks.push(asked(question));
   $("front").replaceChildren(...blocks);
@@ -282,7 +283,7 @@ function showMarks(hand) {
   for (const [name, [x, y, r]] of Object.entries(still.marks.holes)) {
     const letter = { placed: "", robot: "R", you: "", open: "?" }[bracket[name].fate];
     if (letter) marks.push(...halo("text", { x, y: y + 6, "font-size": 18, "font-weight": 700, "text-anchor": "middle" }, letter));
-    if (instruction.holes.includes(name)) marks.push(...halo("circle", { cx: x, cy: y, r: r * 1.5, fill: "none" }), ...(bracket[name].fate === "open" ? [] : arrow(x, y - r * 1.6)));
+    if (instruction.holes.includes(name) && bracket[name].fate !== "open") marks.push(...halo("circle", { cx: x, cy: y, r: r * 1.6, fill: "none" }), ...arrow(x, y - r * 1.7));
   }
   const meant = instruction.bins.map((part) => [title(part), still.marks.bins[part]]);
   if (instruction.tray) meant.push(["", still.marks.tray]);
@@ -307,8 +308,7 @@ function pointed(words, [x, y], width, height) {
   const [inX, inY] = [Math.min(Math.max(x, 14), width - 14), Math.min(Math.max(y, 50), height - 14)];
   const outside = inX !== x || inY !== y;
   const turn = outside ? (Math.atan2(y - inY, x - inX) * 180) / Math.PI - 90 : 0;
-  const side = inX > width / 2 ? "end" : "start";
-  const label = { x: inX + (side === "end" ? -24 : 24), y: Math.min(inY, height - 26), "font-size": 20, "font-weight": 700, "text-anchor": side };
+  const label = { x: Math.min(Math.max(inX, 60), width - 60), y: Math.max(inY - 50, 18), "font-size": 20, "font-weight": 700, "text-anchor": "middle" };
   return [...arrow(inX, inY, turn), ...halo("text", label, words)];
 }
 
@@ -355,7 +355,7 @@ function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {
 
 function showWork({ operator, brackets }) {
   const orders = operator.jobs.map((job) => {
-    const due = job.due ? t(", due {due}", { due: job.due.replace("T", " ") }) : "";
+    const due = job.due ? t(", due {due}", { due: job.due.slice(5).replace("T", " ") }) : "";
     const words = t("{id}: {done} of {amount} {variant}", { id: job.id, done: job.done, amount: job.amount, variant: still.goals[job.variant]?.title ?? job.variant });
     return make("li", { "data-order": job.id }, words + due);
   });
@@ -452,6 +452,7 @@ function follow() {
   events.addEventListener("still", (event) => {
     still = JSON.parse(event.data);
     points = still.history;
+    name(Object.fromEntries(Object.entries(still.parts).map(([part, { title: words }]) => [part, words])));
     showStill();
     $("said").textContent = "";
     if (!space) build();

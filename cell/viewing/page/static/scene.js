@@ -161,8 +161,9 @@ export class Space {
       this.camera.updateProjectionMatrix();
     }
     const { around, above, away } = this.turn;
-    const flat = away * Math.cos(above);
-    this.camera.position.set(0.45 + flat * Math.cos(around), flat * Math.sin(around), 0.15 + away * Math.sin(above));
+    const far = away * Math.max(1, 1.1 / this.camera.aspect);
+    const flat = far * Math.cos(above);
+    this.camera.position.set(0.45 + flat * Math.cos(around), flat * Math.sin(around), 0.15 + far * Math.sin(above));
     this.camera.lookAt(0.45, 0, 0.15);
     this.renderer.render(this.scene, this.camera);
     this.canvas.dataset.drawn = Number(this.canvas.dataset.drawn ?? 0) + 1;

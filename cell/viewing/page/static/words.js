@@ -1,5 +1,6 @@
 // The catalogue of the page: messages come as texts, or as [id, values], and are looked up when they are shown.
 let texts = {};
+let names = {}; // titles of types of parts
 
 export async function learn(language) {
   const answer = await fetch(`words/${language}.json`);
@@ -9,10 +10,14 @@ export async function learn(language) {
   return told;
 }
 
+export function name(titles) {
+  names = titles;
+}
+
 export function t(message, values = null) {
   if (message === null || message === undefined) return "";
   if (Array.isArray(message)) return t(message[0], message[1]);
   const template = texts[message] ?? String(message);
   if (!values) return template;
-  return template.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? t(values[name]) : whole));
+  return template.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? t(names[values[name]] ?? values[name]) : whole));
 }

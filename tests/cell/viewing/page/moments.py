@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from cell.files.words.message import Message
 from cell.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, Judgement
 from cell.interfaces.faults import Action as Does
 from cell.interfaces.perception import Action, HandSample, PartDetection, PartsView
@@ -17,6 +18,7 @@ GOALS = {"g0": 0.33, "g1": 0.33, "g2": 0.32, UNKNOWN_GOAL: 0.02}
 TWO = {"g0": 0.52, "g2": 0.46, "g1": 0.01, UNKNOWN_GOAL: 0.01}
 SURE = {"g0": 0.97, "g2": 0.02, "g1": 0.01, UNKNOWN_GOAL: 0.0}
 PUSHED = Judgement(Does.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
+WAITING = Message("waiting until you {act}", act="place a part")
 NEAR = Judgement(Does.HOLD, 0.0, ((HAND_TOO_NEAR, "the hand is too near"),), (HAND_TOO_NEAR,))
 
 
@@ -30,12 +32,17 @@ def _goal(rig: PageRig, placed: dict[str, str], belief: dict[str, float], goal: 
     agreed = {at: wanted[0][at] for at in left if len({one[at] for one in wanted}) == 1}
     guidance = {part: tuple(at for at, one in agreed.items() if one == part) for part in PRODUCT.parts}
     open_holes = tuple(at for at in left if at not in agreed)
-    rig.show(guidance=guidance, any_part=open_holes, goal_belief=belief, message="waiting until you place a part")
+    rig.show(
+        guidance=guidance,
+        any_part=open_holes,
+        goal_belief=belief,
+        message=Message("waiting until you {act}", act="place a part"),
+    )
     rig.view = replace(rig.view, action=Action("idle", 1.0), hand=HAND)
     rig.runs("WaitForAction")
 
 
-HAND = HandSample(0.0, (250, 300, 330, 420), (0.80, 0.15), (0.88, 0.17))
+HAND = HandSample(0.0, (272, 168, 308, 222), (0.80, 0.15), (0.88, 0.17))
 SIZE_M, BOX_PX = (0.06, 0.04, 0.06), (0, 0, 9, 9)
 PLACES_M = {"o1": (0.33, -0.55), "o2": (0.33, -0.41), "o3": (0.44, -0.55)}
 SEEN = tuple(PartDetection(part, 0.97, Pose((x, y, 0.03)), SIZE_M, BOX_PX) for part, (x, y) in PLACES_M.items())
@@ -56,7 +63,7 @@ def sure(rig: PageRig) -> None:
     rig.view = replace(rig.view, action=Action("screw", 0.9))
     rig.tick()
     rig.runs("PickPart")
-    rig.show(message="moving above o2")
+    rig.show(message=Message("moving above {name}", name="o2"))
     rig.tick(("verdict", {"subject": "o2 at p4", "decision": "act", "reason": ""}))
 
 
@@ -64,7 +71,7 @@ def brings(rig: PageRig) -> None:
     sure(rig)
     rig.runs("PlacePart")
     rig.gripper = HOLDS
-    rig.show(message="carrying o2")
+    rig.show(message=Message("carrying {name}", name="o2"))
 
 
 def waits(rig: PageRig) -> None:

@@ -49,7 +49,7 @@ HELP = Question(
 WHICH = Question(
     2,
     "goal",
-    "I am not sure that this is g1",
+    "what is in the bracket fits no product that I know",
     "",
     "say which one you build",
     "",

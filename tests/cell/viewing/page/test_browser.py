@@ -1,7 +1,8 @@
-"""The operator's page in a real browser: every button, every question, by mouse and by keyboard, on two widths."""
+"""The operator's page in a real browser: every button and question by mouse and key, one screen at every size."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shutil
@@ -15,11 +16,16 @@ import pytest
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
+from tests.cell.viewing.page.moments import brought_to
 from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig
+from tests.docs.page_moments import GL
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-WIDTHS = (1280, 800)
+SIZES = ((1280, 800), (1024, 768))
+EVERY_SIZE = (*SIZES, (1920, 1080), (1200, 800))
+ARC_MIN, FAR_MM, CAPITALS, PITCH_MM = 20.0, 2000.0, 0.72, 531.3 / 1920  # of a 24-inch screen with 1920 pixels
+CONTRAST = 4.5
 SHOTS = os.environ.get("CELL_SCREENSHOTS")  # a folder for pictures of the page
 HELD = Judgement(Action.HOLD, 0.0, (("camera_unhealthy", "the overhead image is dark"),))
 
@@ -32,7 +38,7 @@ def browser() -> Iterator[Any]:
     if path is None:
         pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
     with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        opened = playwright.chromium.launch(executable_path=path, args=GL)
         yield opened
         opened.close()
 
@@ -44,9 +50,11 @@ class Visitor:
         complaints: of the browser's console, and requests that failed.
     """
 
-    def __init__(self, browser: Any, rig: PageRig, width: int, scheme: str = "light", address: str = "") -> None:
+    def __init__(
+        self, browser: Any, rig: PageRig, size: tuple[int, int], scheme: str = "light", address: str = ""
+    ) -> None:
         self.rig, self.complaints = rig, []
-        self.context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
         self.page: Any = self.context.new_page()
         self.page.set_default_timeout(20_000)
         self.page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
@@ -90,10 +98,10 @@ class Visitor:
     def shot(self, name: str) -> None:
         if SHOTS:
             Path(SHOTS).mkdir(parents=True, exist_ok=True)
-            self.page.screenshot(path=f"{SHOTS}/{name}.png", full_page=True)
+            self.page.screenshot(path=f"{SHOTS}/{name}.png", full_page=False)
 
 
-@pytest.fixture(params=WIDTHS)
+@pytest.fixture(params=SIZES)
 def visitor(browser: Any, request: pytest.FixtureRequest) -> Iterator[Visitor]:
     rig = PageRig()
     made = Visitor(browser, rig, request.param)
@@ -104,30 +112,68 @@ def visitor(browser: Any, request: pytest.FixtureRequest) -> Iterator[Visitor]:
 
 
 BUTTONS = {
-    "pauseNow": ("p", OperatorOrder("pause", "now")),
     "pausePart": ("a", OperatorOrder("pause", "after part")),
+    "pauseNow": ("p", OperatorOrder("pause", "now")),
     "resume": ("r", OperatorOrder("resume")),
-    "acknowledge": ("k", OperatorOrder("acknowledge")),
-    "finish": ("e", OperatorOrder("finish")),
     "place": ("i", OperatorOrder("place", "o3")),
+    "finish": ("e", OperatorOrder("finish")),
 }
 
 
-def test_every_button_says_its_order_by_mouse_and_by_key(visitor: Visitor) -> None:
-    visitor.rig.show(questions=(HELP,))
+def test_every_button_says_its_order_by_mouse_or_by_key_and_none_that_would_change_nothing(visitor: Visitor) -> None:
+    page, rig = visitor.page, visitor.rig
+    assert page.is_disabled("#resume")
+    assert page.is_disabled("#place")
+    page.keyboard.press("r")
+    assert page.inner_text("#said") == "Not taken: nothing is paused"
+    rig.show(questions=(HELP,))
     visitor.catch_up()
-    for name, (key, order) in BUTTONS.items():
-        visitor.page.click(f"#{name}")
+    for number, (name, (key, order)) in enumerate(BUTTONS.items()):
+        if number % 2:
+            page.keyboard.press(key)
+        else:
+            page.click(f"#{name}")
         visitor.says(order)
-        visitor.page.keyboard.press(key)
-        visitor.says(order)
+        visitor.catch_up()
+    assert page.is_disabled("#finish")
+    assert page.get_attribute("#finish", "title") == "this bracket is the last one already"
+
+
+def test_what_waits_for_a_person_is_acknowledged_and_then_goes_on_by_a_second_order(visitor: Visitor) -> None:
+    brought_to(visitor.rig, "alarm")
+    visitor.catch_up()
+    visitor.page.keyboard.press("k")
+    visitor.says(OperatorOrder("acknowledge"))
+    visitor.rig.judgement, visitor.rig.asks = Judgement(), False
+    visitor.catch_up()
+    visitor.page.click("#resume")
+    visitor.says(OperatorOrder("resume"))
+
+
+def test_stop_asks_once_more_on_the_button_itself(visitor: Visitor) -> None:
     visitor.page.keyboard.press("s")
     visitor.says()
+    assert visitor.page.inner_text("#stop") == "Press again to stop"
     visitor.page.click("#stop")
     visitor.says(OperatorOrder("stop"))
 
 
+def test_speed_and_the_next_job_are_ordered(visitor: Visitor) -> None:
+    page = visitor.page
+    page.fill("#percent", "40")
+    visitor.says(OperatorOrder("speed", "40"))
+    page.select_option("#variant", "g1")
+    page.fill("#amount", "2")
+    page.click("#start")
+    visitor.says(OperatorOrder("job", '{"variant":"g1","amount":2}'))
+    visitor.catch_up()
+    assert page.inner_text("#speed output") == "40 %"
+    assert page.inner_text("#orders") == "1: 0 of 2 bracket B"
+
+
 def test_every_goal_can_be_said(visitor: Visitor) -> None:
+    visitor.page.click("#toEngineer")
+    visitor.catch_up()
     for goal in ("g0", "g1", "g2", UNKNOWN_GOAL):
         visitor.page.click(f'#choices [data-goal="{goal}"]')
         visitor.says(OperatorOrder("goal", goal))
@@ -138,11 +184,10 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.judgement = HELD
     visitor.catch_up()
     visitor.shot(f"questions-{visitor.page.viewport_size['width']}")
-    assert visitor.page.inner_text(".alarm") == "the overhead image is dark"
+    assert visitor.page.inner_text("#words") == "Clear the view of the camera above: the overhead image is dark"
     help_text = visitor.page.inner_text('[data-number="1"]')
     assert HELP.reason in help_text
     assert "3 times" in help_text
-    assert "Please put one into the tray" in help_text
     visitor.answers(HELP, WHICH)
     visitor.page.keyboard.press("2")
     visitor.says(OperatorOrder("answer", "placed", 1))
@@ -150,18 +195,19 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.judgement = Judgement()
     visitor.catch_up()
     assert visitor.page.query_selector_all("#front > *") == []
+    assert visitor.page.inner_text("#words") != HELP.todo
 
 
 def test_a_hole_that_is_wrong_is_marked_as_long_as_the_question_stands(visitor: Visitor) -> None:
     visitor.rig.show(questions=(MEND,))
     visitor.catch_up()
     visitor.shot(f"mend-{visitor.page.viewport_size['width']}")
-    assert "Please take it out." in visitor.page.inner_text('[data-number="3"]')
-    assert visitor.page.inner_text("#holes .wrong") == "p5please look here"
+    assert visitor.page.inner_text("#words") == "p5: please take it out"
+    assert visitor.page.inner_text("#holes .asked").startswith("! p5")
     visitor.answers(MEND)
     visitor.rig.show(questions=())
     visitor.catch_up()
-    assert visitor.page.query_selector_all("#holes .wrong") == []
+    assert visitor.page.query_selector_all("#holes .asked") == []
 
 
 def test_where_a_part_goes_is_asked_beside_its_holes_and_answered(visitor: Visitor) -> None:
@@ -169,9 +215,10 @@ def test_where_a_part_goes_is_asked_beside_its_holes_and_answered(visitor: Visit
     visitor.catch_up()
     visitor.shot(f"where-{visitor.page.viewport_size['width']}")
     assert WHERE.reason in visitor.page.inner_text('[data-number="4"]')
-    assert [one.inner_text() for one in visitor.page.query_selector_all("#holes .next")] == ["p3here?", "p5here?"]
-    marked = [one.inner_text() for one in visitor.page.query_selector_all("#holes .wrong")]
-    assert marked == [f"{name}please look here" for name in SURPLUS.positions]
+    asked = [one.get_attribute("data-hole") for one in visitor.page.query_selector_all("#holes .asked")]
+    assert asked == ["p1", "p2", "p3", "p4", "p5", "p6"]
+    assert visitor.page.inner_text('#holes [data-hole="p5"]').endswith("here?")
+    assert visitor.page.inner_text('#holes [data-hole="p6"]').startswith("!")
     visitor.answers(WHERE, SURPLUS)
     visitor.page.keyboard.press("1")
     visitor.says(OperatorOrder("answer", "p3", 4))
@@ -200,27 +247,103 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
     page = visitor.page
     assert page.inner_text("#heading") == "valve bracket, shift.xml"
     assert page.inner_text("#count") == "bracket 3 of 5"
-    assert page.inner_text("#action") == "hand: screw, gate valve (o1)"
-    assert "gate valve (o1): placed by you" in page.inner_text("#holes")
-    assert "globe valve (o2): the robot brings it next" in page.inner_text("#holes .next")
-    assert re.search(r"g1\s+85 %", page.inner_text("#bars"))
-    assert "moving to look" in page.inner_text("#does")
-    assert "hold: the hand is too near" in page.inner_text("#lines")
+    assert page.inner_text("#action") == "hand: screw, gate valve"
+    assert "gate valve, by you" in page.inner_text("#holes")
+    assert page.inner_text("#holes .robot") == "p1globe valve: the robot brings it"
+    assert page.inner_text("#robot") == "Robot: moving to look"
     visitor.until("document.querySelector('#overlay rect')?.getAttribute('width') === '90'")
+    visitor.until("document.querySelector('#camera').width === 480")
+    visitor.until("Number(document.querySelector('#view').dataset.drawn ?? 0) > 0")
+    visitor.shot(f"work-{page.viewport_size['width']}")
+    page.click("#toEngineer")
+    visitor.catch_up()
+    assert re.search(r"bracket B\s+85 %", page.inner_text("#bars"))
+    assert "hold: the hand is too near" in page.inner_text("#lines")
     assert page.evaluate("document.querySelectorAll('#history polyline').length") == 4
     page.uncheck("#leaf")
-    rig.tick()
     visitor.catch_up()
     assert "WaitForEmptyBracket" in page.inner_text("#nodes")
-    visitor.until("document.querySelector('#camera').width === 480")
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    visitor.shot(f"work-{page.viewport_size['width']}")
+
+
+FITS = "[document.documentElement.scrollHeight <= innerHeight, document.documentElement.scrollWidth <= innerWidth]"
+SEEN = """() => [...document.querySelectorAll('#words, #front > *, #said, #stop, #pauseNow')]
+  .filter((one) => one.textContent).map((one) => one.getBoundingClientRect())
+  .every((box) => box.top >= 0 && box.bottom <= innerHeight && box.right <= innerWidth)"""
+
+
+@pytest.mark.parametrize("moment", ["sure", "question", "alarm"])
+def test_every_size_is_one_screen_with_words_of_20_arc_minutes(browser: Any, moment: str) -> None:
+    rig = PageRig()
+    brought_to(rig, moment)
+    made = Visitor(browser, rig, EVERY_SIZE[0])
+    for width, height in EVERY_SIZE:
+        made.page.set_viewport_size({"width": width, "height": height})
+        made.page.keyboard.press("s")
+        made.catch_up()
+        assert made.page.evaluate(FITS) == [True, True]
+        assert made.page.evaluate(SEEN), "sentence, question and confirmation are in view"
+        px = made.page.evaluate("parseFloat(getComputedStyle(document.querySelector('#words')).fontSize)")
+        assert math.degrees(math.atan(px * CAPITALS * PITCH_MM / FAR_MM)) * 60 >= ARC_MIN
+    made.context.close()
+    rig.page.abandon()
+
+
+COLOURS = """() => {
+  const clear = 'rgba(0, 0, 0, 0)';
+  const says = (one) => [...one.childNodes].some((child) => child.nodeType === 3 && child.textContent.trim());
+  const behind = (one) => getComputedStyle(one).backgroundColor === clear && one.parentElement
+    ? behind(one.parentElement) : getComputedStyle(one).backgroundColor;
+  return [...document.querySelectorAll('body *')]
+    .filter((one) => one.checkVisibility() && says(one) && !one.closest('svg, select'))
+    .map((one) => [one.id || one.className || one.tagName, getComputedStyle(one).color, behind(one)]); }"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("moment", ["sure", "question"])
+def test_every_word_has_contrast(browser: Any, scheme: str, moment: str) -> None:
+    rig = PageRig()
+    brought_to(rig, moment)
+    made = Visitor(browser, rig, EVERY_SIZE[0], scheme)
+    poor = [
+        (name, round(contrast, 2))
+        for name, ink, back in made.page.evaluate(COLOURS)
+        if (contrast := _contrast(_rgb(ink), _rgb(back))) < CONTRAST
+    ]
+    assert poor == []
+    made.context.close()
+    rig.page.abandon()
+
+
+def _rgb(text: str) -> list[float]:
+    return [float(value) for value in re.findall(r"[\d.]+", text)[:3]]
+
+
+def _contrast(ink: list[float], back: list[float]) -> float:
+    """Of WCAG 2.2: from 1 to 21."""
+    light, dark = sorted((_luminance(ink), _luminance(back)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(rgb: list[float]) -> float:
+    linear = [
+        value / 255 / 12.92 if value / 255 <= 0.04045 else ((value / 255 + 0.055) / 1.055) ** 2.4 for value in rgb
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_it_speaks_another_language_at_once(visitor: Visitor) -> None:
+    brought_to(visitor.rig, "brings")
+    visitor.catch_up()
+    visitor.page.select_option("#language", "de")
+    visitor.until("document.querySelector('#words').textContent.startsWith('Warte')")
+    assert visitor.page.inner_text("#pauseNow") == "Pause jetzt"
+    assert visitor.page.inner_text("#robot") == "Roboter: trägt Ventil"
 
 
 def test_without_the_token_one_can_look_only(browser: Any) -> None:
     rig = PageRig()
-    made = Visitor(browser, rig, 1280, "dark", f"http://127.0.0.1:{rig.page.port}/")
-    assert "view-only" in made.page.inner_text("#said")
+    made = Visitor(browser, rig, (1280, 800), "dark", f"http://127.0.0.1:{rig.page.port}/")
+    assert made.page.inner_text("#role") == "view-only"
     assert made.page.is_disabled("#stop")
     made.page.keyboard.press("p")
     made.page.wait_for_timeout(200)

@@ -74,7 +74,7 @@ def short_run(log: Path, page: bool) -> tuple[dict[str, str], list[Client]]:
         brackets=1,
         max_duration_s=DURATION_S,
         pixels=False,
-        page_port=0 if page else None,
+        page="0" if page else None,
     )
     run(options, Console(file=told, soft_wrap=True, width=200))
     for client in clients:

@@ -11,7 +11,8 @@ from cell.running.observers import Announcer
 from cell.viewing.page.state import PageState
 from cell.watching.observer import SentCommand, TickRecord
 from tests import ROOT
-from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, PRODUCT, STANDING
+from tests.cell.viewing.page.rig import MODEL
+from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
@@ -20,7 +21,7 @@ HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off i
 
 def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_then() -> None:
     tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
-    state, announcer = PageState(PRODUCT, BENCH, {}, tree), Announcer()
+    state, announcer = PageState(MODEL, {}, tree), Announcer()
     asks = ["acknowledge", ACKNOWLEDGE]
     shown = []
     for number, (judgement, unacknowledged, acknowledged) in enumerate(

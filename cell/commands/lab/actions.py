@@ -22,7 +22,7 @@ from cell.lab import actions as scoring
 from cell.lab.actions import Tally, at_pace, evaluate_segments, summed
 from learned.actions.settings import TRAINABLE, Classes
 
-_OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "cameras", "out", "config", "as_json")
+_OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "cameras", "out", "config", "as_json")
 
 
 @takes(Shared, *_OPTIONS, seeds="900000:900004")
@@ -44,6 +44,9 @@ def evaluate(
 
     Interrupted, it prints the tables of what was run and ends with status 1; with the same --out it goes on there.
     """
+    if shared.data:
+        shared.score_pictures("actions", shared.one_kind(TRAINABLE), shared.data)
+        return 0
     configuration, product = shared.cell()
     configuration = at_pace(configuration, pace)
     kinds = shared.kind or [configuration.perception.chosen("actions").kind]

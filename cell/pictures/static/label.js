@@ -44,7 +44,8 @@ function show() {
       const box = item.of.box_px ?? item.of.whole_box_px;
       element("rect", { x, y, width: box[2] - x, height: box[3] - y }, group);
     }
-    element("text", { x: x + 2, y: y - 3 }, group).textContent = told(item);
+    const below = item.kind === "hole" ? [24, 36, -14][index % 3] : -3;  // neighbours beside each other
+    element("text", { x: item.kind === "hole" ? x - 12 : x + 2, y: y + below }, group).textContent = told(item);
     const line = document.createElement("li");
     line.textContent = told(item);
     line.className = index === chosen ? "chosen" : "";

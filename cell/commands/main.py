@@ -26,7 +26,6 @@ OLD_COMMANDS = {
     "hands": "lab hands",
     "hands fetch": "lab hands",
     "train all": "train --all",
-    **{f"train {name}": f"train --only {name}" for name in ("grasp", "semantic", "noise")},
     **{f"log {name}": f"lab {name}" for name in ("files", "sheet", "snapshots")},
 }
 _OWN = {"--nodes": "--with", "--also": "--with", "--beside": "--with"}
@@ -78,7 +77,9 @@ COMMANDS: Table = {
     ),
     "report": Command("cell.commands.log:report", "Write one HTML page about a run.", TEST),
     "log": Command("cell.commands.log:log_app", "Search, compare and export logs.", TEST),
-    "record": Command("cell.commands.pictures:record_pictures", "Keep pictures of a camera, to label them.", TRAIN),
+    "record": Command(
+        "cell.commands.pictures:record_pictures", "Keep frames of a camera, with its calibration.", TRAIN
+    ),
     "label": Command("cell.commands.pictures:label", "Label pictures in a browser.", TRAIN),
     "train": Command("cell.commands.train:train", "Train planners and detectors for a product.", TRAIN),
     "goals": Command("cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),

@@ -26,7 +26,7 @@ def record_pictures(
     frames: Annotated[int | None, typer.Option(min=1, help="Keep so many at most; of a camera 60 by default.")] = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
-    """Keep frames of a camera, a video, pictures or a log, with the camera's calibration, to label them."""
+    """Keep frames of a camera, with its calibration, to label them: of a device, a video, pictures or a log."""
     if camera not in ROWS:
         raise InputError(f"--camera {camera}: unknown camera; legal: {', '.join(ROWS)}")
     configuration = load_configuration(config)
@@ -44,7 +44,7 @@ def label(
     port: Annotated[int, typer.Option(help="Port of the page.")] = PORT,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
-    """Label pictures in a browser: detectors suggest, a person corrects.
+    """Label pictures in a browser; detectors suggest, a person corrects.
 
     Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
     """

@@ -88,6 +88,8 @@ def _train_on_own(wanted: Wanted) -> None:
     Raises:
         InputError: the network or the data are not named, or options of other trainings are.
     """
+    if wanted.network in TASKS and wanted.network not in OWN:
+        raise InputError(f"cell train {wanted.network}: learns from no pictures; cell train --only {wanted.network}")
     if wanted.network not in OWN:
         raise InputError(f"cell train {wanted.network or ''}: name the network to train; legal: {', '.join(OWN)}")
     if not wanted.data:

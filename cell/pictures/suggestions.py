@@ -79,7 +79,7 @@ class Suggester:
         height, width = image.shape[:2]
         for size in ("full", "lite"):
             try:
-                reader = MediaPipeReader(self._bench.overhead, MediaPipeHands(model_folder(), size))  # type: ignore[arg-type]
+                reader = MediaPipeReader(self._bench.overhead, MediaPipeHands(model_folder(), size))
             except ModelError:
                 continue
             self.by["hands"] = f"mediapipe {size}"

@@ -11,14 +11,15 @@ from cell.commands.options import CONFIGURATION, ConfigOption
 from cell.commands.terminal import console
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
-from cell.pictures.labels import ROWS, LabelFolder, record
+from cell.pictures import labels as folders
+from cell.pictures.labels import ROWS, LabelFolder
 from cell.pictures.sources import LEGAL, camera_pose, open_source
 
 FROM_CAMERA = 60  # pictures
 PORT = 8790
 
 
-def record_pictures(
+def record(
     source: Annotated[str, typer.Argument(help=f"Source: {LEGAL}.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="New folder.")],
     camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
@@ -33,7 +34,7 @@ def record_pictures(
     product, bench = load_product(configuration, config), configuration.bench
     opened = open_source(source, camera, configuration, product, camera_pose(bench, camera))
     most = frames or (FROM_CAMERA if source.startswith("camera:") else None)
-    kept = record(opened, out, camera, bench, every, most, f"cell record {source}")
+    kept = folders.record(opened, out, camera, bench, every, most, f"cell record {source}")
     console().print(f"{kept} pictures in {out}; label them: cell label {out}", highlight=False)
 
 

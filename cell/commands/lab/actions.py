@@ -59,8 +59,12 @@ def evaluate(
         return 0
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": shared.physics, "cameras": shared.cameras.value}
-    weights = shared.weights and str(shared.weights)
-    kept = RowStore(shared.out, ["seed"], {"command": "actions", **told, "kinds": kinds, "weights": weights})
+    perception = configuration.perception
+    used = [*perception.networks("hands").values(), *perception.networks("holes").values()]
+    used += [perception.with_detector("actions", kind).weights("actions") for kind in kinds if kind in TRAINABLE]
+    used += [shared.weights] if shared.weights is not None else []
+    there = [path for path in used if path.is_file()]
+    kept = shared.rows(["seed"], {"command": "actions", **told, "kinds": kinds}, scoring, *there)
     watch = partial(
         scoring.evaluate_actions,
         *(configuration, product, kinds),

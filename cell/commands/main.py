@@ -77,9 +77,7 @@ COMMANDS: Table = {
     ),
     "report": Command("cell.commands.log:report", "Write one HTML page about a run.", TEST),
     "log": Command("cell.commands.log:log_app", "Search, compare and export logs.", TEST),
-    "record": Command(
-        "cell.commands.pictures:record_pictures", "Keep frames of a camera, with its calibration.", TRAIN
-    ),
+    "record": Command("cell.commands.pictures:record", "Keep frames of a camera, with its calibration.", TRAIN),
     "label": Command("cell.commands.pictures:label", "Label pictures in a browser.", TRAIN),
     "train": Command("cell.commands.train:train", "Train planners and detectors for a product.", TRAIN),
     "goals": Command("cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),

@@ -15,7 +15,6 @@ from cell.commands.options import with_ports
 from cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
 from cell.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
-_TASKS = ("actions", "hands", "holes", "parts", "grasp", "semantic", "noise")
 OLD_COMMANDS = {
     "eval": "lab eval",
     "data": "lab data",
@@ -27,7 +26,6 @@ OLD_COMMANDS = {
     "hands": "lab hands",
     "hands fetch": "lab hands",
     "train all": "train --all",
-    **{f"train {name}": f"lab train {name}` with its own options, or `cell train --only {name}" for name in _TASKS},
     **{f"log {name}": f"lab {name}" for name in ("files", "sheet", "snapshots")},
 }
 _OWN = {"--nodes": "--with", "--also": "--with", "--beside": "--with"}
@@ -80,6 +78,8 @@ COMMANDS: Table = {
     ),
     "report": Command("cell.commands.log:report", "Write one HTML page about a run.", TEST),
     "log": Command("cell.commands.log:log_app", "Search, compare and export logs.", TEST),
+    "record": Command("cell.commands.pictures:record", "Keep frames of a camera, with its calibration.", TRAIN),
+    "label": Command("cell.commands.pictures:label", "Label pictures in a browser.", TRAIN),
     "train": Command("cell.commands.train:train", "Train planners and detectors for a product.", TRAIN),
     "goals": Command("cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),
     "compare": Command("cell.commands.compare:compare", "Compare two trees by pairs of runs.", TRAIN),

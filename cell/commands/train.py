@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from typer import Option
+from typer import Argument, Option
 
 from cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, takes
 from cell.commands.terminal import console, product_of, report_scores
@@ -18,7 +18,12 @@ from cell.errors import InputError
 from cell.interfaces.product import Product
 from learned.semantic.data import load_demonstrations
 
+OPTIONS = (
+    *("network", "data", "simulated", "epochs", "every", "only", "plan", "budget", "recorded", "jobs", "out"),
+    *("overwrite", "config", "seed"),
+)
 FOLDER, PAPER = Path("trained"), "paper"
+OWN = ("hands", "holes", "parts", "actions")
 FEWEST_DEMONSTRATIONS = 20  # fewer tell nothing of people's habits
 GRASP_MINUTES, SEMANTIC_MINUTES = 1, 1  # of one CPU core
 SCORES = {"grasp": "accuracy", "semantic": "success"}  # words of those that are shown
@@ -28,6 +33,15 @@ SCORES = {"grasp": "accuracy", "semantic": "success"}  # words of those that are
 class Wanted:
     """What `cell train` is asked for."""
 
+    network: Annotated[
+        str | None,
+        Argument(help="One network to train on your own labelled pictures: " + ", ".join(OWN) + "; goes with --data."),
+    ] = None
+    data: Annotated[
+        list[Path] | None, Option(help="Folder of `cell label`, or of segments for actions; may be repeated.")
+    ] = None
+    simulated: Annotated[bool, Option("--simulated", help="With --data: learn from simulated data, too.")] = False
+    epochs: Annotated[int | None, Option(min=1, help="With --data: passes through the data.")] = None
     recorded: Annotated[
         Path | None, Option(help="Folder of `cell log export --to training`: learn from these runs too.")
     ] = None
@@ -49,19 +63,54 @@ class Wanted:
     seed: SeedOption = 0
 
 
-@takes(Wanted, "every", "only", "plan", "budget", "recorded", "jobs", "out", "overwrite", "config", "seed")
+@takes(Wanted, *OPTIONS)
 def train(wanted: Wanted) -> None:
     """Train planners and detectors for a product.
 
     Without options, the planners that the product of the configuration needs, next to the configuration. With --all or
     --only, networks for the product, their data included, into a folder; interrupted, the same command goes on there.
+    With the name of a network and --data, that one, on your own pictures.
     """
+    if wanted.network is not None or wanted.data:
+        _train_on_own(wanted)
+        return
     if wanted.every or wanted.only:
         train_steps(_steps(wanted), wanted.out, wanted.config, jobs=wanted.jobs, plan=wanted.plan)
         return
     if wanted.budget is not None or wanted.out != FOLDER:
         raise InputError("--budget and --out go with --all or --only; planners take a minute, next to --config")
     _train_planners(wanted)
+
+
+def _train_on_own(wanted: Wanted) -> None:
+    """One network, on labelled pictures.
+
+    Raises:
+        InputError: the network or the data are not named, or options of other trainings are.
+    """
+    if wanted.network in TASKS and wanted.network not in OWN:
+        raise InputError(f"cell train {wanted.network}: learns from no pictures; cell train --only {wanted.network}")
+    if wanted.network not in OWN:
+        raise InputError(f"cell train {wanted.network or ''}: name the network to train; legal: {', '.join(OWN)}")
+    if not wanted.data:
+        raise InputError(
+            f"cell train {wanted.network}: learns from your own pictures, --data DIR of `cell label`; "
+            f"from simulated ones: cell train --only {wanted.network}"
+        )
+    if wanted.every or wanted.only or wanted.plan or wanted.recorded:
+        raise InputError("--all, --only, --plan and --recorded do not go with --data")
+    task = TASKS[wanted.network]
+    asked = Training(
+        data=wanted.data,
+        simulated=wanted.simulated,
+        epochs=wanted.epochs,
+        budget=wanted.budget or (task.defaults or {}).get("budget", ""),
+        out=None if wanted.out == FOLDER else wanted.out,
+        overwrite=wanted.overwrite,
+        config=wanted.config,
+        seed=wanted.seed,
+    )
+    task.train(asked)
 
 
 def _steps(wanted: Wanted) -> list[Step]:

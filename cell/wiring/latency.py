@@ -75,19 +75,23 @@ def answers_ms(found: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
 
 def note_latencies(perception: Perception, found: Mapping[str, float]) -> list[Path]:
     """Write p95 [ms] by detector onto the cards of the trained ones; returns the files."""
-    import onnx
-
     written = []
     for name, value in found.items():
         if perception.chosen(name).kind in NO_CARD:
             continue
-        path = perception.weights(name)
-        model = onnx.load(path)
-        card = next(entry.value for entry in model.metadata_props if entry.key == CARD_KEY)
-        read = ModelCard.model_validate_json(card)
-        save_onnx(model, path, read.model_copy(update={"scores": read.scores | {LATENCY_SCORE: round(value, 2)}}))
-        written.append(path)
+        written.append(perception.weights(name))
+        note_scores(written[-1], {LATENCY_SCORE: round(value, 2)})
     return written
+
+
+def note_scores(path: Path, scores: Mapping[str, float]) -> None:
+    """Write scores onto the card of weights; others on it stay."""
+    import onnx
+
+    model = onnx.load(path)
+    card = next(entry.value for entry in model.metadata_props if entry.key == CARD_KEY)
+    read = ModelCard.model_validate_json(card)
+    save_onnx(model, path, read.model_copy(update={"scores": {**read.scores, **scores}}))
 
 
 class _Timed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -171,19 +171,22 @@ def frames_of(folder: Path, types: Sequence[str] | None = None) -> list[Labelled
     return found
 
 
-def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str], seed: int) -> HandData:
+def load_hands(
+    folders: Sequence[Path], setup: CameraSetup, types: Sequence[str], seed: int, apart: Collection[str] = ()
+) -> HandData:
     """Read folders.
 
     Args:
         setup: of the camera that took the frames.
         types: of parts, in the order of the product.
+        apart: recordings that are left out, for the scores.
 
     Raises:
         InputError: one is no such folder, is damaged, or was made for another camera or product.
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
-    rows = [one for folder in folders for one in frames_of(folder, types)]
+    rows = [one for folder in folders for one in frames_of(folder, types) if one.row.log not in apart]
     small, patches = _room(rows)
     centres: list[list[float]] = []
     unsure: list[list[float]] = []

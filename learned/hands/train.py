@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -57,6 +57,7 @@ def train_hands(
     score: Callable[[], dict[str, float]],
     epochs: int = EPOCHS,
     command: str = "cell lab train hands",
+    apart: Collection[str] = (),
     quiet: bool = False,
 ) -> dict[str, float]:
     """Train the networks and write them, the reader to `out`, finder and refiner beside it.
@@ -64,6 +65,7 @@ def train_hands(
     Args:
         folders: of `cell lab data hands`.
         score: scores of the tracker that reads `out`.
+        apart: recordings that are not learned from.
 
     Returns:
         The scores.
@@ -72,7 +74,7 @@ def train_hands(
         InputError: a folder cannot be used.
     """
     types = tuple(product.parts)
-    training = Training(load_hands(folders, setup, types, seed), seed, epochs, quiet)
+    training = Training(load_hands(folders, setup, types, seed, apart), seed, epochs, quiet)
     card = ModelCard(
         kind=FINDER_KIND,
         config={

@@ -27,7 +27,7 @@ Key = Mapping[str, Any]  # of what JSON can hold
 Values = dict[str, Any]
 Cells = Sequence[tuple[Key, Values]]
 Scheduler = Callable[[Callable[..., Values], Iterable[tuple[Any, ...]]], Iterator[Values]]
-_ROOT = Path(__file__).parents[1]
+_ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import numpy as np
 
 from cell.errors import InputError
 from cell.interfaces.pose import Array
-from learned.hands.data import read_image
 from learned.hands.mediapipe.hands import MIDDLE_BASE, WRIST, MediaPipeHands
+from learned.training.still_dataset import read_image
 
 Truth = dict[str, list[Array]]
 

@@ -43,7 +43,7 @@ SEEDS = (1, 2, 3, 4, 5)
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
 FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with sub-demonstrations
-RIGHTMOST = {"paper as printed": AS_PRINTED, "paper, tuned": PaperSettings()}
+RIGHTMOST = {"paper, near its equations": AS_PRINTED, "paper, tuned": PaperSettings()}
 
 ERRORS = (0.0, DETECTION_ERROR, 0.1)
 

@@ -85,9 +85,9 @@ def _printed_table(cells: Cells) -> str:
             found = [values_of(cells, score_of(name), kind=kind, ratio=ratio) for name in names]
             rows.append([kind, f"{ratio:g}", *(shown(numbers) for numbers in found)])
     return (
-        "The paper's planner as printed: the decoder starts from the object's node, messages are averaged, no noise is "
-        "trained on. The demonstrator always places the first missing object from the right, and `strict` asks for it, "
-        "too: the paper's own rule. 3 goals, seeds 1 to 3:\n\n"
+        "The paper's planner near its equations: the decoder starts from the object's node, messages are averaged, "
+        "no noise is trained on. The demonstrator always places the first missing object from the right, and `strict` "
+        "asks for it, too: the paper's own rule. 3 goals, seeds 1 to 3:\n\n"
         + markdown(["", "ratio", "strict", "all", "bound", "strict, held out"], rows)
     )
 

@@ -10,9 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from cell.errors import InputError
+from cell.files.files import write_whole
 from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, mean_level, spoiled
-from learned.inference.onnx_model import Inputs, ModelCard
+from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
 from learned.parts.augment import sample
 from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
@@ -214,9 +216,13 @@ def train_parts(
     *,
     epochs: int | None = None,
     command: str = "",
+    pose_net: Path | None = None,
     quiet: bool = True,
 ) -> dict[str, float]:
     """Train both networks, and write the centre net to `out` and the pose net beside it.
+
+    Args:
+        pose_net: taken as it is where no pose is known, as of a person's own pictures: boxes teach none.
 
     Returns:
         What was learned from; `cell lab eval parts` scores detectors, as that takes images.
@@ -241,7 +247,13 @@ def train_parts(
     begun = [path.with_name(path.name + ".checkpoint") for path in (out, pose_file(out))]
     network = train_centre(scenes, product, floor_m, seed, centre, checkpoint=begun[0], quiet=quiet)
     write_centre(network, out, card(CENTRE_KIND, centre), seen_by_centre(shown, product, floor_m))
+    begun[0].unlink(missing_ok=True)
+    if not posed_things(scenes):
+        if pose_net is None:
+            raise InputError("no pose of any part is known: learn from simulated trays, too (--simulated)")
+        OnnxModel.load(pose_net, POSE_KIND).require_vocabulary("parts", tuple(product.parts))
+        write_whole(pose_file(out), pose_net.read_bytes())
+        return facts
     refiner = train_pose(scenes, product, floor_m, seed, pose, checkpoint=begun[1], quiet=quiet)
     write_pose(refiner, pose_file(out), card(POSE_KIND, pose), seen_by_pose(shown, product, floor_m, pose))
-    begun[0].unlink(missing_ok=True)
     return facts

@@ -22,7 +22,8 @@ OFF_PACE = 0.25  # share by which the frames of a segment may follow each other 
 Point = tuple[float, float]
 Vector = tuple[float, float, float]
 Box = tuple[float, float, float, float]
-AnyHeader, AnyRow, Made = TypeVar("AnyHeader", bound=Model), TypeVar("AnyRow", bound=Model), TypeVar("Made")
+AnyRow = TypeVar("AnyRow", bound=Model)
+Made = TypeVar("Made")
 
 
 class Header(Model):

@@ -87,9 +87,29 @@ def page(name: str) -> str:
             parts.append(f"## {table.title}")
         parts += [table.about, f"`{table.command}`" if table.command else ""]
         parts += [f"Measured at {table.commit}."] if table.commit else []
-        parts += [markdown(table.head, table.cells)] if table.head else []
+        cells = [[_looked_up(cell) for cell in line] for line in table.cells]
+        parts += [markdown(table.head, cells)] if table.head else []
         parts += [markdown(*columns(table.rows))] if table.rows else []
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _looked_up(cell: str) -> str:
+    """A cell, or what another file says: `@FILE->CLAIM` of a row, `@FILE->TITLE->FIRST CELL->COLUMN` of a table.
+
+    Raises:
+        KeyError: there is no such figure.
+    """
+    if not cell.startswith("@"):
+        return cell
+    name, *where = cell[1:].split("->")
+    for table in topics()[name].tables:
+        for row in table.rows if len(where) == 1 else ():
+            if row.claim == where[0]:
+                return f"{row.figure:g}" if isinstance(row.figure, float) else str(row.figure)
+        for line in table.cells if where[0] == table.title else ():
+            if line[0] == where[1]:
+                return line[table.head.index(where[2])]
+    raise KeyError(cell)
 
 
 def falls_short() -> Iterator[Row]:

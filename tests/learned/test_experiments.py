@@ -93,6 +93,10 @@ def test_the_version_of_code_follows_imports_and_forgets_words(tmp_path: Path, m
     code_version.cache_clear()
 
 
+def test_the_code_of_this_project_is_found() -> None:
+    assert code_version("learned.lab.experiments") != code_version("learned.lab.no_such_module")
+
+
 def test_numbers_as_text() -> None:
     assert [number(value) for value in (0.25, 0.0, 1.0, 1.5)] == [".250", "0.000", "1.000", "1.500"]
     assert shown([]) == "-"

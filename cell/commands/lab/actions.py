@@ -22,7 +22,7 @@ from cell.lab import actions as scoring
 from cell.lab.actions import Tally, at_pace, evaluate_segments, summed
 from learned.actions.settings import TRAINABLE, Classes
 
-_OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "cameras", "out", "config", "as_json")
+_OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "cameras", "out", "config", "as_json")
 
 
 @takes(Shared, *_OPTIONS, seeds="900000:900004")
@@ -44,6 +44,9 @@ def evaluate(
 
     Interrupted, it prints the tables of what was run and ends with status 1; with the same --out it goes on there.
     """
+    if shared.data:
+        shared.score_pictures("actions", shared.one_kind(TRAINABLE), shared.data)
+        return 0
     configuration, product = shared.cell()
     configuration = at_pace(configuration, pace)
     kinds = shared.kind or [configuration.perception.chosen("actions").kind]
@@ -56,8 +59,12 @@ def evaluate(
         return 0
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": shared.physics, "cameras": shared.cameras.value}
-    weights = shared.weights and str(shared.weights)
-    kept = RowStore(shared.out, ["seed"], {"command": "actions", **told, "kinds": kinds, "weights": weights})
+    perception = configuration.perception
+    used = [*perception.networks("hands").values(), *perception.networks("holes").values()]
+    used += [perception.with_detector("actions", kind).weights("actions") for kind in kinds if kind in TRAINABLE]
+    used += [shared.weights] if shared.weights is not None else []
+    there = [path for path in used if path.is_file()]
+    kept = shared.rows(["seed"], {"command": "actions", **told, "kinds": kinds}, scoring, *there)
     watch = partial(
         scoring.evaluate_actions,
         *(configuration, product, kinds),

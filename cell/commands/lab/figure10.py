@@ -13,7 +13,6 @@ from cell.commands.training.made_data import make_data
 from cell.commands.training.weights import need_torch
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
-from cell.files.row_store import RowStore
 
 
 @takes(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")
@@ -31,6 +30,7 @@ def figure10(
     from learned.actions.data import load_segments
     from learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from learned.actions.train import Task
+    from learned.lab import action_baselines
     from learned.lab.action_baselines import FOLDS, KINDS, measure_folds, page, summary
 
     kinds, out, seeds = shared.kind or list(KINDS), shared.out, shared.numbers
@@ -39,7 +39,7 @@ def figure10(
     if out is None or len(seeds) < FOLDS:
         raise InputError(f"figure10 needs --out FILE, and at least {FOLDS} --seeds, as 600000:600030")
     told = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
-    kept = RowStore(out, ["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed})
+    kept = shared.rows(["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed}, action_baselines)
     wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in kept]
     status = 0
     if wanted:

@@ -23,7 +23,7 @@ from learned.inference.onnx_model import OnnxModel
 from learned.lab.mediapipe_fetch import fetch as fetch_networks
 from learned.lab.photographs import compare_photographs, load_truth
 
-_OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
+_OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
 
 
 @takes(Shared, *_OPTIONS, physics=True)
@@ -44,6 +44,9 @@ def evaluate(
     """
     if photos is not None or truth is not None:
         _photographs(photos, truth, size, shared.as_json)
+        return
+    if shared.data:
+        shared.score_pictures("hands", shared.one_kind(("slim", "classical", "mediapipe")), shared.data)
         return
     shared.refuse_only(tuple(ONLY))
     persons = (shared.only or ["all"])[0]

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from cell.commands.lab.frame_sources import LEGAL, Source, open_source
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
 from cell.commands.terminal import console, print_json, table
 from cell.configuration import Configuration, detected_by, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.interfaces.bench import Bench
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import BenchView, Frame, HandSample, HoleReader, HoleView
-from cell.interfaces.pose import Pose
+from cell.interfaces.perception import BenchView, Frame
 from cell.interfaces.product import Product
 from cell.lab.detections import (
     PICTURE_SUFFIXES,
@@ -29,12 +26,13 @@ from cell.lab.detections import (
     drawn_hands,
     drawn_parts,
 )
+from cell.pictures.sources import LEGAL, Source, camera_pose, open_source
+from cell.pictures.suggestions import Often
 from cell.recording.schemas import plain
 from cell.settings import Perception
 from cell.wiring.detectors import Detectors, bench_watcher, fitted, part_finder
 from learned.bench_watcher import DetectorChain
 from learned.holes.model import VOTES
-from skills.motion.kinematics import Kinematics
 
 Look = Callable[[Frame], tuple[object, Image]]
 
@@ -72,7 +70,7 @@ def see(
     configuration, said = fitted(configuration, product)
     if said:
         console().print(said, highlight=False)
-    opened = open_source(source, camera, configuration, product, _pose(configuration.bench, camera))
+    opened = open_source(source, camera, configuration, product, camera_pose(configuration.bench, camera))
     if look is not None and not source.startswith("sim:"):
         raise InputError("--look goes with sim:SEED; what is there already looks as it does")
     suffix = ".png" if opened.single else VIDEO_SUFFIX if opened.follows else ""
@@ -130,32 +128,12 @@ def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -
     return configuration.model_copy(update={"perception": perception})
 
 
-def _pose(bench: Bench, camera: str) -> Pose:
-    """Where a camera is; the one on the wrist where it looks into the tray."""
-    if camera == "overhead":
-        return bench.overhead.mount.pose
-    return Kinematics().forward(np.array(bench.arm_look_rad)) @ bench.wrist.mount.pose
-
-
-class _Often:
-    """Reads the holes of single pictures: it looks at each as often as a reader wants to see a hole (HoleReader)."""
-
-    def __init__(self, reader: HoleReader, looks: int) -> None:
-        self._reader, self._looks = reader, looks
-
-    def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
-        """Holes by position name, as far as this frame shows them."""
-        for _ in range(self._looks - 1):
-            self._reader.read(frame, hand)
-        return self._reader.read(frame, hand)
-
-
 def _watcher(bench: Bench, product: Product, perception: Perception, follows: bool) -> Callable[[Frame], BenchView]:
     """What answers overhead frames of a film, or else the only frame that it is asked about."""
     if follows:
         return bench_watcher(bench, product, perception)
     made = Detectors(bench, product, perception)
-    holes = _Often(made.make("holes"), max(VOTES, perception.classical.settle_frames))
+    holes = Often(made.make("holes"), max(VOTES, perception.classical.settle_frames))
     return DetectorChain(bench, product, made.make("hands"), holes, made.make("actions"))
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 from typer import Option
@@ -22,9 +23,15 @@ from cell.commands.options import (
     WorkersOption,
     seeds_of,
 )
+from cell.commands.terminal import console, report_scores
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
+from cell.files.row_store import RowStore
 from cell.interfaces.product import Product
+from cell.pictures.scoring import Scorer, load, note
+from cell.settings import WEIGHTS
+from learned.inference.onnx_model import digest_of
+from learned.lab.experiments import code_version
 from sim.data.splits import seeds as split_of
 
 
@@ -44,6 +51,10 @@ class Shared:
         None
     )
     weights: Annotated[Path | None, Option(help="File of weights; the configured or shipped one by default.")] = None
+    data: Annotated[
+        list[Path] | None,
+        Option(help="Folder of `cell label` to score on instead of simulated pictures; may be repeated."),
+    ] = None
     perception: Annotated[
         str | None, Option(help="classical or learned for all detectors; by default as configured.")
     ] = None
@@ -111,6 +122,33 @@ class Shared:
         if kind not in legal:
             raise InputError(f"--kind {kind}: unknown kind; legal: {', '.join(legal)}")
         return kind
+
+    def rows(self, by: Sequence[str], of: Mapping[str, object], measure: ModuleType, *weights: Path) -> RowStore:
+        """The rows of an evaluation in --out, of this code and these weights alone.
+
+        Args:
+            by: fields of a row that make up its key.
+            of: what was typed.
+            measure: what makes a row.
+            weights: files that the answers hang on.
+
+        Raises:
+            InputError: the file holds rows of something else, or of other code or weights.
+        """
+        known = {path.name: digest_of(path.read_bytes())[:16] for path in weights}
+        return RowStore(self.out, by, {**of, "code": code_version(measure.__name__), "weights": known})
+
+    def score_pictures(self, task: str, kind: str, data: Sequence[Path]) -> None:
+        """Score a detector on labelled pictures; the figures go onto the card of weights that are the user's own."""
+        configuration = load_configuration(self.config)
+        product = load_product(configuration, self.config)
+        pictures = load(task, data, product, configuration.bench.overhead.rate_hz)
+        scores = Scorer(configuration, product, task, kind, self.weights).scores(pictures)
+        where = ", ".join(str(folder) for folder in data)
+        report_scores(f"{task}, {kind}, {len(pictures)} labelled in {where}", scores, self.as_json)
+        if self.weights is not None and self.weights.resolve().parent != WEIGHTS.resolve():
+            note(self.weights, scores)
+            console().print(f"noted on the card of {self.weights}", highlight=False)
 
     def refuse_only(self, legal: Collection[str]) -> None:
         """Raises InputError where --only names something else."""

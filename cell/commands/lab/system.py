@@ -17,7 +17,6 @@ from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, detected_by
 from cell.errors import InputError
-from cell.files.row_store import RowStore
 from cell.fleet.engine import mapped
 from cell.interfaces.bench import Bench
 from cell.interfaces.planning import weights_file
@@ -45,7 +44,8 @@ def system(
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
     told["cameras"] = cameras
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
-    kept = RowStore(shared.out, ["goals", "seed"], {"command": "system", **told})
+    used = [path for task in TRAINED for path in configuration.perception.networks(task).values() if path.is_file()]
+    kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
     rows = list(kept.rows_of(one for one in wanted if one in kept))
     left = [one for one in wanted if one not in kept]
     status = 0

@@ -13,13 +13,16 @@ from cell.commands.terminal import report_scores
 from cell.errors import InputError
 from cell.lab.holes_and_parts import Task, score_calibration, score_holes, score_parts
 
-_OPTIONS = ("kind", "weights", "look", "seeds", "cameras", "steel", "config", "as_json")
+_OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
 
 
 @takes(Shared, *_OPTIONS, seeds="900000:900020")
 def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Images of each look.")] = 10) -> None:
     """Score a hole reader on stills: any parts in the holes, hand or arm over them or not. Kinds: plate, classical."""
     kind = _kind(shared, ("plate", "classical"))
+    if shared.data:
+        shared.score_pictures("holes", kind, shared.data)
+        return
     _, wanted = shared.split()
     task = _task(shared, kind, person="varied")
     task.detectors(task.configuration.bench, "holes").make("holes")  # before minutes go into stills
@@ -34,6 +37,9 @@ def evaluate_parts(
 ) -> None:
     """Score a part detector on images of trays. Kinds: centre, classical, rcnn."""
     kind = _kind(shared, ("centre", "classical", "rcnn"))
+    if shared.data:
+        shared.score_pictures("parts", kind, shared.data)
+        return
     _, wanted = shared.split()
     task = _task(shared, kind)
     task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,14 @@ from cell.errors import InputError
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.log.training.manifest import logs_by_hash
+from cell.pictures.scoring import CLASSICAL, MEASURES, TRIVIAL, Scorer, apart
 from cell.settings import WEIGHTS
+from cell.wiring.latency import note_scores
+from learned.actions.data import Segments
 from learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes
 from learned.inference.onnx_model import OnnxModel
 from learned.parts.data import Scene
+from learned.parts.model import pose_file
 from learned.parts.stacked import stacked_file
 from learned.semantic.confusions import Confusions, Reported
 from learned.semantic.graph import Layout
@@ -33,6 +38,8 @@ PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a 
 TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.4, 0.018, 0.0021
 STACKED_SHARE, STACK_IMAGE_S = 0.4, 0.6  # of parts in the tray; to learn what lies on what in an image
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
+OWN_SHARE, OWN_FOLDS = 0.2, 5  # of a user's own recordings, kept for the scores
+MOST_COMPARED = 60  # pictures on which new weights stand beside the classical detector
 ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
 
@@ -67,20 +74,28 @@ def hands(asked: Training, weights: Path) -> Scores:
 
     epochs = asked.epochs or 9
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
-    for folder in asked.data or ():
-        frames_of(folder)  # a wrong one is reported before minutes go into frames for the scores
-    validation = max(2, int(HAND_VALIDATION * count))
-    folders, apart = made(asked, weights, "hands", HANDS, count, validation=validation)
     configuration, product = asked.cell()
     setup, types = configuration.bench.overhead, tuple(product.parts)
+    own = [one for folder in asked.data or () for one in frames_of(folder, types)]
+    validation = 0 if own else max(2, int(HAND_VALIDATION * count))
+    logs = apart({one.row.log for one in own}, OWN_SHARE, asked.seed) if own else set()
+    folders, unseen = made(asked, weights, "hands", HANDS, count, validation=validation)
+    kept = [one for one in own if one.row.log in logs]
+
+    def score() -> dict[str, float]:
+        if kept:
+            return Scorer(configuration, product, "hands", "slim", weights).scores(kept)
+        return score_readings(SlimReader(setup, types, weights), configuration.bench, unseen)
+
     return train_hands(
         folders,
         setup,
         product,
         weights,
         asked.seed,
-        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, apart),
+        score=score,
         epochs=epochs,
+        apart=logs,
         command=asked.command("hands", epochs=epochs),
     )
 
@@ -90,6 +105,7 @@ def holes(asked: Training, weights: Path) -> Scores:
     from learned.holes.data import load_plates
     from learned.holes.settings import HoleTraining
     from learned.holes.train import train_holes
+    from learned.training.still_dataset import split
 
     budget_s = seconds(asked.budget)
     options = {"--stills": PLATE_STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
@@ -100,13 +116,18 @@ def holes(asked: Training, weights: Path) -> Scores:
     affordable = int((1 - HOLES_DATA) * budget_s / (STILL_S * max(1, len(read))))
     settings = HoleTraining(epochs=asked.epochs or min(30, max(2, affordable)))
     command = asked.command("holes", epochs=settings.epochs)
-    return train_holes(read, configuration.bench, product, weights, asked.seed, settings, command=command, quiet=False)
+    scores = train_holes(
+        read, configuration.bench, product, weights, asked.seed, settings, command=command, quiet=False
+    )
+    _, kept = split(read, settings.validation_share, asked.seed)
+    return scores | beside(asked, "holes", weights, kept)
 
 
 def parts(asked: Training, weights: Path) -> Scores:
     """Train the networks of the part detector, that of stacks alone (kind stacked), or Faster R-CNN."""
     from learned.parts.data import load_scenes
     from learned.parts.train import train_parts
+    from learned.training.still_dataset import split
 
     budget_s = seconds(asked.budget)
     options = {"--views": TRAY_VIEWS, "--lying-share": LYING_SHARE, "--steel-share": STEEL_SHARE}
@@ -115,7 +136,9 @@ def parts(asked: Training, weights: Path) -> Scores:
     shares = STILLS if asked.look is None else (Share(asked.look, 1.0, 0),)
     folders, _ = made(asked, weights, "objects", shares, trays, options, ("--mixed",))
     configuration, product = asked.cell()
-    scenes = load_scenes(folders, product)
+    scenes, kept = load_scenes(folders, product), list[Scene]()
+    if asked.data:
+        scenes, kept = split(scenes, OWN_SHARE, asked.seed)
     if asked.kind == "rcnn":
         from learned.parts.rcnn import train_rcnn, write_rcnn
         from learned.parts.settings import RcnnTraining
@@ -131,8 +154,30 @@ def parts(asked: Training, weights: Path) -> Scores:
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * sum(len(scene.labels) for scene in scenes)
     epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
     command = asked.command("parts", epochs=epochs)
-    facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
-    return {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
+    if not any(scene.labels for scene in scenes):
+        raise InputError("--data: no part is labelled in any picture")
+    facts = train_parts(
+        scenes,
+        product,
+        floor_m,
+        weights,
+        asked.seed,
+        epochs=epochs,
+        command=command,
+        pose_net=WEIGHTS / pose_file(Path(weights_file("parts", "centre"))),
+        quiet=False,
+    )
+    facts = {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
+    return {**facts, **(beside(asked, "parts", weights, kept) if kept else {})}
+
+
+def beside(asked: Training, task: str, weights: Path, kept: Sequence[Any]) -> dict[str, float]:
+    """The measure of a task, by the new weights and by the classical detector, on pictures that were kept apart."""
+    configuration, product = asked.cell()
+    found = Scorer(configuration, product, task, asked.kind, weights).scores(kept[:MOST_COMPARED])
+    told = {name: found[name] for name in (MEASURES[task], f"{MEASURES[task]}{CLASSICAL}")}
+    note_scores(weights, told)
+    return told
 
 
 def stacks(
@@ -171,11 +216,15 @@ def actions(asked: Training, weights: Path) -> Scores:
 
     configuration, product = asked.cell()
     task, budget_s = Task(configuration.bench, product), seconds(asked.budget)
-    folders, apart = asked.data, asked.validation
-    if not folders or apart is None:
-        folders, apart = recordings(asked, weights, budget_s)
-        budget_s *= 1 - _data_share(asked)
-    learned, kept = load_segments(folders, task.classes), load_segments([apart], task.classes)
+    rate_hz = configuration.bench.overhead.rate_hz
+    if asked.data and asked.validation is None:
+        learned, kept = own_segments(load_segments(asked.data, task.classes, rate_hz))
+    else:
+        folders, unseen = asked.data, asked.validation
+        if not folders or unseen is None:
+            folders, unseen = recordings(asked, weights, budget_s)
+            budget_s *= 1 - _data_share(asked)
+        learned, kept = (load_segments(some, task.classes, rate_hz) for some in (folders, [unseen]))
     console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
     epochs = asked.epochs or 14
     settings, command = ActionTraining(epochs=epochs, share=asked.share), asked.command("actions", epochs=epochs)
@@ -194,7 +243,19 @@ def actions(asked: Training, weights: Path) -> Scores:
     told = OnnxModel.load(weights, f"actions.{asked.kind}").card.config["confusion"]
     counts = np.array(told["counts"])  # type: ignore[call-overload, index]
     save_confusions(confusions_of(weights), product, Classes.of(product).reports(counts), command)
-    return scores
+    commonest = float(np.bincount(kept.classes).max()) / len(kept)
+    return {**scores, f"accuracy{TRIVIAL}": round(commonest, 4)}
+
+
+def own_segments(segments: Segments) -> tuple[Segments, Segments]:
+    """Those to learn from, and those of one recording in five, for the scores.
+
+    Raises:
+        InputError: all are of one recording.
+    """
+    if len(set(segments.logs)) < 2:
+        raise InputError("--data: segments of one recording alone; 2 are needed, or --validation: scores need one")
+    return segments.without(0, min(OWN_FOLDS, len(set(segments.logs))))
 
 
 def _data_share(asked: Training) -> float:
@@ -242,9 +303,9 @@ def made(
         validation: recordings for the scores; 0 for none.
         piece: recordings of a folder at most; 0 for all of one share.
     """
-    apart = weights.with_suffix(".validation")
+    unseen = weights.with_suffix(".validation")
     wanted: dict[Path, tuple[dict[str, object], tuple[str, ...]]] = {}
-    for one in () if asked.data else shares:
+    for one in () if asked.data and not asked.simulated else shares:
         of_share = max(1, round(one.share * count)) if not piece else round(one.share * count)
         for first in range(0, of_share, piece or of_share):
             end = min(first + (piece or of_share), of_share)
@@ -252,11 +313,11 @@ def made(
             of_seeds = {"--look": one.look, "--seeds": f"{one.first_seed + first}:{one.first_seed + end}"}
             given = {**of_seeds, **(options or {}), "--config": asked.config}
             wanted[weights.with_suffix(".data") / name] = given, (*flags, *["--physics"] * one.physics)
-    scored = {apart: _validation(asked, validation)} if validation else {}
+    scored = {unseen: _validation(asked, validation)} if validation else {}
     require_usable(*wanted, *scored)
     for folder, (given, words) in {**{key: (one, tuple(flags)) for key, one in scored.items()}, **wanted}.items():
         make_data(what, folder, given, *words)
-    return asked.data or list(wanted), apart
+    return [*(asked.data or ()), *wanted], unseen
 
 
 def _validation(asked: Training, count: int) -> dict[str, object]:
@@ -270,8 +331,8 @@ def require_apart(data: Sequence[Path], validation: Path | None) -> None:
     Raises:
         InputError: they are of the same folder, or of the same log.
     """
-    if bool(data) != bool(validation):
-        raise InputError("--data and --validation go together: scores on the training data say nothing")
+    if validation and not data:
+        raise InputError("--validation goes with --data: what is made is kept apart by itself")
     if validation is None:
         return
     kept, why = logs_by_hash(validation), "scores on the training data say nothing"

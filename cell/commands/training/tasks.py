@@ -27,6 +27,7 @@ from cell.commands.training.weights import (
 )
 from cell.errors import InputError
 from cell.interfaces.planning import crops_file
+from cell.pictures.scoring import objection
 from cell.wiring.drawn_frames import tray_camera
 from learned.actions.settings import TRAINABLE
 from learned.hands.model import finder_file, refiner_file
@@ -162,7 +163,9 @@ class LearnedTask:
         with writing(path, *self.beside(path, asked.kind), overwrite=asked.overwrite):
             scores = self.fit(asked, path)
         report_scores(f"{self.title} in {path}", scores, as_json=False)
-        if asked.kind == "stacked":
+        if (why := objection(scores)) is not None:
+            console().print(f"not recommended: {why}; {asked.config} stays as it is", highlight=False)
+        elif asked.kind == "stacked":
             console().print("the part detector uses it whose centre net is beside it", highlight=False)
         else:
             line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
@@ -185,7 +188,7 @@ TASKS = {
             "hands",
             "hand tracker",
             ("slim",),
-            ("data", "budget", "epochs"),
+            ("data", "simulated", "budget", "epochs"),
             networks.hands,
             lambda file, _: (finder_file(file), refiner_file(file)),
             _BUDGET,
@@ -199,12 +202,19 @@ TASKS = {
             lambda file, _: (networks.confusions_of(file),),
             {"budget": "20m"},
         ),
-        LearnedTask("holes", "hole reader", ("plate",), ("data", "budget", "epochs"), networks.holes, defaults=_BUDGET),
+        LearnedTask(
+            "holes",
+            "hole reader",
+            ("plate",),
+            ("data", "simulated", "budget", "epochs"),
+            networks.holes,
+            defaults=_BUDGET,
+        ),
         LearnedTask(
             "parts",
             "part detector",
             ("centre", "rcnn", "stacked"),
-            ("kind", "data", "look", "budget", "epochs", "backbone", "share", "steps"),
+            ("kind", "data", "simulated", "look", "budget", "epochs", "backbone", "share", "steps"),
             networks.parts,
             _beside_parts,
             _BUDGET,

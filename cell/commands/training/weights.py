@@ -41,6 +41,7 @@ class Training:
         list[Path] | None,
         Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default."),
     ] = None
+    simulated: Annotated[bool, Option("--simulated", help="Learn from simulated data beside those of --data.")] = False
     validation: Annotated[Path | None, Option(help="Another such folder to score on.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
     tracker: Annotated[

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.lab.frame_sources import _video
 from cell.commands.lab.see import _chosen
 from cell.commands.main import main
 from cell.commands.terminal import BAD_INPUT
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from cell.interfaces.pose import Pose
+from cell.pictures.sources import _video
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 
 TIPS_M = (0.78, 0.2)

@@ -1,4 +1,4 @@
-"""Frames for `cell lab see`: pictures, folders of them, videos, cameras, logs, and the simulated cell."""
+"""Frames to look at or to record: pictures, folders of them, videos, cameras, logs, and the simulated cell."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cell.commands.log_terminal import read
 from cell.configuration import Configuration
 from cell.errors import InputError, LogError
+from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.log.read.frames import CAMERA, Frames
+from cell.log.read.reader import read_log
 from cell.wiring.drawn_frames import overhead_frames
+from skills.motion.kinematics import Kinematics
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm")
@@ -54,10 +56,17 @@ class Source:
         return stem if alone else self.files[number]
 
 
+def camera_pose(bench: Bench, camera: str) -> Pose:
+    """Where a camera is; the one on the wrist where it looks into the tray."""
+    if camera == "overhead":
+        return bench.overhead.mount.pose
+    return Kinematics().forward(np.array(bench.arm_look_rad)) @ bench.wrist.mount.pose
+
+
 def open_source(
     text: str, camera: str, configuration: Configuration, product: Product, world_from_camera: Pose
 ) -> Source:
-    """What `cell lab see` was given.
+    """What `cell record` or `cell lab see` was given.
 
     Args:
         camera: "overhead" or "wrist", as which frames are taken.
@@ -134,7 +143,9 @@ def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
 
 
 def _log(path: Path, camera: str, pose: Pose) -> Source:
-    log = read([path])
+    log = read_log(path)
+    if log.unfinished:
+        sys.stderr.write(f"cell: {path}: {log.unfinished}\n")
     times_s = [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}{camera}"]
     if not times_s:
         raise LogError(path, f"holds no frames of the camera {camera} (configuration: log.camera_frames)")

@@ -1,0 +1,156 @@
+"""Photographs of another program are labelled in a real browser, trained for a moment, scored and looked at."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.commands.main import main
+from cell.pictures.labels import LabelFolder
+from cell.pictures.server import LabelServer
+from cell.pictures.suggestions import Suggester
+from learned.hands.data import frames_of
+from learned.holes.data import load_plates
+from learned.inference.onnx_model import OnnxModel
+from learned.parts.data import load_scenes
+from tests.cell.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PLATES, TRAYS = 12, 8
+TYPES = list(PRODUCT.parts)
+
+pytestmark = [
+    pytest.mark.torch,
+    pytest.mark.filterwarnings("ignore"),  # the driver's sockets end with its process
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+class Person:
+    """Somebody who labels a folder."""
+
+    def __init__(self, browser: Any, folder: Path) -> None:
+        self.server = LabelServer(
+            LabelFolder(folder, PRODUCT), Suggester(BENCH, PRODUCT, CONFIGURATION.perception.model_copy())
+        )
+        self.thread = threading.Thread(target=self.server.serve, daemon=True)
+        self.thread.start()
+        self.complaints: list[str] = []
+        self.page: Any = browser.new_page(viewport={"width": 1200, "height": 900})
+        self.page.set_default_timeout(20_000)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(self.server.address)
+
+    def at(self, number: int) -> dict[str, Any]:
+        """Wait until a picture is shown; its labels."""
+        for _ in range(400):
+            if self.page.evaluate("document.body.dataset.picture") == str(number):
+                return self.labels()
+            self.page.wait_for_timeout(50)
+        raise AssertionError((number, self.complaints, self.page.inner_text("#said")))
+
+    def until(self, said: str) -> None:
+        """Wait for a word; the page's own policy forbids what the driver would do for that."""
+        for _ in range(400):
+            if self.page.inner_text("#said") == said:
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(self.page.inner_text("#said"))
+
+    def labels(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.page.evaluate("document.body.dataset.labels"))
+        return found
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def drag(self, box: Box, width_px: int) -> None:
+        frame = self.page.locator("#marks").bounding_box()
+        scale = frame["width"] / width_px
+        self.page.mouse.move(frame["x"] + box[0] * scale, frame["y"] + box[1] * scale)
+        self.page.mouse.down()
+        self.page.mouse.move(frame["x"] + box[2] * scale, frame["y"] + box[3] * scale)
+        self.page.mouse.up()
+
+    def close(self) -> None:
+        self.page.close()
+        self.server.close()
+        self.thread.join(10)
+        assert self.complaints == []
+
+
+def label_plate(person: Person, number: int, drawn: Drawn) -> None:
+    suggested = person.at(number)
+    assert len(suggested["holes"]) == len(PRODUCT.positions)  # by the plate's pose
+    person.press("n")
+    person.press(*("0" if part is None else str(1 + TYPES.index(part)) for part in drawn.holes.values()))
+    if drawn.hand is not None:
+        person.drag(drawn.hand, BENCH.overhead.width_px)
+        person.press("0")  # it holds nothing
+    person.press("Enter")
+
+
+def label_tray(person: Person, number: int, drawn: Drawn) -> None:
+    for _ in person.at(number).get("parts", []):
+        person.press("x")
+    for name, box in drawn.parts:
+        person.drag(box, BENCH.wrist.width_px)
+        person.press(str(1 + TYPES.index(name)))
+    person.press("Enter")
+
+
+def test_photographs_are_labelled_trained_scored_and_run(
+    browser: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plates = [photograph_plate(tmp_path / "plates" / f"{seed:02d}.png", seed) for seed in range(PLATES)]
+    trays = [photograph_tray(tmp_path / "trays" / f"{seed:02d}.png", seed) for seed in range(TRAYS)]
+    for camera, name, label, drawn in (
+        ("overhead", "plates", label_plate, plates),
+        ("wrist", "trays", label_tray, trays),
+    ):
+        own = str(tmp_path / "own" / name)
+        assert main(["record", str(tmp_path / name), "--camera", camera, "--out", own]) == 0
+        person = Person(browser, Path(own))
+        for number, one in enumerate(drawn):
+            label(person, number, one)
+        person.until("all are labelled")
+        person.close()
+    own = str(tmp_path / "own" / "plates")
+    read = load_plates([Path(own)], PRODUCT)
+    assert [{hole.position: hole.part for hole in one.holes} for one in read] == [one.holes for one in plates]
+    hands = [len(one.row.hands) for one in frames_of(Path(own), TYPES)]
+    assert hands == [int(one.hand is not None) for one in plates]
+    labelled = load_scenes([tmp_path / "own" / "trays"], PRODUCT)
+    assert [[label.part for label in one.labels] for one in labelled] == [
+        [name for name, _ in one.parts] for one in trays
+    ]
+
+    for network, folder, name in (("holes", "plates", "holes_plate"), ("parts", "trays", "parts_centre")):
+        data, out = str(tmp_path / "own" / folder), tmp_path / f"{name}.onnx"
+        assert main(["train", network, "--data", data, "--epochs", "2", "--out", str(out)]) == 0
+        assert "recommended" in capsys.readouterr().err  # after a moment
+        assert main(["lab", "eval", network, "--data", data, "--weights", str(out), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        card = OnnxModel.card_of(out).scores
+        measure = {"holes": "right", "parts": "map_50"}[network]
+        assert card[f"pictures_{measure}"] == pytest.approx(told[measure], abs=1e-4)
+        assert f"{measure}_classical" in told
+    assert main(["lab", "see", str(tmp_path / "plates"), "--out", str(tmp_path / "seen")]) == 0

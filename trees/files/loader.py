@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cell.errors import InputError, Place, Problem
 from trees.engine.blackboard import Scope
@@ -79,8 +79,22 @@ def find_doubts(library: Library, registry: Registry) -> list[Problem]:
     return check_reach(library, registry) + list(check_claims(library, registry))
 
 
+class Built(NamedTuple):
+    """A tree, what is wrong between its nodes, and who made it."""
+
+    tree: Tree
+    problems: list[Problem]
+    builder: Builder
+
+
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
     """Make the nodes of a checked library, and check how values flow between them; what is broken is left out."""
+    made = built(library, registry, main, provided)
+    return made.tree, made.problems
+
+
+def built(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> Built:
+    """The same, with who made it."""
     frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
     if frames > sys.getrecursionlimit():
         sys.setrecursionlimit(frames)
@@ -98,7 +112,7 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     problems += check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused)
-    return tree, problems
+    return Built(tree, problems, builder)
 
 
 def _own_written(builder: Builder, own: set[int]) -> list[Problem]:

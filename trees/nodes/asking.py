@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from cell.files.words.message import Message, listed
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
@@ -60,9 +59,9 @@ class AskForHelp(Asks):
     Fails when the person places the part, says so, or nobody answers in time.
     """
 
-    text = InputPort(str, "what to ask")
+    text = InputPort(str, "what to ask", least=1)
     part = InputPort(str, "type of the part concerned", default="")
-    wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0)
+    wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0, least=0)
 
     _standing = 0
     _hand_there = False
@@ -122,9 +121,9 @@ class AskOperator(Asks):
     A text may have up to 200 characters.
     """
 
-    text = InputPort(str, "what to ask")
+    text = InputPort(str, "what to ask", least=1)
     answers = InputPort(list[str], "what may be answered: yes;no; empty for any text", default=["done"])
-    wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0)
+    wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0, least=0)
     answer = OutputPort(str, "what was answered")
 
     def initialise(self) -> None:
@@ -153,7 +152,7 @@ class AskWhichGoal(Asks):
 
     plan = InputPort(AssemblyPlan, "belief over goals")
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
-    wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+    wait_s = InputPort(float, "longest wait for an answer", default=60.0, least=0)
     unattended = InputPort(bool, "ask even if no person is known to be there", default=False)
     order = InputPort(bool, "ask where what is placed contradicts the work order, too", default=False)
 
@@ -165,13 +164,15 @@ class AskWhichGoal(Asks):
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()
         answer = self.answered()
-        if self._asks and state.told_goal is None and answer is not None:
+        guard = services.tools.guard
+        if self._asks and answer is not None and (state.told_goal is None or guard.contradicted(plan, state)):
             tell_goal(self, state, answer)
-        if self._asks and (told := self.state.get().told_goal) is not None:
+            state = self.state.get()
+        if self._asks and (told := state.told_goal) is not None and not guard.contradicted(plan, state):
             self.feedback_message = Message("it is {told}", told=told)
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
         against = self.order.get() and against_order(services, state)
-        if not (against or services.tools.guard.asks_for_goal(plan, state)):
+        if not (against or guard.asks_for_goal(plan, state)):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
             return Status.SUCCESS if self._asks else Status.FAILURE
         if not (services.now.observation.operator.present or self.unattended.get()):
@@ -198,11 +199,9 @@ class AskWhichGoal(Asks):
         ]
         answers.append(Answer(UNKNOWN_GOAL, "a new one"))
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        reason = Message(
-            "I am not sure that this is {goal}: a product that I do not know has probability {unknown}",
-            goal=product.goal_title(plan.goal),
-            unknown=f"{unknown:.2f}",
-        )
+        goal = product.goal_title(plan.goal if state.told_goal is None else state.told_goal)
+        doubt = "I am not sure that this is {goal}: a product that I do not know has probability {unknown:.2f}"
+        reason = Message(doubt, goal=goal, unknown=unknown)
         job = services.now.observation.operator.job
         if job is not None and self.order.get() and against_order(services, state):
             title = product.goal_title
@@ -211,11 +210,9 @@ class AskWhichGoal(Asks):
             if plan.goal == job.variant:
                 reason = Message("what is placed contradicts work order {id}", id=job.id)
         elif plan.goal == UNKNOWN_GOAL:
-            reason = "this looks like no product that I know"
+            reason = Message("this looks like no product that I know")
         elif state.taken_out:
-            reason = Message(
-                "I took this for {goal}, and what I placed was taken out again", goal=product.goal_title(plan.goal)
-            )
+            reason = Message("I took this for {goal}, and what I placed was taken out again", goal=goal)
         elif services.tools.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
@@ -266,5 +263,5 @@ def against_order(services: Services, state: AssemblyState) -> bool:
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
     """Write into the state of the assembly what a person said of its goal."""
-    node.state.set(replace(state, told_goal=goal))
+    node.state.set(state.told(goal))
     node.tools.journal.note("belief", told=goal)

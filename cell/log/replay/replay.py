@@ -121,6 +121,7 @@ class Replay:
                 raise
             way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
             raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
+        self._configured = configuration.nodes
         self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
         if self.changes.perception is not None and log is self.recorded:
             self.log, told = perceived(log, configuration, product, self.changes.perception)
@@ -256,7 +257,8 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = _tree(self.log, Path(folder), node_registry(more=self.changes.nodes))
+            own = node_registry(more=(*self.changes.nodes, *self._configured))
+            following = _tree(self.log, Path(folder), own)
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 

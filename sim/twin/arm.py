@@ -12,6 +12,7 @@ from sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s
 from sim.scene.world import World
 
 LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
+HAND_RAD_S, HAND_RAD_S2 = 0.6, 3.0  # of an arm that somebody moves by hand
 SPEED_RAD_S = 3.4  # beyond it the controller stops by itself
 
 Mode = Literal["hold", "servo", "speed", "move", "stop"]
@@ -70,8 +71,7 @@ class TwinArm:
 
     def push(self, by_rad: Array) -> None:
         """Somebody moves the arm by hand, (6,)."""
-        self.mode, self._reference = "hold", self._reference + by_rad
-        self.driven_rad_s = np.zeros(6)
+        self.move([(self._reference + by_rad, HAND_RAD_S, HAND_RAD_S2)])
 
     @property
     def moving(self) -> bool:
@@ -124,11 +124,11 @@ class TwinArm:
         """Tell when the joints are held back from their set points, or run faster than they may."""
         apart = float(np.abs(self.measured.positions_rad - self._reference).max())
         self._late_periods = self._late_periods + 1 if apart > TRACKING_LIMIT_RAD else 0
-        fastest = float(np.abs(self.driven_rad_s).max())
+        fastest = float(np.abs(self.measured.velocities_rad_s).max())
         if self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
         elif fastest > SPEED_RAD_S:
-            self.held_back = f"a joint is to turn at {fastest:.2f} rad/s, limit {SPEED_RAD_S} rad/s"
+            self.held_back = f"a joint turns at {fastest:.2f} rad/s, limit {SPEED_RAD_S} rad/s"
 
     def freeze(self) -> None:
         """Hold where the joints are."""

@@ -13,6 +13,7 @@ from cell.interfaces.pose import Array
 from sim.twin.cell import TwinCell
 from sim.twin.ur_model import MODELS, Model
 
+OFFSET = re.compile(r"reg_offset_int\s*=\s*(?:#[^\n]*\n)?\s*(\d+)")  # ur-rtde writes it behind a comment
 UNLOCK_S = 5.0  # after a protective stop, before it can be unlocked
 BOOT_S, RELEASE_S = 1.0, 0.5  # until the arm idles once power is on, and until its brakes are off
 BRAKING_RAD_S2 = 10.0  # of a stop that the controller makes by itself
@@ -71,7 +72,7 @@ class Controller:
 
     def __init__(self, cell: TwinCell) -> None:
         self.cell, self.arm = cell, cell.arm
-        self.model: Model = MODELS.get(cell.robot, MODELS["ur10"])
+        self.model: Model = MODELS[cell.robot]
         self.registers = Registers()
         self.payload_kg, self.payload_cog_m, self.extra_kg = ACTUAL_TOOL_KG, (0.0, 0.0, 0.05), 0.0
         self.tcp: Array = np.array([0.0, 0.0, 0.156, 0.0, 0.0, 0.0])
@@ -104,7 +105,7 @@ class Controller:
 
     def upload(self, text: str) -> None:
         """A program came from outside."""
-        offset = re.search(r"reg_offset_int\s*=\s*(\d+)", text)
+        offset = OFFSET.search(text)
         if not self.takes_programs:
             return
         self.stop_program()
@@ -181,6 +182,13 @@ class Controller:
         self.stop_program()
         self._epoch_s, self.boots = self.cell.now_s(), self.boots + 1
         self.registers, self.safety, self.robot_mode = Registers(), Safety.NORMAL, RobotMode.POWER_OFF
+
+    def mend(self) -> None:
+        """Everything that may be wrong is mended."""
+        self.stop_program()
+        self.safety, self.robot_mode, self.model = Safety.NORMAL, RobotMode.RUNNING, MODELS[self.cell.robot]
+        self.fieldbus, self.remote, self.slider, self.extra_kg = False, True, 1.0, 0.0
+        self.turned_rad, self.arm.held_back = np.zeros(6), ""
 
     def written(self, register: int) -> None:
         """A client wrote this integer register."""

@@ -40,6 +40,11 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: RtdeServer) -> None:
     def other(model: Model) -> None:
         of.model = model
 
+    def mended() -> None:
+        of.mend()
+        rtde.late_until_s = rtde.silent_until_s = 0.0
+
+    cell.offer("mended", "nothing is wrong with the arm any more, it stands with its brakes off", mended)
     cell.offer("protective_stop", "the arm stops by itself", of.protective_stop)
     cell.offer("safeguard", "the safeguard opens", lambda: of.safeguard(closed=False))
     cell.offer("safeguard_closed", "the safeguard closes again", lambda: of.safeguard(closed=True))

@@ -27,7 +27,7 @@ OUTPUTS = (
 )
 ANSWER_S, AGAIN_S = 2.0, 0.2
 KEPT = 4096
-SHIFTED_S, SHIFTED_TIMES = 0.05, 5  # so many samples that are so late: the controller's clock began anew
+SHIFTED_S, SHIFTED_FOR_S = 0.05, 0.1  # samples that are so late for so long: the controller's clock lost time
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,10 @@ class RtdeReceiver:
 
     def __init__(self, host: str, clock: Clock, slower: float = 1.0) -> None:
         self._host, self._clock, self._limit_s = host, clock, ANSWER_S * slower
+        self._late_s: float | None = None  # since when all samples have been late
         self._samples: deque[Sample] = deque(maxlen=KEPT)
         self._newest: Sample | None = None
-        self._offset_s, self._late = float("inf"), 0
+        self._offset_s, self._stamp_s = float("inf"), 0.0
         self._ended, self._came = threading.Event(), threading.Condition()
         self.trouble = ""
         try:
@@ -185,14 +186,18 @@ class RtdeReceiver:
         mode, safety, runtime, scaling, fraction = values[19:]
         share = min(max(scaling, 0.0), 1.0) * min(max(fraction, 0.0), 1.0)
         with self._came:
-            self._newest = Sample(time_s, *joints, int(mode), int(safety), int(runtime), share)
+            self._newest = Sample(time_s, joints[0], joints[1], joints[2], int(mode), int(safety), int(runtime), share)
             self._samples.append(self._newest)
             self._came.notify_all()
 
     def _time_s(self, timestamp_s: float) -> float:
         """The run's time of a sample: packages come late, never early, so the least delay is none."""
-        offset_s = self._clock.now_s() - timestamp_s
-        self._late = self._late + 1 if offset_s > self._offset_s + SHIFTED_S else 0
-        if offset_s < self._offset_s or self._late >= SHIFTED_TIMES:
-            self._offset_s, self._late = offset_s, 0
+        now_s = self._clock.now_s()
+        offset_s, restarted = now_s - timestamp_s, timestamp_s < self._stamp_s
+        late = offset_s > self._offset_s + SHIFTED_S
+        self._late_s = (now_s if self._late_s is None else self._late_s) if late else None
+        shifted = self._late_s is not None and now_s - self._late_s > SHIFTED_FOR_S
+        if offset_s < self._offset_s or restarted or shifted:
+            self._offset_s, self._late_s = offset_s, None
+        self._stamp_s = timestamp_s
         return timestamp_s + self._offset_s

@@ -113,7 +113,7 @@ class UrArm:
         self._path: JointTrajectory | None = None
         self._path_s: float | None = None  # where on it the arm was last seen
         self._stopped: tuple[ArmMode, str] | None = None  # until it is brought back
-        self._bringing: threading.Thread | None = None
+        self._letting_go = self._bringing = threading.Thread()
         self._share, self._upper = 1.0, settings.registers == "upper"
         self._last_s = -np.inf
         self._receiver = RtdeReceiver(settings.host, clock, self._slower)
@@ -183,8 +183,9 @@ class UrArm:
 
     def close(self) -> None:
         """The arm stands on its path, its program ends; harmless when repeated."""
-        if self._bringing is not None:
-            self._bringing.join(LEAVING_S * self._slower)
+        for thread in (self._letting_go, self._bringing):
+            if thread.is_alive():
+                thread.join(LEAVING_S * self._slower)
         if self._stream is not None:
             self._stream.close(LEAVING_S * self._slower)
             self._stream = None
@@ -193,7 +194,7 @@ class UrArm:
     def _mode(self, sample: Sample) -> tuple[ArmMode, str]:
         """The mode as it is told, with why; an arm that stopped keeps its mode until it is brought back."""
         stopped = self._why_stopped(sample)
-        if stopped is not None and stopped != self._stopped:
+        if stopped is not None and (self._stopped is None or stopped[0] != self._stopped[0]):
             self._note(*stopped)
         if self._stopped is None:
             return MODES.get(sample.safety_mode, "fault"), ""
@@ -224,7 +225,8 @@ class UrArm:
             self._path = None
         if began:
             stream, self._stream = self._stream, None
-            threading.Thread(target=self._let_go, args=(stream,), daemon=True).start()
+            self._letting_go = threading.Thread(target=self._let_go, args=(stream,), daemon=True)
+            self._letting_go.start()
 
     def _let_go(self, stream: Stream | None) -> None:
         stop_program(self._settings.host, self._slower)
@@ -233,13 +235,15 @@ class UrArm:
 
     def _bring_back(self) -> None:
         """Beside the loop, once at a time."""
-        if self._bringing is None or not self._bringing.is_alive():
+        if not self._bringing.is_alive():
             self._bringing = threading.Thread(target=self._brought_back, name="bring back", daemon=True)
             self._bringing.start()
 
     def _brought_back(self) -> None:
         assert self._stopped is not None
         mode = self._stopped[0]
+        if self._letting_go.is_alive():
+            self._letting_go.join()
         try:
             bring_back(self._settings.host, self._slower)
             self._open()

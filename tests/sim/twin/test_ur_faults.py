@@ -1,0 +1,157 @@
+"""What goes wrong with an arm of Universal Robots is told in the right mode, and ends when a person has mended it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.errors import DeviceFault
+from cell.interfaces.clock import WallClock
+from cell.interfaces.observation import ArmMode
+from skills.drivers.settings import UrSettings
+from skills.drivers.ur import UrArm
+from tests.sim.twin.arm_contract import Bench, off_rad
+from tests.sim.twin.rig import Twin, running_twin
+
+TWINS = {"ur10": 61, "ur10e": 62}  # an e-series has local control
+MOVED_RAD = 0.02
+
+
+@pytest.fixture(scope="module", params=["ur10", pytest.param("ur10e", marks=pytest.mark.slow)])
+def twin(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with running_twin(tmp_path_factory.mktemp("twin"), TWINS[request.param], request.param) as running:
+        yield running
+
+
+@pytest.fixture
+def ur(twin: Twin) -> Iterator[Bench]:
+    arm = opened(twin)
+    yield arm
+    arm.arm.close()  # type: ignore[attr-defined]
+    twin.fault("mended")
+
+
+def opened(twin: Twin) -> Bench:
+    configuration, clock = load_configuration(), WallClock()
+    arm = UrArm(UrSettings(host=twin.host), clock, load_product(configuration), configuration.robot)
+    return Bench(arm, clock, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("begins", "mode", "mends"),
+    [
+        (["emergency_stop"], "emergency_stop", ["emergency_released"]),
+        (["local"], "not_controlled", ["remote"]),
+        (["paused", "moved_by_hand", "played"], "not_controlled", []),
+        (["rtde_cut"], "not_controlled", []),
+        (["controller_restarted"], "not_controlled", []),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) and value else None,
+)
+def test_a_person_brings_it_back(ur: Bench, twin: Twin, begins: list[str], mode: ArmMode, mends: list[str]) -> None:
+    ur.half_way()
+    for name in begins:
+        twin.fault(name)
+        ur.tick()
+    stopped = ur.until(lambda state: state.mode == mode)[-1]
+    assert stopped.reason
+    ur.stand()
+    here = ur.at_rad
+    for _ in range(10):  # nothing goes on by itself
+        state = ur.tick()
+    assert (state.mode, state.moving) == (mode, False)
+    assert np.abs(ur.at_rad - here).max() < MOVED_RAD
+    for name in mends:
+        twin.fault(name)
+    ur.arm.acknowledge()
+    ur.until(lambda state: state.mode == "normal", 20.0)
+    assert np.abs(ur.at_rad - here).max() < MOVED_RAD
+    path = ur.arm.follow(ur.way(0.3))
+    ur.rest()
+    assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006
+
+
+def test_an_acknowledgement_that_comes_too_early_says_what_to_do(ur: Bench, twin: Twin) -> None:
+    twin.fault("emergency_stop")
+    ur.until(lambda state: state.mode == "emergency_stop")
+    ur.arm.acknowledge()
+    ur.until(lambda state: "still pressed" in state.reason)
+    twin.fault("emergency_released")
+    ur.arm.acknowledge()
+    ur.until(lambda state: state.mode == "normal", 20.0)
+
+
+def test_a_safeguard_that_closes_again_lets_the_arm_go_on_along_its_path(ur: Bench, twin: Twin) -> None:
+    path = ur.half_way()
+    twin.fault("safeguard")
+    ur.until(lambda state: state.mode == "safeguard_stop")
+    ur.stand()
+    twin.fault("safeguard_closed")
+    states = ur.until(lambda state: state.mode == "normal" and not state.moving, 20.0)
+    assert all(state.moving for state in states[:-1])
+    assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006
+
+
+def test_the_slider_slows_the_arm_down_on_its_path(ur: Bench, twin: Twin) -> None:
+    path = ur.arm.follow(ur.way())
+    twin.fault("slider")
+    states = ur.until(lambda state: not state.moving, 15.0)
+    twin.fault("slider_full")
+    fastest = max(np.abs(state.velocities_rad_s).max() for state in states[10:])
+    assert fastest < 0.5 * np.abs(np.diff(path.positions_rad, axis=0) / np.diff(path.times_s)[:, None]).max()
+    assert max(off_rad(path, np.array(state.positions_rad)) for state in states) < 0.01
+
+
+def test_samples_that_come_late_are_old_and_none_is_lost(ur: Bench, twin: Twin) -> None:
+    ur.arm.samples()
+    twin.fault("rtde_late")
+    ages = []
+    for _ in range(12):
+        state = ur.tick()
+        ages.append(ur.clock.now_s() - state.time_s)
+    samples = ur.arm.samples()
+    assert max(ages) > 0.06
+    assert samples is not None
+    assert np.diff(samples.times_s).max() < 0.03
+
+
+def test_an_arm_that_tells_nothing_is_lost(ur: Bench, twin: Twin) -> None:
+    twin.fault("rtde_silent")
+    with pytest.raises(DeviceFault, match="told nothing for"):
+        ur.until(lambda _: False, 3.0)
+    ur.clock.sleep_until(ur.clock.now_s() + 2.0)
+    assert ur.arm.state().time_s > ur.clock.now_s() - 0.1
+
+
+def test_a_fieldbus_on_the_lower_registers_leaves_the_upper_ones(twin: Twin) -> None:
+    twin.fault("fieldbus")
+    bench = opened(twin)
+    try:
+        path = bench.arm.follow(bench.way(0.3))
+        bench.rest()
+        assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
+    finally:
+        bench.arm.close()  # type: ignore[attr-defined]
+        twin.fault("fieldbus_gone")
+
+
+def test_a_payload_that_is_wrong_stops_the_arm(ur: Bench, twin: Twin) -> None:
+    twin.fault("payload_wrong")
+    ur.arm.follow(ur.way())
+    ur.until(lambda state: state.mode == "protective_stop")
+    twin.fault("payload_right")
+    ur.arm.acknowledge()
+    ur.until(lambda state: state.mode == "normal", 20.0)
+
+
+def test_a_process_that_streams_no_more_is_known_and_another_takes_over(ur: Bench) -> None:
+    ur.half_way()
+    stream = ur.arm._stream  # type: ignore[attr-defined]
+    stream.child.close()
+    ur.until(lambda state: state.mode == "not_controlled")
+    ur.stand()
+    ur.arm.acknowledge()
+    ur.until(lambda state: state.mode == "normal", 20.0)

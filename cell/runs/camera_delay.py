@@ -11,7 +11,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.devices import Camera, Devices
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
-from cell.runs.calibrating import PATIENCE_S, PERIOD_S, STILL_S
+from cell.runs.slow_motion import PATIENCE_S, PERIOD_S, STILL_S
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 

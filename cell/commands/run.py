@@ -28,7 +28,7 @@ TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
-    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "slower"),
+    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
     *("page_port", "monitor_port", "monitor_hooks", "live_port"),
 )
 

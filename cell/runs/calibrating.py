@@ -103,7 +103,7 @@ def calibrate_overhead(devices: Devices, configuration: Configuration, product: 
         DeviceFault: no frame came.
     """
     bench = configuration.bench.drawn
-    shots = [Shot(_next(devices.overhead, devices.clock).image, WORLD) for _ in range(FRAMES)]
+    shots = [Shot(next_frame(devices.overhead, devices.clock).image, WORLD) for _ in range(FRAMES)]
     fit = fit_over_empty_plate(shots, bench.overhead, bench, product)
     off_m = holes_off_m(bench.overhead, fit.setup, bench, product) if fit.images else math.inf
     found = trouble(fit, FRAMES, bench, product) or _far(bench.overhead, fit)
@@ -124,11 +124,11 @@ def calibrate_wrist(
     mount, shots = bench.wrist.mount.pose, []
     park = np.array(devices.arm.state().positions_rad)
     for joints in wrist_views(bench, product, motion):
-        _move(devices, motion, joints)
-        frame = _next(devices.wrist, devices.clock)
+        move_to(devices, motion, joints)
+        frame = placed(next_frame(devices.wrist, devices.clock), devices, motion)
         shots.append(Shot(frame.image, frame.world_from_camera @ mount.inverse()))
         tell(f"view {len(shots)}")
-    _move(devices, motion, park)
+    move_to(devices, motion, park)
     if len(shots) < LEAST_VIEWS:
         raise DeviceFault("arm", f"only {len(shots)} views of the bracket can be reached; {LEAST_VIEWS} are needed")
     fit = fit_wrist_camera(shots, bench, product)
@@ -176,21 +176,22 @@ def _camera_over(target_m: Array, yaw_rad: float, tilt_rad: tuple[float, float])
     return Pose((x, y, z), turned.quaternion_wxyz)
 
 
-def _move(devices: Devices, motion: MotionPlanner, goal_rad: Array) -> None:
+def move_to(devices: Devices, motion: MotionPlanner, goal_rad: Array, share: float = SHARE) -> None:
+    """Bring the arm to joints, and wait until it stands; raises DeviceFault where it cannot get there."""
     start = np.array(devices.arm.state().positions_rad)
     way = motion.free_move(start, goal_rad, Load(STROKE_M))
     if isinstance(way, str):
-        raise DeviceFault("arm", f"cannot move over the bracket: {way}")
+        raise DeviceFault("arm", f"cannot get there: {way}")
     devices.arm.follow(way)
     begun_s = devices.clock.now_s()
-    _follow(devices.arm, devices.clock, begun_s + way.duration_s / SHARE + PATIENCE_S)
+    _follow(devices.arm, devices.clock, begun_s + way.duration_s / share + PATIENCE_S, share)
 
 
-def _follow(arm: Arm, clock: Clock, until_s: float) -> None:
+def _follow(arm: Arm, clock: Clock, until_s: float, share: float) -> None:
     """Keep the arm going until it stands."""
     still_s = 0.0
     while still_s < STILL_S:
-        arm.pace(SHARE)
+        arm.pace(share)
         clock.sleep_until(clock.now_s() + PERIOD_S)
         state = arm.state()
         still_s = 0.0 if state.moving else still_s + PERIOD_S
@@ -199,7 +200,7 @@ def _follow(arm: Arm, clock: Clock, until_s: float) -> None:
             raise DeviceFault("arm", "it did not come to the end of its way")
 
 
-def _next(camera: Camera, clock: Clock) -> Frame:
+def next_frame(camera: Camera, clock: Clock) -> Frame:
     """A frame that is newer than what the camera has now."""
     before, until_s = camera.latest(), clock.now_s() + PATIENCE_S
     while (frame := camera.latest()) is None or frame is before:
@@ -208,3 +209,11 @@ def _next(camera: Camera, clock: Clock) -> Frame:
         camera.trigger()
         clock.sleep_until(clock.now_s() + PERIOD_S)
     return frame
+
+
+def placed(frame: Frame, devices: Devices, motion: MotionPlanner) -> Frame:
+    """A frame of a standing arm, with where its camera is."""
+    if not frame.at_tool:
+        return frame
+    tool = motion.kinematics.forward(np.array(devices.arm.state().positions_rad))
+    return frame.seen_from(tool @ frame.world_from_camera)

@@ -28,7 +28,7 @@ TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
-    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "slower"),
+    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
     *("page", "work_orders", "opcua", "monitor_port", "monitor_hooks", "live_port"),
 )
 
@@ -45,12 +45,19 @@ RealTimeOption = Annotated[
 def run(
     options: RunOptions,
     tree: TreeArgument = None,
+    dry: Annotated[
+        bool, typer.Option("--dry", help="Only go above tray and bracket, at a tenth of the speed; touch nothing.")
+    ] = False,
     real_time: RealTimeOption = False,
     entries: SetOption = None,
     own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run the cell: assemble one bracket, or a shift of them."""
+    if dry:
+        from cell.commands.commission import dry as dry_run
+
+        return dry_run(options.configuration)
     return assemble(chosen(options, tree, real_time, entries, own), as_json)
 
 

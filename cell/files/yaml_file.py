@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text
+from cell.files.files import read_text, whole_or_none
 from cell.files.model import Disagreement, Location
 
 M = TypeVar("M", bound=BaseModel)
@@ -48,6 +48,61 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
     if mistaken := list(_truths_for_numbers(path, root, data, read)):
         raise InputError(*mistaken)
     return read
+
+
+def write_values(path: Path, values: Mapping[Location, object]) -> None:
+    """Put values into a YAML file; all that stands beside them stays as it is, comments among it.
+
+    Args:
+        values: by their location. A key that is not there is added to the keys around it, which must be there.
+
+    Raises:
+        InputError: the file cannot be read or written, or there is no such place in it.
+    """
+    text = read_text(path)
+    for location, value in values.items():
+        dumped = yaml.safe_dump(value, default_flow_style=True, width=1000)
+        text = _with_value(path, text, location, dumped.split("\n...")[0].strip())
+    try:
+        with whole_or_none(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _with_value(path: Path, text: str, location: Location, value: str) -> str:
+    """A text with a value at a location."""
+    root, _, _ = _parsed(path, text, yaml.SafeLoader)
+    *around, name = location
+    node: Node = root
+    for key in around:
+        found = _value_of(node, key)
+        if found is None:
+            raise InputError(Problem(_place(path, root, tuple(around)), f"key {str(key)!r} is missing"))
+        node = found
+    there = _value_of(node, name)
+    if there is not None:
+        return text[: there.start_mark.index] + value + text[_end_of(there) :]
+    if not isinstance(node, MappingNode) or not node.value:
+        raise InputError(Problem(_at(path, node), f"{_dotted(tuple(around))}: keys with values are wanted here"))
+    if node.flow_style:
+        end = node.end_mark.index - 1
+        return f"{text[:end].rstrip()}, {name}: {value}{text[end:]}"
+    first = node.value[0][0].start_mark
+    return f"{text[: first.index]}{name}: {value}\n{' ' * first.column}{text[first.index :]}"
+
+
+def _value_of(node: Node, key: object) -> Node | None:
+    pairs = node.value if isinstance(node, MappingNode) else ()
+    return next((value for name, value in pairs if name.value == str(key)), None)
+
+
+def _end_of(node: Node) -> int:
+    """Where a node's own text ends: that of a block reaches over the comments behind it."""
+    while isinstance(node, MappingNode | SequenceNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        node = last[1] if isinstance(last, tuple) else last
+    return int(node.end_mark.index)
 
 
 def place_of(path: Path, location: Location) -> Place:

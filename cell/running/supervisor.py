@@ -54,12 +54,13 @@ class Supervisor:
     Args:
         table: what is done about each detection.
         checks: by signal, what finds the detection; a signal without one is not judged.
+        share: of speed that is never exceeded.
     """
 
-    def __init__(self, table: FaultTable | Sequence[Fault], checks: Mapping[str, Check]) -> None:
+    def __init__(self, table: FaultTable | Sequence[Fault], checks: Mapping[str, Check], share: float = 1.0) -> None:
         faults = table.faults if isinstance(table, FaultTable) else table
         self._rows: list[_Row] = [(fault, checks[fault.signal], _State()) for fault in faults if fault.signal in checks]
-        self._memory = Memory()
+        self._memory, self._share = Memory(), share
 
     def judge(self, observation: Observation) -> Judgement:
         """What is allowed in the tick that saw this."""
@@ -93,7 +94,7 @@ class Supervisor:
         found: list[tuple[Action, str, str]] = []
         if observation.operator.pause == "now":  # no fault, and so in no table
             found.append((Action.HOLD, PAUSED, "paused by the operator"))
-        share = observation.operator.speed  # what is seen may only take from it
+        share = min(self._share, observation.operator.speed)  # what is seen may only take from it
         for fault, _, state in self._rows:
             if state.active_s is None:
                 continue
@@ -114,7 +115,8 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     separation, robot = motion.separation, motion.settings.robot
     reaction_s, tool_m = separation.settings.reaction_s, motion.kinematics.position_m
     monitor = ArmMonitor(robot, reaction_s, limits, tool_m, separation.slow_share)
-    return Supervisor(table, {**CHECKS, **arm_checks(monitor), **person_checks(separation)})
+    checks = {**CHECKS, **arm_checks(monitor), **person_checks(separation)}
+    return Supervisor(table, checks, motion.settings.speed_share)
 
 
 def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:

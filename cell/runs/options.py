@@ -112,6 +112,9 @@ class RunOptions:
     unsafe_table: Annotated[
         bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
     ] = False
+    share: Annotated[float | None, Option(min=0.02, max=1, help="The arm never exceeds this share of its speed.")] = (
+        None
+    )
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True
@@ -142,7 +145,11 @@ class RunOptions:
         if self.one_process:
             simulation = devices.simulation.model_copy(update={"overlap": False})
             devices = devices.model_copy(update={"simulation": simulation})
-        return configuration.model_copy(update={"controller": controller, "log": log, "devices": devices})
+        motion = configuration.motion
+        if self.share is not None:
+            motion = motion.model_copy(update={"speed_share": self.share})
+        changed = {"controller": controller, "log": log, "devices": devices, "motion": motion}
+        return configuration.model_copy(update=changed)
 
     @property
     def attended(self) -> bool:

@@ -19,8 +19,8 @@ KEPT_S = 1.0
 LEVELS = 10  # a pixel that differs by more from the frame before has changed
 LEAST_PX = 120  # of the small image, that the outline must have come to, and gone from
 MOVING = 0.15  # share of changed pixels where the robot is seen to move
-STILL = 0.08  # mean share where it is not
-FRAMES = 6  # in a row that must say so
+STILL = 0.06  # mean share where it is not
+FRAMES = 8  # in a row that must say so
 Mask = NDArray[np.uint8]
 
 

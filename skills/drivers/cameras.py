@@ -279,7 +279,8 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     try:
         camera: GrabbingCamera = getattr(import_module(module), name)(settings, clock, bench, role)
     except DeviceFault as error:
-        yield DeviceCheck(what, f"{error.reason}: check cable and address; names by id: ls /dev/v4l/by-id")
+        named = "; names by id: ls /dev/v4l/by-id" if isinstance(settings, V4l2Settings) else ""
+        yield DeviceCheck(what, f"{error.reason}: check cable and address{named}")
         return
     frames: list[Frame] = []
     begun_s = clock.now_s()

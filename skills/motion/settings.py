@@ -107,6 +107,7 @@ class MotionSettings(Model):
         grip_force_n: force of the fingers.
         gripper_timeout_s: how long one motion of the fingers may take.
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
+        speed_share: of its speed, that the arm never exceeds; `cell run --share` for one run.
         separation: how far the arm keeps from the person, and how slow it is for that.
     """
 
@@ -148,6 +149,7 @@ class MotionSettings(Model):
     grip_force_n: float = Field(default=60.0, ge=20, le=235)
     gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
     arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
+    speed_share: float = Field(default=1.0, ge=0.02, le=1)
     separation: SeparationSettings = SeparationSettings()
     _robot: RobotModel = PrivateAttr(default_factory=default_robot)
 

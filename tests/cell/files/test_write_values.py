@@ -1,0 +1,24 @@
+"""Values are put into YAML files that people edit."""
+
+from pathlib import Path
+
+import pytest
+
+from cell.errors import InputError
+from cell.files.yaml_file import write_values
+
+
+def test_values_are_put_in_and_all_else_stays(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text(
+        "# a cell\nbench: # measured\n  park: [1, 2] # near the tray\n\n  tray:\n    - 1\n    - 2\n  # the end\n"
+        "devices:\n  arm: {kind: simulated} # for now\n"
+    )
+    write_values(path, {("bench", "park"): [0.5, -1.0], ("bench", "tray"): [3], ("devices", "arm", "host"): "a"})
+    write_values(path, {("bench", "look"): [1.5]})
+    assert path.read_text() == (
+        "# a cell\nbench: # measured\n  look: [1.5]\n  park: [0.5, -1.0] # near the tray\n\n  tray:\n    [3]\n"
+        "  # the end\ndevices:\n  arm: {kind: simulated, host: a} # for now\n"
+    )
+    with pytest.raises(InputError, match="key 'panel' is missing"):
+        write_values(path, {("devices", "panel", "kind"): "none"})

@@ -63,6 +63,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
         "perception": files.configuration.perception.words,
     }
+    values |= {name: told for name in ("site", "bench") if (told := getattr(files.configuration.log, name))}
     if files.unsafe:
         values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated and options.devices is None:

@@ -32,12 +32,12 @@ def write_for_rerun(log: Log, path: Path) -> int:
     Raises:
         OSError: it cannot be written.
     """
-    began_ns = _began_ns(log)
+    start_ns = began_ns(log)
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start("", "cell")
-        _copy(log, writer, began_ns)
-        count = _decisions(log, writer, began_ns)
+        _copy(log, writer, start_ns)
+        count = _decisions(log, writer, start_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     return count
 
@@ -69,7 +69,7 @@ def _allowed(tick: LoggedTick) -> str:
     return f"{tick.judgement['action']}: {reasons}" if reasons else str(tick.judgement["action"])
 
 
-def _decisions(log: Log, writer: Writer, began_ns: int) -> int:
+def _decisions(log: Log, writer: Writer, start_ns: int) -> int:
     schema = messages.Log.get_schema()
     schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
     channels: dict[str, int] = {}
@@ -77,14 +77,14 @@ def _decisions(log: Log, writer: Writer, began_ns: int) -> int:
     for count, (time_s, (topic, level, text)) in enumerate(lines(log), 1):  # noqa: B007 - counted
         if topic not in channels:
             channels[topic] = writer.register_channel(topic, PROTOBUF, schema_id)
-        at_ns = began_ns + round(time_s * 1e9)
+        at_ns = start_ns + round(time_s * 1e9)
         stamp = messages.Timestamp(at_ns // 10**9, at_ns % 10**9)
         line = messages.Log(timestamp=stamp, level=level, message=text, name=topic.rpartition("/")[2])
         writer.add_message(channels[topic], at_ns, line.encode(), at_ns)
     return count
 
 
-def _copy(log: Log, writer: Writer, began_ns: int) -> None:
+def _copy(log: Log, writer: Writer, start_ns: int) -> None:
     """What Rerun can read as it is: messages in protobuf, with their schemas."""
     channels: dict[str, int] = {}
     for path in log.parts:
@@ -97,7 +97,7 @@ def _copy(log: Log, writer: Writer, began_ns: int) -> None:
                 channels[channel.topic] = writer.register_channel(channel.topic, PROTOBUF, schema_id)
     for message in log.messages:
         if message.topic in channels:
-            at_ns = began_ns + message.time_ns
+            at_ns = start_ns + message.time_ns
             writer.add_message(channels[message.topic], at_ns, message.data, at_ns)
 
 
@@ -106,7 +106,7 @@ def _name(path: str) -> str:
     return _NOT_IN_A_NAME.sub("_", path)
 
 
-def _began_ns(log: Log) -> int:
+def began_ns(log: Log) -> int:
     """When the run began; times of the log count from there. 0 where the log does not say."""
     try:
         return round(datetime.fromisoformat(log.metadata["started_utc"]).timestamp() * 1e9)

@@ -24,12 +24,13 @@ from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from cell.log.read.frames import CAMERA, Frames
 from cell.log.read.reader import Log
-from cell.recording.images import Video
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"
 STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
+ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
+PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 
@@ -41,19 +42,58 @@ class Episode:
         states, actions: (rows, 7) joints and opening, measured and asked for.
         times_s: of the log's clock.
         task: in words.
-        success: the bracket is right.
+        success: the bracket is right; None where nobody knows.
+        ended: the log holds the run's end.
     """
 
     times_s: Array
     states: Array
     actions: Array
     task: str
-    success: bool
+    success: bool | None
+    ended: bool = True
     pixels: list[Array] = field(default_factory=list)
 
 
-def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
+class FilmedVideo:
+    """An MP4 file in a codec that browsers play, by FFmpeg; all frames have the size of the first one."""
+
+    def __init__(self, path: Path, rate_hz: float, codec: str) -> None:
+        av = needed("av", "a video in H.264 or AV1", "parquet")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._av, self._file = av, av.open(str(path), "w")
+        self._stream = self._file.add_stream(ENCODERS[codec], rate=round(rate_hz))
+        self._stream.pix_fmt = PIXELS
+        self._size = (0, 0)
+
+    def add(self, bgr: Any) -> None:
+        """One more frame.
+
+        Raises:
+            InputError: it has another size.
+        """
+        size = (bgr.shape[1], bgr.shape[0])
+        if self._size == (0, 0):
+            self._size = self._stream.width, self._stream.height = size
+        if size != self._size:
+            raise InputError("frames of several sizes do not go into one video")
+        self._put(self._stream.encode(self._av.VideoFrame.from_ndarray(bgr, format="bgr24")))
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._put(self._stream.encode())
+        self._file.close()
+
+    def _put(self, packets: Any) -> None:
+        for packet in packets:
+            self._file.mux(packet)
+
+
+def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int:
     """Write a data set; returns how many rows it has.
+
+    Args:
+        codec: of the videos: h264, or av1, which is smaller and slower.
 
     Raises:
         InputError: the folder is there already or cannot be written, or pyarrow is missing.
@@ -71,11 +111,11 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
             episodes, size = [], (0, 0)
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
-                video = Video(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, folder)
+                video = FilmedVideo(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, codec)
                 size = _write_video(log, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)
-            _write_json(_info(episodes, rate_hz, size), partial / "meta" / "info.json")
+            _write_json(_info(episodes, rate_hz, size, codec), partial / "meta" / "info.json")
             _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -96,7 +136,7 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     result = {name: orjson.loads(value) for name, value in log.result.items()}
     goal = result.get("goal") or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
-    return Episode(times_s, measured[at], asked[later], task, result.get("correct") is True)
+    return Episode(times_s, measured[at], asked[later], task, result.get("correct"), not log.unfinished)
 
 
 def _asked(log: Log, measured: Array) -> Array:
@@ -126,7 +166,7 @@ def _asked(log: Log, measured: Array) -> Array:
     return asked
 
 
-def _write_video(log: Log, episode: Episode, video: Video) -> tuple[int, int]:
+def _write_video(log: Log, episode: Episode, video: FilmedVideo) -> tuple[int, int]:
     """One frame a row; returns (height, width)."""
     frames, size = Frames(log), (0, 0)
     for row, time_s in enumerate(episode.times_s):
@@ -163,6 +203,7 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
                 **{f"data/{name}": value for name, value in place.items()},
                 **{f"videos/{VIDEO}/{name}": value for name, value in video.items()},
                 **{f"meta/episodes/{name}": 0 for name in place},
+                **_of_episode(episode, rate_hz),
             }
         )
         first += count
@@ -179,8 +220,8 @@ def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate
     columns = {
         "observation.state": arrow.array(list(episode.states.astype(np.float32)), vectors),
         "action": arrow.array(list(episode.actions.astype(np.float32)), vectors),
-        "next.done": arrow.array(last, arrow.bool_()),
-        "next.success": arrow.array(last & episode.success, arrow.bool_()),
+        "next.done": arrow.array(last & episode.ended, arrow.bool_()),
+        "next.success": arrow.array([*([False] * (count - 1)), episode.success], arrow.bool_()),
         "timestamp": arrow.array((np.arange(count) / rate_hz).astype(np.float32)),
         "frame_index": arrow.array(np.arange(count, dtype=np.int64)),
         "episode_index": arrow.array(np.full(count, number, np.int64)),
@@ -208,13 +249,13 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int]) -> dict[str, Any]:
+def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], codec: str) -> dict[str, Any]:
     vector = {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)}
     video = {
         "video.height": size[0],
         "video.width": size[1],
-        "video.codec": "mpeg4",
-        "video.pix_fmt": "yuv420p",
+        "video.codec": codec,
+        "video.pix_fmt": PIXELS,
         "video.is_depth_map": False,
         "video.fps": rate_hz,
         "video.channels": 3,
@@ -258,6 +299,12 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     }
     image = {name: [[[one]] for one in values] for name, values in _spread(pixels).items() if name != "count"}
     return {**told, VIDEO: {**image, "count": [sum(len(episode.pixels) for episode in episodes)]}}
+
+
+def _of_episode(episode: Episode, rate_hz: float) -> dict[str, Any]:
+    """The statistics of one episode, as columns of its row."""
+    found = _statistics([episode], rate_hz)
+    return {f"stats/{name}/{key}": value for name, one in found.items() for key, value in one.items()}
 
 
 def _spread(values: Array) -> dict[str, list[float]]:

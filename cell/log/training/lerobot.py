@@ -20,14 +20,15 @@ import orjson
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
 from cell.files.packages import needed
-from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from cell.log.read.frames import CAMERA, Frames
 from cell.log.read.reader import Log
+from learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, OF_STATE
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"
-STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
+AXES = ("height", "width", "channels")
+RATE_HZ = 15.0  # of a data set without images
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
 ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
 PIXELS = "yuv420p"
@@ -41,6 +42,7 @@ class Episode:
     Attributes:
         states, actions: (rows, 7) joints and opening, measured and asked for.
         times_s: of the log's clock.
+        parts_m: (rows, 3) where the part stood that the robot was after; zeros before.
         task: in words.
         success: the bracket is right; None where nobody knows.
         ended: the log holds the run's end.
@@ -49,6 +51,7 @@ class Episode:
     times_s: Array
     states: Array
     actions: Array
+    parts_m: Array
     task: str
     success: bool | None
     ended: bool = True
@@ -97,12 +100,13 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
 
     Raises:
         InputError: the folder is there already or cannot be written, or pyarrow is missing.
-        LogError: a log has fewer than two overhead images or no tick.
+        LogError: a log has no tick, or fewer than two overhead images where others have some.
     """
     if folder.exists():
         raise InputError(f"{folder}: exists already; name a new folder")
     _arrow()  # before anything is written
-    rates = {round(_rate_hz(log)) for log in logs}
+    filmed = any(map(_image_times_s, logs))
+    rates = {round(_rate_hz(log, filmed=filmed)) for log in logs}
     if len(rates) > 1:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
     rate_hz = rates.pop()
@@ -111,8 +115,9 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
             episodes, size = [], (0, 0)
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
-                video = FilmedVideo(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, codec)
-                size = _write_video(log, episode, video)
+                if filmed:
+                    video = FilmedVideo(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, codec)
+                    size = _write_video(log, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)
             _write_json(_info(episodes, rate_hz, size, codec), partial / "meta" / "info.json")
@@ -126,7 +131,7 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     """Rows at a constant rate from the first overhead image to the last tick."""
     ticks = log.ticks
     starts = np.array([tick.time_s for tick in ticks])
-    first_s = max(_image_times_s(log)[0], float(starts[0]))
+    first_s = max([float(starts[0]), *_image_times_s(log)[:1]])
     count = int((starts[-1] - first_s) * rate_hz) + 1
     times_s = first_s + np.arange(count) / rate_hz
     at = np.clip(np.searchsorted(starts, times_s + 1e-9, side="right") - 1, 0, len(ticks) - 1)
@@ -136,7 +141,20 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     result = {name: orjson.loads(value) for name, value in log.result.items()}
     goal = result.get("goal") or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
-    return Episode(times_s, measured[at], asked[later], task, result.get("correct"), not log.unfinished)
+    rows = times_s, measured[at], asked[later], _after(log)[at]
+    return Episode(*rows, task, result.get("correct"), not log.unfinished)
+
+
+def _after(log: Log) -> Array:
+    """Where the part stood that the newest plan names, at each tick: (ticks, 3)."""
+    found, now = [], (0.0, 0.0, 0.0)
+    for tick in log.ticks:
+        for topic, fields in tick.notes:
+            seen = tick.observation.parts
+            if topic == "plan" and seen is not None and 0 <= fields.get("required", -1) < len(seen.detections):
+                now = seen.detections[fields["required"]].world_from_part.position_m
+        found.append(now)
+    return np.array(found)
 
 
 def _asked(log: Log, measured: Array) -> Array:
@@ -201,7 +219,7 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
                 "dataset_from_index": first,
                 "dataset_to_index": first + count,
                 **{f"data/{name}": value for name, value in place.items()},
-                **{f"videos/{VIDEO}/{name}": value for name, value in video.items()},
+                **({f"videos/{VIDEO}/{name}": value for name, value in video.items()} if episode.pixels else {}),
                 **{f"meta/episodes/{name}": 0 for name in place},
                 **_of_episode(episode, rate_hz),
             }
@@ -216,9 +234,10 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
 def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate_hz: float) -> Any:
     count = len(episode.times_s)
     last = np.arange(count) == count - 1
-    vectors = arrow.list_(arrow.float32(), len(STATE))
+    vectors = arrow.list_(arrow.float32(), len(OF_STATE))
     columns = {
         "observation.state": arrow.array(list(episode.states.astype(np.float32)), vectors),
+        ENVIRONMENT: arrow.array(list(episode.parts_m.astype(np.float32)), arrow.list_(arrow.float32(), 3)),
         "action": arrow.array(list(episode.actions.astype(np.float32)), vectors),
         "next.done": arrow.array(last & episode.ended, arrow.bool_()),
         "next.success": arrow.array([*([False] * (count - 1)), episode.success], arrow.bool_()),
@@ -250,7 +269,7 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
 
 
 def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], codec: str) -> dict[str, Any]:
-    vector = {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)}
+    vector = {"dtype": "float32", "shape": [len(OF_STATE)], "names": list(OF_STATE)}
     video = {
         "video.height": size[0],
         "video.width": size[1],
@@ -277,8 +296,9 @@ def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], co
         "video_path": f"videos/{{video_key}}/{PATHS}.mp4",
         "features": {
             "observation.state": vector,
+            ENVIRONMENT: {**vector, "shape": [len(OF_ENVIRONMENT)], "names": list(OF_ENVIRONMENT)},
             "action": vector,
-            VIDEO: {"dtype": "video", "shape": [*size, 3], "names": ["height", "width", "channels"], "info": video},
+            **({VIDEO: {"dtype": "video", "shape": [*size, 3], "names": list(AXES), "info": video}} if size[0] else {}),
             "next.done": flag,
             "next.success": flag,
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -291,13 +311,17 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
     lengths = [len(episode.times_s) for episode in episodes]
     times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
-    pixels = np.concatenate([rows for episode in episodes for rows in episode.pixels])
+    pixels = [rows for episode in episodes for rows in episode.pixels]
     told = {
         "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
+        ENVIRONMENT: _spread(np.concatenate([episode.parts_m for episode in episodes])),
         "action": _spread(np.concatenate([episode.actions for episode in episodes])),
         "timestamp": _spread(times_s[:, np.newaxis]),
     }
-    image = {name: [[[one]] for one in values] for name, values in _spread(pixels).items() if name != "count"}
+    if not pixels:
+        return told
+    spread = _spread(np.concatenate(pixels))
+    image = {name: [[[one]] for one in values] for name, values in spread.items() if name != "count"}
     return {**told, VIDEO: {**image, "count": [sum(len(episode.pixels) for episode in episodes)]}}
 
 
@@ -321,8 +345,13 @@ def _image_times_s(log: Log) -> list[float]:
     return [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}overhead"]
 
 
-def _rate_hz(log: Log) -> float:
-    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it."""
+def _rate_hz(log: Log, *, filmed: bool) -> float:
+    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it.
+
+    Of logs without images it is RATE_HZ.
+    """
+    if not filmed and log.ticks:
+        return RATE_HZ
     times_s = _image_times_s(log)
     if len(times_s) < 2 or not log.ticks:
         raise LogError(

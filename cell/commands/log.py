@@ -188,7 +188,7 @@ def recover(
     target = out or log.with_suffix(".recovered.mcap")
     loss = recovery.recover(log, target)
     if as_json:
-        tell_json({"recovered": str(target), "lossy": loss.lossy, **vars(loss)})
+        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
     else:
         kind = f"; this is {loss.foreign}" if loss.foreign else ""
         say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))

@@ -320,7 +320,7 @@ class _Salvager:
                 self._missing[channel.topic] += abs(gap)
         if channel.topic == "/tick":
             self._ticked(data)
-        self._sink.take(records.Message(channel_id, data, time_ns, published_ns, sequence))
+        self._sink.take(records.Message(channel_id, time_ns, data, published_ns, sequence))
 
     def _ticked(self, data: bytes) -> None:
         try:

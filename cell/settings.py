@@ -215,6 +215,7 @@ class LogSettings(Model):
         compress: make closed parts of a log smaller (zstd), in a process beside the run.
         keep_parts: keep only this many parts, the newest; all by default.
         keep_mb: keep only this much of finished parts, the newest; all by default.
+        site, bench: names of this place and of this bench, for tables of runs of many.
     """
 
     folder: Path = Path("runs")
@@ -228,6 +229,8 @@ class LogSettings(Model):
     compress: bool = True
     keep_parts: int | None = Field(default=None, ge=1)
     keep_mb: float | None = Field(default=None, gt=0, le=1e9)
+    site: str = ""
+    bench: str = ""
 
     @model_validator(mode="after")
     def _only_parts_are_removed(self) -> LogSettings:

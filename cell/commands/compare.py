@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SchedulerOption
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SchedulerOption, WithOption, own_files
 from cell.commands.terminal import console, print_json
 from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.fleet.compare import Row
-    from cell.fleet.spec import Task
+    from cell.fleet.spec import Sweep, Task
 
 FleetWorkersOption = Annotated[
     int, typer.Option("--workers", min=1, help="Processes on this machine; half its processors by default.")
 ]
 WORKERS = max(1, (os.cpu_count() or 2) // 2)
 WORSE = 1
+NOT_DONE = ("lost", "refused")
+OF_A_SWEEP = ("runs.jsonl", "runs.parquet", "compare.html")
+OutOption = Annotated[
+    str,
+    typer.Option("--out", "-o", metavar="FOLDER", help="Folder or address (s3://BUCKET/x); runs there stay."),
+]
 
 
 def compare(
@@ -37,9 +44,8 @@ def compare(
     fail_if: Annotated[
         list[str] | None, typer.Option(help="Status 1 if B - A is beyond this bound, like 'right < -2%'.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for runs.parquet and compare.html.")] = Path(
-        "compare"
-    ),
+    out: OutOption = "compare",
+    own: WithOption = None,
     pixels: Annotated[
         bool,
         typer.Option(
@@ -54,6 +60,7 @@ def compare(
 ) -> int:
     """Compare two trees by pairs of runs: which one is better, if the runs prove it."""
     from cell.fleet import compare as comparing
+    from cell.fleet.compare import pair
     from cell.fleet.compare_text import as_json as answer
     from cell.fleet.compare_text import lines, page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
@@ -72,32 +79,41 @@ def compare(
         goals=(goal,),
         pixels=pixels,
     )
-    run_all(tasks(asked), count(asked), out, workers, scheduler)
-    pairs = _pairs(out, trees, before)
-    if not pairs:
-        raise InputError(f"{against}: no run has the seed, person and goal of those that were asked for")
-    found = comparing.findings(pairs)
-    names = (against.name if against else trees[0].name, trees[-1].name)
-    write_page(page(found, names, pairs), out / "compare.html")
+    nodes, _ = own_files(own)
+    with run_all(tasks(asked, None, nodes), count(asked), out, workers, scheduler) as rows:
+        by_tree = [_keys(asked.model_copy(update={"trees": (tree,)}), nodes) for tree in asked.trees]
+        found_by_tree = [[row for row in rows.read() if row["key"] in keys] for keys in by_tree]
+        pairs = pair(list(before.values()) or found_by_tree[0], found_by_tree[-1])
+        if not pairs:
+            what = f"{against}: no run has" if against else "no run has"
+            raise InputError(f"{what} the seed, person and goal of those that were asked for")
+        found = comparing.findings(pairs)
+        labels = [against.name] if against else []
+        names = (*labels, *(_label(tree, trees) for tree in trees))
+        write_page(page(found, (names[0], names[1]), pairs), rows.folder / "compare.html")
+    page_at = f"{out}/compare.html"
     broken = [limit.text for limit in limits if limit.broken(found)]
     if as_json:
-        print_json({**answer(found, names, len(pairs)), "broken": broken, "page": str(out / "compare.html")})
+        print_json({**answer(found, (names[0], names[1]), len(pairs)), "broken": broken, "page": page_at})
     else:
-        for line in (*lines(found, names, len(pairs)), str(out / "compare.html")):
+        for line in (*lines(found, (names[0], names[1]), len(pairs)), page_at):
             typer.echo(line)
     for text in broken:
         console().print(f"beyond the bound: {text}", highlight=False)
     return WORSE if broken else 0
 
 
-def _pairs(out: Path, trees: Sequence[Path], before: Mapping[int, dict[str, Any]]) -> list[tuple[Row, Row]]:
-    """Rows of the same seed: of two trees, or of a baseline and one tree."""
-    from cell.fleet.compare import pair
-    from cell.fleet.table import read_table
+def _keys(asked: Sweep, nodes: Iterable[str]) -> set[str]:
+    """Of the runs of one side: two trees may have one name, and even one content."""
+    from cell.fleet.spec import tasks
 
-    rows = read_table(out / "runs.parquet")
-    by_tree = [[row for row in rows if row["tree"] == tree.name] for tree in trees]
-    return pair(list(before.values()) or by_tree[0], by_tree[-1])
+    return {task.key for task in tasks(asked, None, nodes)}
+
+
+def _label(tree: Path, trees: Sequence[Path]) -> str:
+    from cell.fleet.spec import apart
+
+    return apart(trees)[tree]
 
 
 def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:
@@ -113,8 +129,28 @@ def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:
     return {seed: rows[seed] for seed in range(first, first + runs) if seed in rows}
 
 
-def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: str | None) -> int:
-    """Run what is not in the folder yet, and write the table; how many runs of these tasks are there then.
+@dataclass(frozen=True)
+class Rows:
+    """The table of runs that are done.
+
+    Attributes:
+        folder: where it stands, and where pages about it are written to.
+        done: how many runs.
+    """
+
+    folder: Path
+    done: int
+
+    def read(self, columns: list[str] | None = None) -> list[dict[str, Any]]:
+        """All rows."""
+        from cell.fleet.table import read_table
+
+        return read_table(self.folder / "runs.parquet", columns)
+
+
+@contextmanager
+def run_all(tasks: Iterable[Task], total: int, out: str, workers: int, scheduler: str | None) -> Iterator[Rows]:
+    """Run what is not in the folder yet, and write the table.
 
     Rows are never all in memory: there may be a million.
     """
@@ -122,27 +158,35 @@ def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, schedule
 
     from cell.files.row_store import RowStore
     from cell.fleet.engine import cluster, results
+    from cell.fleet.store import results_folder
     from cell.fleet.table import write_table
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: workers end, and nothing of them is left
-    store = RowStore(out / "runs.jsonl", ["key"])
     wanted: dict[str, None] = {}  # in the order of the tasks
+    lost: list[str] = []
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console()) as progress, cluster(workers, scheduler) as client:
-        shown = progress.add_task("runs", total=total, completed=0)
+    with results_folder(out, OF_A_SWEEP) as (folder, more):
+        store = RowStore(folder / "runs.jsonl", ["key"])
+        with Progress(*columns, console=console()) as progress, cluster(workers, scheduler) as client:
+            shown = progress.add_task("runs", total=total, completed=0)
 
-        def missing() -> Iterator[Task]:
-            for task in tasks:
-                wanted[task.key] = None
-                if task.key in store:
-                    progress.advance(shown)
-                else:
-                    yield task
+            def missing() -> Iterator[Task]:
+                for task in tasks:
+                    wanted[task.key] = None
+                    if task.key in store:
+                        progress.advance(shown)
+                    else:
+                        yield task
 
-        for row in results(client, missing()):
-            if row["end"] != "lost":  # runs that no worker finished are tried again next time
+            for row in results(client, missing()):
+                if row["end"] in NOT_DONE:  # runs that no worker finished are tried again next time
+                    lost.append(f"seed {row['seed']} with {row['tree']}: {row['end']}: {row['reason']}")
+                    continue
                 store.add(row)
+                more()
                 progress.advance(shown)
-    done = [key for key in wanted if key in store]
-    write_table(store.rows_of(done), out / "runs.parquet")
-    return len(done)
+        for why in lost[:1]:
+            console().print(f"{len(lost)} runs are not there; the first: {why}", highlight=False)
+        done = [key for key in wanted if key in store]
+        write_table(store.rows_of(done), folder / "runs.parquet")
+        yield Rows(folder, len(done))

@@ -48,6 +48,8 @@ class ExportFormat(StrEnum):
     btlog = "btlog"
     video = "video"
     rerun = "rerun"
+    rosbag2 = "rosbag2"
+    candump = "candump"
     lerobot = "lerobot"
     training = "training"
 
@@ -214,7 +216,7 @@ def recover(
     target = out or log.with_suffix(".recovered.mcap")
     loss = recovery.recover(log, target)
     if as_json:
-        tell_json({"recovered": str(target), "lossy": loss.lossy, **vars(loss)})
+        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
     else:
         kind = f"; this is {loss.foreign}" if loss.foreign else ""
         say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
@@ -226,6 +228,7 @@ def export_log(
     log: LogArgument,
     to: Annotated[ExportFormat, typer.Option(help="Format.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="What to write; next to the log by default.")] = None,
+    codec: Annotated[str, typer.Option(help="Of lerobot's videos: h264 or av1.")] = "h264",
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -241,20 +244,21 @@ def export_log(
         return
 
     if to is ExportFormat.lerobot:
-        from cell.log.training.lerobot import write_lerobot
+        from cell.log.training.lerobot import ENCODERS, write_lerobot
 
+        if codec not in ENCODERS:
+            raise InputError(f"--codec {codec} is no codec; legal: {', '.join(ENCODERS)}")
         folder = out or beside(log, ".lerobot")
-        rows = write_lerobot([read([path]) for path in log], folder)
+        rows = write_lerobot([read([path]) for path in log], folder, codec)
         _tell_export(folder, "rows", rows, as_json)
         return
     tables = {ExportFormat.transitions, ExportFormat.notes}
-    endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap"}
+    endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap", ExportFormat.candump: ".can.log"}
     ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
     target = spared(out or beside(log, ending), log, overwrite)
     count = export(read(log), to.value, target)
-    what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames", ExportFormat.rerun: "lines"}.get(
-        to, "rows"
-    )
+    words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rerun": "lines", "rosbag2": "messages"}
+    what = words.get(to.value, "rows")
     _tell_export(target, what, count, as_json)
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -21,9 +25,31 @@ DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
 
+_ADDRESS = re.compile(r"([a-z0-9]{2,}):/+")
+
+
+def fetched(paths: list[Path]) -> list[Path]:
+    """Logs that stand at addresses such as s3://BUCKET/run.mcap, copied to this machine for as long as it is asked."""
+    if not any(_ADDRESS.match(str(path)) for path in paths):
+        return paths
+    from cell.fleet.store import get
+
+    folder = Path(mkdtemp(prefix="cell-logs-"))
+    atexit.register(rmtree, folder, ignore_errors=True)
+    found: list[Path] = []
+    for path in paths:
+        address = _ADDRESS.match(str(path))
+        found += [path] if address is None else get(_ADDRESS.sub(r"\1://", str(path), count=1), folder)
+    return found
+
+
 LogArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first part stands for all."),
+    typer.Argument(
+        metavar="LOG...",
+        help="Log of a run (MCAP), or parts of it; the first part stands for all. Or addresses (s3://...).",
+        callback=fetched,
+    ),
 ]
 
 

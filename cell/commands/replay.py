@@ -14,6 +14,7 @@ from cell.commands.log_terminal import (
     DIFFERS,
     FromOption,
     UntilOption,
+    fetched,
     read,
     say,
     spared,
@@ -35,7 +36,11 @@ LONGEST_VALUE = 200
 MOST_KEPT = 2000  # differences for a page
 ManyLogs = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; of several runs one table is made."),
+    typer.Argument(
+        metavar="LOG...",
+        help="Log of a run (MCAP), or parts of it; of several runs one table is made.",
+        callback=fetched,
+    ),
 ]
 
 

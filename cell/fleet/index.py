@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from mcap.reader import SeekingReader
 from cell.errors import InputError, LogError
 from cell.files.packages import needed
 from cell.fleet.intervals import mean, wilson
-from cell.fleet.table import write_table
+from cell.fleet.table import COLUMNS, write_table
 from cell.log.read.mcap_file import PROFILE
 from cell.log.read.reader import files_of, read_log
 from cell.recording.parts import part_number, whole_path
@@ -25,6 +27,7 @@ MEANS = ("sim_time_s", "robot_placements", "help_requests", "contacts", "interve
 FOLDER = "rows"  # beside the logs
 LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, robot_placements, help_requests'
 ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
+SQL = {bool: "boolean", int: "bigint", float: "double", str: "varchar"}
 Answer = tuple[list[str], list[tuple[Any, ...]]]
 FAILURES = (
     "select failed_leaf, cause, count(*) as runs, min(log) as for_example from runs "
@@ -47,10 +50,14 @@ def summaries(rows: Iterable[Row], by: str) -> list[dict[str, Any]]:
 
 
 def _figures(rows: list[Row]) -> dict[str, Any]:
-    right = sum(row.get("end") == "finished" and row.get("correct") is True for row in rows)
-    share = wilson(right, len(rows))
-    told: dict[str, Any] = {"runs": len(rows), "right": right}
-    told |= {"share": share.value, "share_low": share.low, "share_high": share.high}
+    """Right, wrong and not known apart; the share is of those that are known."""
+    known = [row for row in rows if row.get("correct") is not None or row.get("end") not in ("finished", None)]
+    right = sum(row.get("end") == "finished" and row.get("correct") is True for row in known)
+    told: dict[str, Any] = {"runs": len(rows), "right": right, "wrong": len(known) - right}
+    told |= {"not_known": len(rows) - len(known), "share": None, "share_low": None, "share_high": None}
+    if known:
+        share = wilson(right, len(known))
+        told |= {"share": share.value, "share_low": share.low, "share_high": share.high}
     for name in MEANS:
         values = [float(row[name]) for row in rows if isinstance(row.get(name), int | float)]
         if values:
@@ -62,8 +69,11 @@ def _figures(rows: list[Row]) -> dict[str, Any]:
 
 def summary_lines(told: Mapping[str, Any], by: str) -> list[str]:
     """One of the summaries in words."""
-    share = f"{told['share']:.3f} (95 %: {told['share_low']:.3f} - {told['share_high']:.3f})"
-    lines = [f"{by} {told[by]}: {told['right']} of {told['runs']} right, {share}"]
+    share = "none is known"
+    if told["share"] is not None:
+        share = f"{told['share']:.3f} (95 %: {told['share_low']:.3f} - {told['share_high']:.3f})"
+    counts = f"{told['right']} right, {told['wrong']} wrong, {told['not_known']} not known"
+    lines = [f"{by} {told[by]}: {told['runs']} runs, {counts}; {share}"]
     for name in filter(told.__contains__, MEANS):
         low, high = told.get(f"{name}_low"), told.get(f"{name}_high")
         lines.append(f"  {name} {told[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))
@@ -76,16 +86,24 @@ def add_run(log: Path) -> Path:
     Raises:
         InputError, LogError: it cannot be read or written.
     """
-    target = log.parent / FOLDER / f"{whole_path(log).stem}.parquet"
+    target = rows_of(log.parent) / f"{whole_path(log).stem}.parquet"
     write_table([run_row(log)], target)
     return target
+
+
+def rows_of(folder: Path) -> Path:
+    """Where the rows of a folder's logs stand: in it, or among the user's own files where nobody may write there."""
+    if os.access(folder / FOLDER if (folder / FOLDER).exists() else folder, os.W_OK):
+        return folder / FOLDER
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "cell" / FOLDER / sha256(str(folder.resolve()).encode()).hexdigest()[:16]
 
 
 def refresh(folder: Path) -> list[str]:
     """Write the rows that are missing or older than their logs; says which logs cannot be read, and why."""
     problems = []
     for log in _logs(folder):
-        row = folder / FOLDER / f"{whole_path(log).stem}.parquet"
+        row = rows_of(folder) / f"{whole_path(log).stem}.parquet"
         if not row.exists() or row.stat().st_mtime < log.stat().st_mtime:
             try:
                 add_run(log)
@@ -101,14 +119,22 @@ def ask(folder: Path, sql: str) -> Answer:
         InputError: DuckDB is not installed, there is no run, the question is wrong, or it is more than a question.
     """
     duckdb = needed("duckdb", "a question about many runs")
-    rows = (folder / FOLDER).resolve()
+    rows = rows_of(folder).resolve()
     if not any(rows.glob("*.parquet")):
         raise InputError(f"{folder}: holds no log")
     try:
         with duckdb.connect() as database:
-            database.execute(
-                f"create view runs as select * from read_parquet('{_quoted(rows / '*.parquet')}', union_by_name = true)"
+            source = f"read_parquet('{_quoted(rows / '*.parquet')}', union_by_name = true)"
+            there = [one[0] for one in database.execute(f"describe select * from {source}").fetchall()]
+            casts = ", ".join(
+                f"""try_cast(nullif(cast("{name}" as varchar), '') as {SQL[COLUMNS[name]]}) as "{name}\""""
+                for name in there
+                if name in COLUMNS  # rows of older versions have other types
             )
+            lacking = "".join(
+                f', cast(null as {SQL[kind]}) as "{name}"' for name, kind in COLUMNS.items() if name not in there
+            )
+            database.execute(f"create view runs as select * replace ({casts}){lacking} from {source}")
             database.execute(f"set allowed_directories = ['{_quoted(rows)}']")
             database.execute("set enable_external_access = false; set lock_configuration = true")
             kinds = {statement.type.name for statement in database.extract_statements(sql)} - ASKING

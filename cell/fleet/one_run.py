@@ -4,61 +4,152 @@ with the process."""
 from __future__ import annotations
 
 import io
-import multiprocessing
 import os
+import pickle
+import queue
 import shutil
+import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 from cell.errors import CellError
 from cell.fleet.spec import Task
+from cell.fleet.store import is_address, put
 
 Row = dict[str, Any]
 T = TypeVar("T")
 RUNS_A_PROCESS = 100  # then it is begun anew, so that nothing grows
-PARENT_S = 1.0  # how often a run's process looks whether its worker is still there
 TRIES = 2  # a run that kills its process is tried once more
-_pool: ProcessPoolExecutor | None = None
+SERVE = "from cell.fleet.one_run import serve; serve({answers})"
 _folder: str | None = None  # of the run that goes on in this process
 _lock = threading.Lock()
+
+
+class ChildDied(CellError):
+    """A call brought its process down again and again."""
+
+
+class _Child:
+    """A process that answers calls, one after the other; it ends with this one, also where this one is killed.
+
+    A program of its own and no `multiprocessing` child: a worker of Dask is a daemon, which may have none.
+    """
+
+    def __init__(self) -> None:
+        reads, writes = os.pipe()
+        program = [sys.executable, "-c", SERVE.format(answers=writes)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        self._process = subprocess.Popen(program, stdin=subprocess.PIPE, pass_fds=(writes,), env=environment)
+        os.close(writes)
+        self._answers = os.fdopen(reads, "rb")
+        self.calls = 0
+
+    def call(self, work: Callable[..., T], *arguments: Any) -> T:
+        """What it answers.
+
+        Raises:
+            ChildDied: it ended meanwhile; says how.
+        """
+        self.calls += 1
+        assert self._process.stdin is not None
+        try:
+            pickle.dump((work, arguments), self._process.stdin)
+            self._process.stdin.flush()
+            answer, error = pickle.load(self._answers)
+        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
+            status = self._process.wait()
+            ended = f"by {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
+            self.close()
+            raise ChildDied(f"the run's process ended {ended}") from None
+        if error is not None:
+            raise error
+        found: T = answer
+        return found
+
+    def close(self) -> None:
+        """Let it end."""
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+        self._answers.close()
+        self._process.wait()
+
+
+_child: _Child | None = None
 
 
 def run_task(task: Task) -> Row:
     """Run in the worker's child process; a run that brings the process down twice is a row that says so."""
     try:
         return in_child(run_here, task)
-    except BrokenProcessPool:
-        return {**_heading(task), "end": "crashed", "reason": "the run brought its process down", "took_s": 0.0}
+    except ChildDied as error:
+        return {**_heading(task), "end": "crashed", "reason": str(error), "took_s": 0.0}
 
 
 def in_child(work: Callable[..., T], *arguments: Any) -> T:
     """What a function answers in the worker's child process.
 
     Raises:
-        BrokenProcessPool: it brings the process down, twice.
+        ChildDied: it brings the process down, twice.
     """
-    global _pool
+    global _child
     with _lock:
         for tried in range(TRIES):
-            if _pool is None:
-                context = multiprocessing.get_context("spawn")
-                _pool = ProcessPoolExecutor(
-                    1, mp_context=context, initializer=_watch_parent, initargs=(os.getpid(),),
-                    max_tasks_per_child=RUNS_A_PROCESS,
-                )  # fmt: skip
+            if _child is not None and _child.calls >= RUNS_A_PROCESS:
+                _child.close()
+                _child = None
+            _child = _child or _Child()
             try:
-                return _pool.submit(work, *arguments).result()
-            except BrokenProcessPool:
-                _pool = None
+                return _child.call(work, *arguments)
+            except ChildDied:
+                _child = None
                 if tried + 1 == TRIES:
                     raise
     raise AssertionError("tried at least once")
+
+
+def serve(answers: int) -> None:
+    """Answer calls until nobody asks any more; the work of a child process."""
+    calls, told = sys.stdin.buffer, os.fdopen(answers, "wb")
+    os.dup2(2, 1)  # what a run prints is no answer
+    waiting: queue.Queue[Any] = queue.Queue()
+
+    def listen() -> None:
+        try:
+            while True:
+                waiting.put(pickle.load(calls))
+        except Exception as error:  # its end, or a function that is not here
+            if not isinstance(error, EOFError):
+                waiting.put(error)
+                return
+            if _folder is not None:
+                shutil.rmtree(_folder, ignore_errors=True)
+            os._exit(0)
+
+    threading.Thread(target=listen, daemon=True, name="calls").start()
+    while True:
+        call = waiting.get()
+        answer: tuple[Any, BaseException | None] = (None, None)
+        try:
+            if isinstance(call, Exception):
+                raise call
+            work, arguments = call
+            answer = work(*arguments), None
+        except Exception as error:  # whatever it raises, it raises where it was called
+            answer = None, error
+        try:
+            content = pickle.dumps(answer)
+        except Exception:  # an answer that cannot be sent
+            content = pickle.dumps((None, CellError(f"{type(answer[1] or answer[0]).__name__}: {answer[1]}")))
+        told.write(content)
+        told.flush()
 
 
 def run_here(task: Task) -> Row:
@@ -69,7 +160,7 @@ def run_here(task: Task) -> Row:
         try:
             summary = _run(task, Path(_folder))
         except CellError as error:
-            summary = {"end": "refused", "reason": str(error), "finished": False}
+            summary = {"end": "refused", "reason": str(error).replace(f"{_folder}/", ""), "finished": False}
     took = {"took_s": round(time.perf_counter() - began_s, 3), "cpu_s": round(time.process_time() - began_cpu_s, 3)}
     return {**_heading(task), **summary, **took}
 
@@ -84,7 +175,8 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
-    log = folder / "run.mcap" if task.logs is None else Path(task.logs) / f"{task.key}.mcap"
+    away = task.logs is not None and is_address(task.logs)
+    log = folder / "run.mcap" if task.logs is None or away else Path(task.logs) / f"{task.key}.mcap"
     options = RunOptions(
         tree=folder / task.tree,
         configuration=folder / task.configuration,
@@ -99,8 +191,13 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
         images=task.logs is not None and task.pixels,
         pixels=task.pixels,
         one_process=True,
+        nodes=tuple(str(folder / name) for name in task.nodes),
     )
-    return dict(run(options, Console(file=io.StringIO())).summary)
+    summary = dict(run(options, Console(file=io.StringIO())).summary)
+    if away:
+        summary["log"] = f"{task.logs}/{task.key}.mcap"
+        put(log, str(summary["log"]))
+    return summary
 
 
 def _sent(folder: Path, name: str | None) -> str | None:
@@ -110,16 +207,3 @@ def _sent(folder: Path, name: str | None) -> str | None:
 
 def _heading(task: Task) -> Row:
     return {"key": task.key, "seed": task.seed, **dict(task.label)}
-
-
-def _watch_parent(parent: int) -> None:
-    """A child ends with its worker, also with one that was killed, and leaves nothing behind."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(PARENT_S)
-        if _folder is not None:
-            shutil.rmtree(_folder, ignore_errors=True)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True, name="watch parent").start()

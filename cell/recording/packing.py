@@ -8,13 +8,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
+
+from cell.recording.copying import CopyingWriter
 
 CHUNK_BYTES = 1024 * 1024
 PARTIAL = ".packing"  # a file's ending until it is whole
@@ -33,38 +31,16 @@ def pack(path: Path) -> None:
     partial = path.with_name(path.name + PARTIAL)
     try:
         with path.open("rb") as source, partial.open("wb") as target:
-            writer = Writer(target, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
-            _copy(StreamReader(source, validate_crcs=True).records, writer)
-            writer.finish()  # type: ignore[no-untyped-call]
+            writer = CopyingWriter(target, CHUNK_BYTES)
+            for record in StreamReader(source, validate_crcs=True).records:
+                writer.take(record)
+            writer.finish()
             target.flush()
             os.fsync(target.fileno())
         if path.exists():  # else it was taken away meanwhile, as too old
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _copy(records: Iterator[Any], writer: Writer) -> None:
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    for record in records:
-        if isinstance(record, Message):
-            writer.add_message(
-                channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
-            )
-        elif isinstance(record, Header):
-            writer.start(record.profile, record.library)
-        elif isinstance(record, Schema) and record.id not in schemas:
-            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in channels:
-            schema = schemas[record.schema_id]
-            channels[record.id] = writer.register_channel(
-                record.topic, record.message_encoding, schema, record.metadata
-            )
-        elif isinstance(record, Attachment):
-            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-        elif isinstance(record, Metadata):
-            writer.add_metadata(record.name, record.metadata)
 
 
 class Packer:

@@ -59,6 +59,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "tree": files.tree.short_name(options.tree),
         "perception": files.configuration.perception.words,
     }
+    values |= {name: told for name in ("site", "bench") if (told := getattr(files.configuration.log, name))}
     if files.unsafe:
         values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated or options.devices is not None:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cell.errors import ModelError
 from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
-from cell.interfaces.pose import Pose
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartsView
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Skill
 from trees.engine.node import SUCCESS
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
+from trees.nodes.clutter import part_and_others
 from trees.nodes.poses import (
     FINGERS_DOWN,
     TOOL,
@@ -26,6 +33,9 @@ from trees.nodes.poses import (
 )
 from trees.nodes.services import CellNode, Services
 from trees.nodes.skill_node import HELD, SkillNode
+
+if TYPE_CHECKING:
+    from learned.inference.policy import Policy
 
 FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of the 2F-85
@@ -44,6 +54,48 @@ class MoveToPose(SkillNode):
         services, pose = self.services, self.pose.get()
         target = world_from_tool(services, pose)
         return move_to.MoveToPose(services.tools.motion, target, str(pose), *self.surroundings)
+
+
+class RunPolicy(SkillNode):
+    """Let a trained policy (ONNX) lead the arm to a seen part, within a zone, by collision-free motions.
+
+    A guard must agree in every tick. What a policy sees stands in `learned.inference.policy`, by name.
+    """
+
+    traits = replace(SkillNode.traits, claims=("arm",), needs_guard=True)
+
+    file = InputPort(str, "ONNX file of the policy, relative to the working folder")
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = InputPort(int, "number of the part among the seen ones")
+    zone_m = InputPort(list[float], "where the tool may go in the world: least and largest x, then y, then z in [m]")
+    motions = InputPort(int, "motions that it may make", default=10)
+
+    _policy: Policy | None = None
+
+    def make_skill(self) -> Skill:
+        from learned.inference.policy import Policy
+        from skills.follow_policy import FollowPolicy
+
+        zone, services = self.zone_m.get(), self.services
+        if len(zone) != 6 or any(most <= least for least, most in zip(zone[::2], zone[1::2], strict=True)):
+            raise NodeError(f"zone_m {zone} is not least;largest x;y;z like 0.3;0.8;-0.6;0.3;0.1;0.6")
+        part, others = part_and_others(self.parts.get(), self.index.get())
+        try:
+            self._policy = Policy(Path(self.file.get()))
+        except ModelError as error:
+            raise NodeError(str(error)) from None
+        services.journal.note("message", text=f"policy {self.file.get()}, sha256 {self._policy.sha256}")
+        self._part_m = part.world_from_part.position_m
+        motion, (_, held), motions = services.tools.motion, self.surroundings, self.motions.get()
+        box = (zone[0], zone[1], zone[2], zone[3], zone[4], zone[5])
+        return FollowPolicy(motion, self.wants, box, motions, (part, *others), held)
+
+    def wants(self, seen: Observation) -> Array:
+        """Raises: ModelError: the policy has no answer."""
+        from learned.inference.policy import observed
+
+        assert self._policy is not None, "make_skill comes first"
+        return self._policy.action(observed(seen.arm, seen.gripper, self._part_m))
 
 
 class MoveToJoints(SkillNode):

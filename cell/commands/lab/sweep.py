@@ -8,16 +8,16 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.compare import WORKERS, FleetWorkersOption, run_all
-from cell.commands.options import JsonOption, SchedulerOption
+from cell.commands.compare import WORKERS, FleetWorkersOption, OutOption, run_all
+from cell.commands.options import JsonOption, SchedulerOption, WithOption, own_files
 from cell.commands.terminal import console, print_json
 from cell.fleet.spec import count, load_sweep, tasks
-from cell.fleet.table import read_table
 
 
 def sweep(
     spec: Annotated[Path, typer.Argument(help="YAML file: seeds, trees, configurations, people, looks, faults.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder; a sweep there continues.")] = Path("sweep"),
+    out: OutOption = "sweep",
+    own: WithOption = None,
     workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
@@ -29,12 +29,14 @@ def sweep(
     """
     asked = load_sweep(spec)
     total = count(asked)
-    done = run_all(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)
-    ends = dict(sorted(Counter(row["end"] for row in read_table(out / "runs.parquet", ["end"])).items()))
-    console().print(f"{done} runs in {out / 'runs.parquet'}: {_words(ends)}", highlight=False)
+    nodes, _ = own_files(own)
+    with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes), total, out, workers, scheduler) as rows:
+        ends = dict(sorted(Counter(str(row["end"]) for row in rows.read(["end"])).items()))
+    table = f"{out}/runs.parquet"
+    console().print(f"{rows.done} runs in {table}: {_words(ends)}", highlight=False)
     if as_json:
-        print_json({"runs": done, "of": total, "ends": ends, "table": str(out / "runs.parquet")})
-    return 1 if ends.get("crashed") or done < total else 0
+        print_json({"runs": rows.done, "of": total, "ends": ends, "table": table})
+    return 1 if ends.get("crashed") or rows.done < total else 0
 
 
 def _words(ends: dict[str, int]) -> str:

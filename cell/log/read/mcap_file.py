@@ -21,10 +21,21 @@ from mcap.records import Footer, MetadataIndex, Statistics, SummaryOffset
 from mcap.stream_reader import StreamReader
 
 from cell.errors import LogError
-from cell.log.read.records import HEAD, MAGIC, MESSAGE, Damage, cut, parse, unpacked
+from cell.log.read.records import (
+    FOOTER_BYTES,
+    HEAD,
+    MAGIC,
+    MESSAGE,
+    Damage,
+    TooLarge,
+    cut,
+    parse,
+    unpacked,
+)
 
-FOOTER_BYTES = 9 + 20 + 8  # head, content, magic at the end of the file
 PROFILE = "cell"  # of the files that this program writes
+SALVAGE = "`cell log recover` brings back what is right in it"
+HEAD_BYTES = 64 * 1024
 SUMMARY_CRC_BYTES = 16  # of the footer are covered by the checksum of the summary
 
 
@@ -93,13 +104,29 @@ def read_mcap(path: Path) -> McapContent:
     Raises:
         LogError: the file cannot be read, is no MCAP file, or is damaged.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
+    data = _begin(path, -1)
     if data[: len(MAGIC)] != MAGIC:
         raise LogError(path, "is not an MCAP file: it does not begin like one")
     return _Reader(path, data).content()
+
+
+def profile_of(path: Path) -> str | None:
+    """What the writer calls its kind of file; None where it does not begin like one."""
+    data = _begin(path, HEAD_BYTES)
+    _, opcode, body = next(cut(memoryview(data), len(MAGIC)), (0, 0, memoryview(b"")))
+    try:
+        return str(parse(opcode, body).profile) if opcode == Opcode.HEADER and data[: len(MAGIC)] == MAGIC else None
+    except Damage:
+        return None
+
+
+def _begin(path: Path, size: int) -> bytes:
+    """So many bytes of a file, or all of it; read and not mapped, as a file that is cut meanwhile ends the process."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(size)
+    except OSError as error:
+        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
 
 
 class _Reader:
@@ -121,11 +148,13 @@ class _Reader:
                     return self._content
                 self._record(opcode, body, first=at == len(MAGIC))
                 at += HEAD.size + len(body)
+        except TooLarge as large:
+            raise LogError(self._path, f"holds more at byte {at} than this program reads: {large}") from None
         except Damage as damage:
-            raise LogError(self._path, f"is damaged at byte {at}: {damage}") from None
+            raise LogError(self._path, f"is damaged at byte {at}: {damage}; {SALVAGE}") from None
         rest = len(self._data) - at
         if bytes(self._data[-len(MAGIC) :]) == MAGIC and rest:
-            raise LogError(self._path, f"is damaged at byte {at}: a record runs over the end of the file")
+            raise LogError(self._path, f"is damaged at byte {at}: a record runs over the end of the file; {SALVAGE}")
         in_mid_record = f"{rest} bytes of an unfinished record at byte {at}" if rest else f"it ends at byte {at}"
         self._content.unfinished = f"was not closed: {in_mid_record}"
         return self._content
@@ -183,6 +212,8 @@ class _Reader:
         for at, opcode, body in cut(data, 0):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                 self._record(opcode, body, first=False)
+            elif opcode == Opcode.CHUNK:
+                raise Damage("a chunk stands within a chunk")
             end = at + HEAD.size + len(body)
         if end != len(data):
             raise Damage("a chunk ends in mid-record")

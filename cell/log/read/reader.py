@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.errors import LogError
-from cell.log.read.mcap_file import PROFILE, McapContent, Message, metadata_names, read_mcap
+from cell.log.read.mcap_file import PROFILE, McapContent, Message, metadata_names, profile_of, read_mcap
 from cell.log.read.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.read.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.read.ticks import Note as Note
@@ -196,6 +196,8 @@ def files_of(path: Path) -> list[Path]:
 def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
     before: _Part | None = None
     for path in paths:
+        if (profile := profile_of(path)) not in (PROFILE, None) and "run" not in (metadata_names(path) or {"run"}):
+            raise LogError(path, f"is not a log of this program: an MCAP file with profile {profile!r}")
         content = read_mcap(path)
         if content.profile not in (PROFILE, None) and "run" not in content.metadata:
             raise LogError(path, f"is not a log of this program: an MCAP file with profile {content.profile!r}")

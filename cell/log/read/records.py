@@ -5,10 +5,14 @@ The package takes a short read for a whole field and unpacks a chunk to any size
 
 from __future__ import annotations
 
+import mmap
+import os
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import lz4.frame
@@ -17,11 +21,15 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
+from cell.errors import LogError
+
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_CHUNK_BYTES = 64 * 1024 * 1024
+MOST_PACKED = 16  # or so often what is packed, where that is more
 HEAD = struct.Struct("<BQ")  # opcode and length of a record
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 CHECKSUM_BYTES = 4
+FOOTER_BYTES = 9 + 20 + 8  # head, content, magic at the end of the file
 
 _PARSERS: dict[int, Any] = {
     Opcode.HEADER: records.Header,
@@ -39,6 +47,26 @@ _PARSERS: dict[int, Any] = {
 
 class Damage(Exception):
     """Why a record cannot be taken; becomes a LogError with the place."""
+
+
+class TooLarge(Damage):
+    """Nothing is wrong with it, but it would take more memory than a file may ask for."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[mmap.mmap | bytes]:
+    """The bytes of a file, which the system reads as they are looked at.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            whole: mmap.mmap | bytes = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
+    except (OSError, ValueError) as error:
+        raise LogError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    yield whole  # the views of it that are left close it
 
 
 class _ExactStream(ReadDataStream):
@@ -106,11 +134,11 @@ def unpacked(chunk: Any) -> memoryview:
 
 def _inflated(compression: str, packed: bytes, size: int) -> bytes:
     """Content of at most one byte more than the promised size, so that a bomb stays small."""
-    if size > LARGEST_CHUNK_BYTES:
-        raise Damage(f"a chunk of {size} bytes; legal: up to {LARGEST_CHUNK_BYTES}")
+    if compression == "":
+        return packed
+    if size > (most := max(LARGEST_CHUNK_BYTES, MOST_PACKED * len(packed))):
+        raise TooLarge(f"a chunk of {len(packed)} bytes promises {size}; legal: up to {most}")
     try:
-        if compression == "":
-            return packed
         if compression == "zstd":
             with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
                 return bytes(stream.read(size + 1))

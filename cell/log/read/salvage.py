@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import mmap
 import re
 import zlib
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from mcap import records
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, Writer
 
 from cell.errors import LogError
 from cell.log.read.mcap_file import PROFILE
-from cell.log.read.records import CHECKSUM_BYTES, HEAD, MAGIC, MESSAGE, Damage, parse, unpacked
-from cell.log.read.recovered import Loss, RecoveredMessage, Salvage, foreign, missing_messages, missing_ticks
+from cell.log.read.records import CHECKSUM_BYTES, FOOTER_BYTES, HEAD, MAGIC, MESSAGE, Damage, opened, parse, unpacked
+from cell.log.read.ticks import Gap
+from cell.recording.copying import CopyingWriter
 
 # An opcode and a length below 4 GiB: what the beginning of a record looks like.
 RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
@@ -23,6 +27,79 @@ RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
 SEARCH_EFFORT = 8
 LEAST_EFFORT_BYTES = 128 * 1024 * 1024
 CHUNK_BYTES = 64 * 1024
+MOST_REMARKS = 1000
+MOST_TICKS = 10**7  # a number beyond it is damage, not a gap
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What of a log could not be brought back.
+
+    Attributes:
+        bytes_skipped: of the damaged file.
+        ticks_missing: spans that are not there between 0 and the last tick.
+        messages_missing: by topic, from the numbers that messages have in their channel.
+        unclosed: the end is missing; what came after the last record is unknown.
+        unchecked: the file's own checksum tells of a change in a place that no other checksum covers.
+        remarks: one line for each damaged place.
+        foreign: what it is, where it is an MCAP file of another program; empty for logs of this one.
+    """
+
+    bytes_skipped: int = 0
+    ticks_missing: tuple[Gap, ...] = ()
+    messages_missing: Mapping[str, int] = field(default_factory=dict)
+    unclosed: bool = False
+    unchecked: bool = False
+    remarks: tuple[str, ...] = ()
+    foreign: str = ""
+
+    @property
+    def lossy(self) -> bool:
+        return any(value for name, value in vars(self).items() if name != "foreign")
+
+    def lines(self) -> list[str]:
+        """What was lost, for people."""
+        told = list(self.remarks)
+        if self.unclosed:
+            told.append("the log was not closed: what came after its last record is unknown")
+        if self.unchecked:
+            told.append("the checksum of the whole does not match")
+        told += [str(gap) for gap in self.ticks_missing]
+        for topic, count in self.messages_missing.items():
+            told.append(
+                f"{count} messages of {topic!r} are missing" if count > 1 else f"a message of {topic!r} is missing"
+            )
+        return told
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON: spans as pairs."""
+        return {**vars(self), "ticks_missing": [[gap.first, gap.last] for gap in self.ticks_missing]}
+
+
+class Sink(Protocol):
+    """Takes what is found, in the order of the file."""
+
+    def take(self, record: Any) -> None:
+        """One record of the `mcap` package, but for messages whose channel is unknown."""
+        ...
+
+
+@dataclass
+class Salvage:
+    """What was found in a file, in memory."""
+
+    loss: Loss = field(default_factory=Loss)
+    channels: dict[int, records.Channel] = field(default_factory=dict)
+    messages: list[records.Message] = field(default_factory=list)
+    attachments: list[records.Attachment] = field(default_factory=list)
+    metadata: list[records.Metadata] = field(default_factory=list)
+
+    def take(self, record: Any) -> None:
+        """One more record."""
+        if isinstance(record, records.Channel):
+            self.channels.setdefault(record.id, record)
+        kinds = {records.Message: self.messages, records.Attachment: self.attachments, records.Metadata: self.metadata}
+        kinds.get(type(record), []).append(record)
 
 
 def salvage(path: Path) -> Salvage:
@@ -31,47 +108,117 @@ def salvage(path: Path) -> Salvage:
     Raises:
         LogError: the file cannot be read or holds no record.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
-    found = _Salvager(path, data).run()
-    if not (found.messages or found.attachments or found.metadata):
-        raise LogError(path, "holds nothing that can be salvaged")
+    found = Salvage()
+    with opened(path) as data:
+        found.loss = _Salvager(path, data, found).run()
     return found
 
 
+def recover(path: Path, out: Path) -> Loss:
+    """Write what can be salvaged of a log as a complete file; only a chunk of it is in memory.
+
+    Messages of own logs are numbered anew; the loss stands in the metadata `recovered`.
+
+    Raises:
+        LogError: the log cannot be read, holds nothing of an MCAP file, or the new file cannot be written.
+    """
+    try:
+        with opened(path) as data, out.open("xb") as stream:
+            writer = CopyingWriter(stream, CHUNK_BYTES)
+            salvager = _Salvager(path, data, writer)
+            writer.renumber = salvager.profile == PROFILE
+            writer.start(salvager.profile, "cell log recover")
+            loss = salvager.run()
+            if loss.lossy:
+                writer.note("recovered", {name: json.dumps(value) for name, value in loss.plain().items()})
+            writer.finish()
+    except FileExistsError:
+        raise LogError(out, "exists already; choose another file with --out") from None
+    except OSError as error:
+        raise LogError(out, f"cannot be written: {error.strerror or error}") from None
+    except LogError:
+        out.unlink(missing_ok=True)
+        raise
+    return loss
+
+
 class _Salvager:
-    def __init__(self, path: Path, data: bytes) -> None:
-        self._data = data
-        self._view = memoryview(data)
+    """One walk over a file that goes on behind damage.
+
+    Attributes:
+        profile: what the writer calls its kind of file.
+    """
+
+    def __init__(self, path: Path, data: mmap.mmap | bytes, sink: Sink) -> None:
+        self._path, self._data, self._view, self._sink = path, data, memoryview(data), sink
         self._effort_bytes = max(LEAST_EFFORT_BYTES, SEARCH_EFFORT * len(data))
-        self._found = Salvage(path)
         self._remarks: list[str] = []
-        self._skipped = 0
+        self._skipped = self._homeless = 0
         self._closed = self._unchecked = False
         self._counted: dict[str, int] = {}  # by the writer
+        self._kept = dict.fromkeys(("messages", "attachments", "metadata"), 0)
+        self._channels: dict[int, records.Channel] = {}
+        self._last: dict[int, int] = {}  # number of the newest message, by channel
+        self._missing: Counter[str] = Counter()
+        self._ticks: list[list[int]] = []  # spans of those that are there
+        self._of_run = False
+        self.profile = self._profile()
 
-    def run(self) -> Salvage:
-        at = len(MAGIC) if self._data.startswith(MAGIC) else 0
+    def run(self) -> Loss:
+        """Hand everything to the sink.
+
+        Raises:
+            LogError: there is nothing.
+        """
+        at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else 0
         if not at:
-            self._remarks.append("the file does not begin as an MCAP file")
+            self._remark("the file does not begin as an MCAP file")
+        self._channels_of_index()
         while at < len(self._data) and not self._closed:
             try:
                 at = self._record(at)
             except Damage as damage:
                 at = self._resume(at, damage)
-        self._found.loss = self._loss()
-        known = [one for one in self._found.messages if one.channel in self._found.channels]
-        self._found.messages = known
-        return self._found
+        loss = self._loss()
+        if not any(self._kept.values()) and (loss.lossy or not self._data[: len(MAGIC)] == MAGIC):
+            raise LogError(self._path, "holds nothing that can be salvaged")
+        return loss
+
+    def _profile(self) -> str:
+        try:
+            opcode, body = self._cut(len(MAGIC))
+            return str(parse(opcode, body).profile) if opcode == Opcode.HEADER else ""
+        except Damage:
+            return ""
+
+    def _channels_of_index(self) -> None:
+        """Schemas and channels from the end of the file, for chunks that lost theirs."""
+        try:
+            opcode, body = self._cut(len(self._data) - FOOTER_BYTES)
+            at = parse(opcode, body).summary_start if opcode == Opcode.FOOTER else 0
+            kinds: list[tuple[int, memoryview]] = []
+            while 0 < at < len(self._data) - FOOTER_BYTES:
+                opcode, body = self._cut(at)
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    kinds.append((opcode, body))
+                elif opcode == Opcode.STATISTICS:
+                    break
+                at += HEAD.size + len(body)
+            if opcode == Opcode.STATISTICS:
+                self._take(kinds)
+        except Damage:
+            return
+
+    def _remark(self, text: str) -> None:
+        if len(self._remarks) < MOST_REMARKS:
+            self._remarks.append(text)
 
     def _resume(self, at: int, damage: Damage) -> int:
         """Place of the next record that can be taken, past damage."""
         begin = at + 1
         while (match := RECORD_BEGIN.search(self._data, begin)) is not None:
             if self._effort_bytes <= 0:
-                self._remarks.append(f"search given up at byte {begin}: too many things look like records")
+                self._remark(f"search given up at byte {begin}: too many things look like records")
                 break
             if self._plausible(match.start()):
                 self._skip(at, match.start(), damage)
@@ -82,7 +229,7 @@ class _Salvager:
 
     def _skip(self, begin: int, end: int, damage: Damage) -> None:
         self._skipped += end - begin
-        self._remarks.append(f"{end - begin} bytes skipped at byte {begin}: {damage}")
+        self._remark(f"{end - begin} bytes skipped at byte {begin}: {damage}")
 
     def _plausible(self, at: int) -> bool:
         """Whether a record that can be told from noise begins here: by checksum, or by text that fits exactly."""
@@ -90,7 +237,8 @@ class _Salvager:
             opcode, body = self._cut(at)
             self._effort_bytes -= 64
             if opcode == Opcode.CHUNK:
-                self._chunk(body)
+                for _ in self._chunk(body):
+                    pass
             elif opcode == Opcode.ATTACHMENT:
                 self._effort_bytes -= len(body)
                 return bool(any(body[-CHECKSUM_BYTES:])) and parse(opcode, body) is not None
@@ -109,7 +257,7 @@ class _Salvager:
         return len(body) == 4 and self._data[follows : follows + 1] in (b"\x02", b"\x03", b"\x04", b"\x08", b"\x0b")
 
     def _cut(self, at: int) -> tuple[int, memoryview]:
-        if at + HEAD.size > len(self._data):
+        if at < 0 or at + HEAD.size > len(self._data):
             raise Damage("the file ends in mid-record")
         opcode, length = HEAD.unpack_from(self._data, at)
         begin = at + HEAD.size
@@ -120,90 +268,117 @@ class _Salvager:
     def _record(self, at: int) -> int:
         opcode, body = self._cut(at)
         if opcode == Opcode.CHUNK:
-            self._take(self._chunk(body))
-        elif opcode == Opcode.HEADER and at == len(MAGIC):
-            self._found.profile = parse(opcode, body).profile
-        elif opcode == Opcode.ATTACHMENT:
-            self._found.attachments.append(parse(opcode, body))
-        elif opcode == Opcode.METADATA:
-            self._found.metadata.append(parse(opcode, body))
+            self._take(list(self._chunk(body)))
+        elif opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+            record = parse(opcode, body)
+            kind = "attachments" if opcode == Opcode.ATTACHMENT else "metadata"
+            self._kept[kind] += 1
+            self._of_run |= kind == "metadata" and record.name == "run"
+            self._sink.take(record)
         elif opcode == Opcode.DATA_END:
             self._end(at, body)
         elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
             if opcode == Opcode.MESSAGE and len(body) < MESSAGE.size:
                 raise Damage("a message is too short")
             self._take([(opcode, body)])
-        elif opcode in (Opcode.HEADER, 0):
+        elif opcode == 0 or (opcode == Opcode.HEADER and at != len(MAGIC)):
             raise Damage(f"a record of type {opcode:#04x} stands where none may")
         else:
-            parse(opcode, body)  # an index, or a record that this program does not know
+            parse(opcode, body)  # the header, an index, or a record that this program does not know
         return at + HEAD.size + len(body)
 
-    def _chunk(self, body: memoryview) -> list[tuple[int, memoryview]]:
+    def _chunk(self, body: memoryview) -> Iterator[tuple[int, memoryview]]:
         chunk = parse(Opcode.CHUNK, body)
         data = unpacked(chunk)
         self._effort_bytes -= len(data) + len(chunk.data)
-        return list(_inner(data))
+        return _inner(data)
 
-    def _take(self, records: list[tuple[int, memoryview]]) -> None:
-        for opcode, body in records:
+    def _take(self, found: list[tuple[int, memoryview]]) -> None:
+        for opcode, body in found:
             if opcode == Opcode.MESSAGE:
-                channel, sequence, time_ns, published_ns = MESSAGE.unpack_from(body)
-                data = bytes(body[MESSAGE.size :])
-                self._found.messages.append(RecoveredMessage(channel, sequence, time_ns, published_ns, data))
-                continue
-            record = parse(opcode, body)
-            if opcode == Opcode.SCHEMA:
-                self._found.schemas.setdefault(record.id, record)  # the index comes last
-            elif opcode == Opcode.CHANNEL:
-                self._found.channels.setdefault(record.id, record)
+                self._message(body)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                record = parse(opcode, body)
+                if opcode == Opcode.CHANNEL:
+                    self._channels.setdefault(record.id, record)  # what the index says was first
+                self._sink.take(record)
+            elif opcode == Opcode.CHUNK:
+                self._remark("a chunk within a chunk is left out")
+
+    def _message(self, body: memoryview) -> None:
+        channel_id, sequence, time_ns, published_ns = MESSAGE.unpack_from(body)
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            self._homeless += 1
+            return
+        data = bytes(body[MESSAGE.size :])
+        self._kept["messages"] += 1
+        if self.profile == PROFILE:
+            gap = sequence - self._last.get(channel_id, 0) - 1
+            self._last[channel_id] = sequence
+            if gap:
+                self._missing[channel.topic] += abs(gap)
+        if channel.topic == "/tick":
+            self._ticked(data)
+        self._sink.take(records.Message(channel_id, time_ns, data, published_ns, sequence))
+
+    def _ticked(self, data: bytes) -> None:
+        try:
+            number = json.loads(data)["tick"]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return
+        if not isinstance(number, int) or not 0 <= number < MOST_TICKS:
+            return
+        if self._ticks and self._ticks[-1][1] in (number, number - 1):
+            self._ticks[-1][1] = number
+        else:
+            self._ticks.append([number, number])
 
     def _end(self, at: int, body: memoryview) -> None:
-        """The data's checksum, and channels from the index for chunks that lost theirs."""
+        """The data's checksum, and what the writer counted."""
         checksum = parse(Opcode.DATA_END, body).data_section_crc
-        self._closed = self._data.endswith(MAGIC)
         self._unchecked = bool(checksum) and zlib.crc32(self._view[:at]) != checksum
         begin = at + HEAD.size + len(body)
         try:
             while begin < len(self._data) - len(MAGIC):
                 opcode, record = self._cut(begin)
                 if opcode == Opcode.STATISTICS:
-                    counted = parse(opcode, record)
+                    told = parse(opcode, record)
                     self._counted = {
-                        "messages": counted.message_count,
-                        "attachments": counted.attachment_count,
-                        "metadata": counted.metadata_count,
+                        "messages": told.message_count,
+                        "attachments": told.attachment_count,
+                        "metadata": told.metadata_count,
                     }
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._take([(opcode, record)])
                 begin += HEAD.size + len(record)
         except Damage as damage:
-            self._remarks.append(f"the index is damaged: {damage}")
+            self._remark(f"the index is damaged: {damage}")
         self._closed = True
 
     def _loss(self) -> Loss:
-        found = self._found
-        remarks = list(self._remarks)
-        homeless = sum(one.channel not in found.channels for one in found.messages)
-        if homeless:
-            remarks.append(f"{homeless} messages whose channel is lost")
-        kept = {
-            "messages": len(found.messages) - homeless,
-            "attachments": len(found.attachments),
-            "metadata": len(found.metadata),
-        }
+        if self._homeless:
+            self._remark(f"{self._homeless} messages whose channel is lost")
         for what, count in self._counted.items():
-            if kept[what] != count:
-                remarks.append(f"{kept[what]} of {count} {what} are there")
+            if self._kept[what] != count:
+                self._remark(f"{self._kept[what]} of {count} {what} are there")
+        own = self.profile == PROFILE or self._of_run or any(one.topic == "/tick" for one in self._channels.values())
         return Loss(
             bytes_skipped=self._skipped,
-            ticks_missing=tuple(missing_ticks(found)),
-            messages_missing=missing_messages(found),
-            unclosed=not self._closed or not self._data.endswith(MAGIC),
+            ticks_missing=tuple(_gaps(self._ticks)),
+            messages_missing=dict(self._missing),
+            unclosed=not self._closed or self._data[-len(MAGIC) :] != MAGIC,
             unchecked=self._unchecked,
-            remarks=tuple(remarks),
-            foreign=foreign(found),
+            remarks=tuple(self._remarks),
+            foreign="" if own else f"an MCAP file with profile {self.profile!r}, but not a log of this program",
         )
+
+
+def _gaps(spans: list[list[int]]) -> Iterator[Gap]:
+    """What is missing from 0 to the last of spans, which may stand in any order."""
+    expected = 0
+    for first, last in sorted(spans):
+        if first > expected:
+            yield Gap(expected, first - 1)
+        expected = max(expected, last + 1)
 
 
 def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -217,45 +392,3 @@ def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
             raise Damage("a chunk ends in mid-record")
         yield opcode, body
         at += HEAD.size + length
-
-
-def recover(path: Path, out: Path) -> Loss:
-    """Write what can be salvaged of a log as a complete file.
-
-    Raises:
-        LogError: the log cannot be read, holds nothing of an MCAP file, or the new file cannot be written.
-    """
-    found = salvage(path)
-    try:
-        with out.open("xb") as stream:
-            _write(found, stream)
-    except FileExistsError:
-        raise LogError(out, "exists already; choose another file with --out") from None
-    except OSError as error:
-        raise LogError(out, f"cannot be written: {error.strerror or error}") from None
-    return found.loss
-
-
-def _write(found: Salvage, stream: Any) -> None:
-    """A complete file; messages of own logs are numbered anew, the loss stands in the metadata `recovered`."""
-    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile=found.profile, library="cell log recover")
-    for one in found.attachments:
-        writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
-    for record in found.metadata:
-        writer.add_metadata(record.name, record.metadata)
-    if found.loss.lossy:
-        writer.add_metadata("recovered", {name: json.dumps(value) for name, value in vars(found.loss).items()})
-    schemas = {key: writer.register_schema(one.name, one.encoding, one.data) for key, one in found.schemas.items()}
-    channels = {
-        number: writer.register_channel(one.topic, one.message_encoding, schemas.get(one.schema_id, 0), one.metadata)
-        for number, one in found.channels.items()
-    }
-    own = found.profile == PROFILE
-    sequences: dict[int, int] = {}
-    for message in found.messages:
-        channel = channels[message.channel]
-        sequences[channel] = sequences.get(channel, 0) + 1
-        number = sequences[channel] if own else message.sequence
-        writer.add_message(channel, message.time_ns, message.data, message.published_ns, number)
-    writer.finish()  # type: ignore[no-untyped-call]

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-
-from mcap.writer import CompressionType, Writer
 
 from cell.configuration import load_configuration
 from cell.errors import InputError, LogError
@@ -19,6 +16,7 @@ from cell.log.read.reader import Log, LoggedTick, read_log
 from cell.log.replay.compare import Difference
 from cell.log.replay.logged_tree import write_files
 from cell.log.replay.replay import Changes, Replay, recorded_weights
+from cell.recording.copying import CopyingWriter
 from learned.inference.onnx_model import sealed, without_digest
 
 LARGEST_BYTES = 1_000_000
@@ -107,23 +105,16 @@ def _weights(log: Log) -> dict[str, bytes]:
 
 
 def _write(log: Log, weights: Mapping[str, bytes], until_s: float, stream: Any) -> None:
-    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile="cell", library="cell log to-test")
-    attachments = {**log.attachments, **{f"{WEIGHTS}{name}.onnx": content for name, content in weights.items()}}
-    for name, content in attachments.items():
-        writer.add_attachment(0, 0, name, "application/octet-stream", content)
-    writer.add_metadata("run", dict(log.metadata))
-    schema = writer.register_schema("cell.Any", "jsonschema", b'{"type": "object"}')
-    channels: dict[str, int] = {}
-    sequences: Counter[str] = Counter()
+    writer = CopyingWriter(stream, CHUNK_BYTES, renumber=True)
+    writer.start("cell", "cell log to-test")
+    for name, content in {**log.attachments, **{f"{WEIGHTS}{name}.onnx": one for name, one in weights.items()}}.items():
+        writer.attach(name, content)
+    writer.note("run", dict(log.metadata))
     end_ns = round(min(until_s, log.ticks[-1].time_s) * 1e9)  # what follows the last whole tick is no part of it
     for message in log.messages:
         topic = message.topic
-        if message.time_ns > end_ns or not (topic in TICK_TOPICS or topic.startswith("/note/")):
-            continue
-        if topic not in channels:
-            channels[topic] = writer.register_channel(topic, message.encoding, schema)
-        sequences[topic] += 1
-        writer.add_message(channels[topic], message.time_ns, message.data, message.time_ns, sequences[topic])
-    writer.add_metadata("outcome", dict(log.outcome) if until_s == math.inf else {"end": "trimmed"})
-    writer.finish()  # type: ignore[no-untyped-call]
+        if message.time_ns <= end_ns and (topic in TICK_TOPICS or topic.startswith("/note/")):
+            writer.channel(topic, message.encoding, "cell.Any", "jsonschema", b'{"type": "object"}')
+            writer.message(topic, message.time_ns, message.data)
+    writer.note("outcome", dict(log.outcome) if until_s == math.inf else {"end": "trimmed"})
+    writer.finish()

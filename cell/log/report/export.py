@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import can
 import cv2
 import numpy as np
 
@@ -20,7 +21,9 @@ from cell.interfaces.bench import JOINTS
 from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.replay.logged_tree import logged_tree
+from cell.log.report.for_rerun import began_ns as _began_ns
 from cell.log.report.for_rerun import write_for_rerun
+from cell.log.report.for_ros import write_rosbag
 from cell.recording.images import Video
 from trees.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
@@ -28,6 +31,7 @@ from trees.views.groot2 import StatusBoard, tree_xml
 Row = dict[str, Any]
 BTLOG_MAGIC = b"BTCPP4-FileLogger2"
 BTLOG_HEAD = struct.Struct("<Bi")  # version, length of the XML
+STANDARD_ID = 0x7FF
 VIDEO_TOPIC = "/camera/overhead"
 YELLOW_BGR, WHITE_BGR, BAR_BGR = (0, 220, 255), (255, 255, 255), (40, 30, 24)
 BAR_PX, LINE_PX = 44, 18
@@ -72,7 +76,7 @@ def _text(fields: Any, *names: str) -> str:
 
 
 def export(log: Log, style: str, path: Path) -> int:
-    """Write a log as "csv", "parquet", "transitions", "notes", "btlog", "video" or "rerun"; returns rows or frames.
+    """Write a log in a style, as `cell log export --to` names them; returns how many rows, frames or messages.
 
     Raises:
         LogError: the log does not hold what the format needs.
@@ -82,13 +86,17 @@ def export(log: Log, style: str, path: Path) -> int:
         raise LogError(log.path, "holds no tick that could be exported")
     writers: Mapping[str, Callable[[Log, Path], int]] = {
         "csv": _csv,
-        "parquet": lambda log, path: _parquet(list(table(log)), path),
-        "transitions": lambda log, path: _parquet(list(transitions(log)), path),
-        "notes": lambda log, path: _parquet(list(notes(log)), path),
+        "parquet": lambda log, path: _parquet(log, list(table(log)), path),
+        "transitions": lambda log, path: _parquet(log, list(transitions(log)), path),
+        "notes": lambda log, path: _parquet(log, list(notes(log)), path),
+        "candump": _candump,
+        "rosbag2": write_rosbag,
         "btlog": _btlog,
         "rerun": write_for_rerun,
         "video": lambda log, partial: _video(log, partial, path),
     }
+    if style == "rosbag2" and path.exists():
+        raise InputError(f"{path}: exists already; name a new folder")
     try:
         with whole_or_none(path) as partial:
             return writers[style](log, partial)
@@ -107,6 +115,7 @@ def table(log: Log) -> Iterator[dict[str, Any]]:
         message = tick.display["message"] if tick.display else message
         hand = seen.bench.hand if seen.bench else None
         yield {
+            "run_id": log.metadata.get("run_id", ""),
             "tick": tick.number,
             "time_s": tick.time_s,
             "status": tick.status,
@@ -139,10 +148,29 @@ def _csv(log: Log, path: Path) -> int:
     return len(rows)
 
 
-def _parquet(rows: list[dict[str, Any]], path: Path) -> int:
+def _parquet(log: Log, rows: list[dict[str, Any]], path: Path) -> int:
+    """A table with what the log says of its run as metadata."""
     arrow, parquet = (needed(name, "Parquet (--to csv does not)", "parquet") for name in ("pyarrow", "pyarrow.parquet"))
-    parquet.write_table(arrow.Table.from_pylist(rows), str(path))
+    told = {**log.metadata, **{f"outcome.{name}": value for name, value in log.outcome.items()}}
+    parquet.write_table(arrow.Table.from_pylist(rows).replace_schema_metadata(told), str(path))
     return len(rows)
+
+
+def _candump(log: Log, path: Path) -> int:
+    """Frames of the gripper's bus as `candump -L` writes them; those of one tick bear its time."""
+    began_s, count = _began_ns(log) / 1e9, 0
+    writer = can.CanutilsLogWriter(path, channel="can0")
+    try:
+        for message in log.messages:
+            if message.topic == "/can":
+                told = json.loads(message.data)
+                data, at_s = bytes.fromhex(told["data_hex"]), began_s + message.time_ns / 1e9
+                received, long = not told["sent"], told["id"] > STANDARD_ID
+                writer(can.Message(at_s, told["id"], is_extended_id=long, data=data, is_rx=received, check=True))
+                count += 1
+    finally:
+        writer.stop()
+    return count
 
 
 def _btlog(log: Log, path: Path) -> int:

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from foxglove import messages
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
 
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.report.text import command_text, display_text, note_text
+from cell.recording.copying import CopyingWriter
 
 PROTOBUF = "protobuf"
-FOLDER = "/decisions"
+FOLDER, CHUNK_BYTES = "/decisions", 1024 * 1024
 WARN, INFO = messages.LogLevel.Warning, messages.LogLevel.Info
 _NOT_IN_A_NAME = re.compile(r"[^\w:/.\-]+")
 
@@ -32,13 +32,13 @@ def write_for_rerun(log: Log, path: Path) -> int:
     Raises:
         OSError: it cannot be written.
     """
-    began_ns = _began_ns(log)
+    start_ns = began_ns(log)
     with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer = CopyingWriter(stream, CHUNK_BYTES)
         writer.start("", "cell")
-        _copy(log, writer, began_ns)
-        count = _decisions(log, writer, began_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
+        _copy(log, writer, start_ns)
+        count = _decisions(log, writer, start_ns)
+        writer.finish()
     return count
 
 
@@ -69,36 +69,31 @@ def _allowed(tick: LoggedTick) -> str:
     return f"{tick.judgement['action']}: {reasons}" if reasons else str(tick.judgement["action"])
 
 
-def _decisions(log: Log, writer: Writer, began_ns: int) -> int:
-    schema = messages.Log.get_schema()
-    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-    channels: dict[str, int] = {}
-    count = 0
+def _decisions(log: Log, writer: CopyingWriter, start_ns: int) -> int:
+    schema, count = messages.Log.get_schema(), 0
     for count, (time_s, (topic, level, text)) in enumerate(lines(log), 1):  # noqa: B007 - counted
-        if topic not in channels:
-            channels[topic] = writer.register_channel(topic, PROTOBUF, schema_id)
-        at_ns = began_ns + round(time_s * 1e9)
+        writer.channel(topic, PROTOBUF, schema.name, schema.encoding, schema.data)
+        at_ns = start_ns + round(time_s * 1e9)
         stamp = messages.Timestamp(at_ns // 10**9, at_ns % 10**9)
         line = messages.Log(timestamp=stamp, level=level, message=text, name=topic.rpartition("/")[2])
-        writer.add_message(channels[topic], at_ns, line.encode(), at_ns)
+        writer.message(topic, at_ns, line.encode())
     return count
 
 
-def _copy(log: Log, writer: Writer, began_ns: int) -> None:
+def _copy(log: Log, writer: CopyingWriter, start_ns: int) -> None:
     """What Rerun can read as it is: messages in protobuf, with their schemas."""
-    channels: dict[str, int] = {}
+    topics = set()
     for path in log.parts:
         with path.open("rb") as stream:
             summary = make_reader(stream).get_summary()
         for channel in () if summary is None else summary.channels.values():
-            if channel.message_encoding == PROTOBUF and channel.topic not in channels:
+            if channel.message_encoding == PROTOBUF:
                 schema = summary.schemas[channel.schema_id]  # type: ignore[union-attr]
-                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, PROTOBUF, schema_id)
+                writer.channel(channel.topic, PROTOBUF, schema.name, schema.encoding, schema.data)
+                topics.add(channel.topic)
     for message in log.messages:
-        if message.topic in channels:
-            at_ns = began_ns + message.time_ns
-            writer.add_message(channels[message.topic], at_ns, message.data, at_ns)
+        if message.topic in topics:
+            writer.message(message.topic, start_ns + message.time_ns, message.data)
 
 
 def _name(path: str) -> str:
@@ -106,7 +101,7 @@ def _name(path: str) -> str:
     return _NOT_IN_A_NAME.sub("_", path)
 
 
-def _began_ns(log: Log) -> int:
+def began_ns(log: Log) -> int:
     """When the run began; times of the log count from there. 0 where the log does not say."""
     try:
         return round(datetime.fromisoformat(log.metadata["started_utc"]).timestamp() * 1e9)

@@ -20,16 +20,18 @@ import orjson
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
 from cell.files.packages import needed
-from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from cell.log.read.frames import CAMERA, Frames
 from cell.log.read.reader import Log
-from cell.recording.images import Video
+from learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, OF_STATE
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"
-STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
+AXES = ("height", "width", "channels")
+RATE_HZ = 15.0  # of a data set without images
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
+ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
+PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 
@@ -40,29 +42,71 @@ class Episode:
     Attributes:
         states, actions: (rows, 7) joints and opening, measured and asked for.
         times_s: of the log's clock.
+        parts_m: (rows, 3) where the part stood that the robot was after; zeros before.
         task: in words.
-        success: the bracket is right.
+        success: the bracket is right; None where nobody knows.
+        ended: the log holds the run's end.
     """
 
     times_s: Array
     states: Array
     actions: Array
+    parts_m: Array
     task: str
-    success: bool
+    success: bool | None
+    ended: bool = True
     pixels: list[Array] = field(default_factory=list)
 
 
-def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
+class FilmedVideo:
+    """An MP4 file in a codec that browsers play, by FFmpeg; all frames have the size of the first one."""
+
+    def __init__(self, path: Path, rate_hz: float, codec: str) -> None:
+        av = needed("av", "a video in H.264 or AV1", "parquet")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._av, self._file = av, av.open(str(path), "w")
+        self._stream = self._file.add_stream(ENCODERS[codec], rate=round(rate_hz))
+        self._stream.pix_fmt = PIXELS
+        self._size = (0, 0)
+
+    def add(self, bgr: Any) -> None:
+        """One more frame.
+
+        Raises:
+            InputError: it has another size.
+        """
+        size = (bgr.shape[1], bgr.shape[0])
+        if self._size == (0, 0):
+            self._size = self._stream.width, self._stream.height = size
+        if size != self._size:
+            raise InputError("frames of several sizes do not go into one video")
+        self._put(self._stream.encode(self._av.VideoFrame.from_ndarray(bgr, format="bgr24")))
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._put(self._stream.encode())
+        self._file.close()
+
+    def _put(self, packets: Any) -> None:
+        for packet in packets:
+            self._file.mux(packet)
+
+
+def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int:
     """Write a data set; returns how many rows it has.
+
+    Args:
+        codec: of the videos: h264, or av1, which is smaller and slower.
 
     Raises:
         InputError: the folder is there already or cannot be written, or pyarrow is missing.
-        LogError: a log has fewer than two overhead images or no tick.
+        LogError: a log has no tick, or fewer than two overhead images where others have some.
     """
     if folder.exists():
         raise InputError(f"{folder}: exists already; name a new folder")
     _arrow()  # before anything is written
-    rates = {round(_rate_hz(log)) for log in logs}
+    filmed = any(map(_image_times_s, logs))
+    rates = {round(_rate_hz(log, filmed=filmed)) for log in logs}
     if len(rates) > 1:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
     rate_hz = rates.pop()
@@ -71,11 +115,12 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
             episodes, size = [], (0, 0)
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
-                video = Video(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, folder)
-                size = _write_video(log, episode, video)
+                if filmed:
+                    video = FilmedVideo(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, codec)
+                    size = _write_video(log, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)
-            _write_json(_info(episodes, rate_hz, size), partial / "meta" / "info.json")
+            _write_json(_info(episodes, rate_hz, size, codec), partial / "meta" / "info.json")
             _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -86,7 +131,7 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     """Rows at a constant rate from the first overhead image to the last tick."""
     ticks = log.ticks
     starts = np.array([tick.time_s for tick in ticks])
-    first_s = max(_image_times_s(log)[0], float(starts[0]))
+    first_s = max([float(starts[0]), *_image_times_s(log)[:1]])
     count = int((starts[-1] - first_s) * rate_hz) + 1
     times_s = first_s + np.arange(count) / rate_hz
     at = np.clip(np.searchsorted(starts, times_s + 1e-9, side="right") - 1, 0, len(ticks) - 1)
@@ -96,7 +141,20 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     result = {name: orjson.loads(value) for name, value in log.result.items()}
     goal = result.get("goal") or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
-    return Episode(times_s, measured[at], asked[later], task, result.get("correct") is True)
+    rows = times_s, measured[at], asked[later], _after(log)[at]
+    return Episode(*rows, task, result.get("correct"), not log.unfinished)
+
+
+def _after(log: Log) -> Array:
+    """Where the part stood that the newest plan names, at each tick: (ticks, 3)."""
+    found, now = [], (0.0, 0.0, 0.0)
+    for tick in log.ticks:
+        for topic, fields in tick.notes:
+            seen = tick.observation.parts
+            if topic == "plan" and seen is not None and 0 <= fields.get("required", -1) < len(seen.detections):
+                now = seen.detections[fields["required"]].world_from_part.position_m
+        found.append(now)
+    return np.array(found)
 
 
 def _asked(log: Log, measured: Array) -> Array:
@@ -126,7 +184,7 @@ def _asked(log: Log, measured: Array) -> Array:
     return asked
 
 
-def _write_video(log: Log, episode: Episode, video: Video) -> tuple[int, int]:
+def _write_video(log: Log, episode: Episode, video: FilmedVideo) -> tuple[int, int]:
     """One frame a row; returns (height, width)."""
     frames, size = Frames(log), (0, 0)
     for row, time_s in enumerate(episode.times_s):
@@ -161,8 +219,9 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
                 "dataset_from_index": first,
                 "dataset_to_index": first + count,
                 **{f"data/{name}": value for name, value in place.items()},
-                **{f"videos/{VIDEO}/{name}": value for name, value in video.items()},
+                **({f"videos/{VIDEO}/{name}": value for name, value in video.items()} if episode.pixels else {}),
                 **{f"meta/episodes/{name}": 0 for name in place},
+                **_of_episode(episode, rate_hz),
             }
         )
         first += count
@@ -175,12 +234,13 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
 def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate_hz: float) -> Any:
     count = len(episode.times_s)
     last = np.arange(count) == count - 1
-    vectors = arrow.list_(arrow.float32(), len(STATE))
+    vectors = arrow.list_(arrow.float32(), len(OF_STATE))
     columns = {
         "observation.state": arrow.array(list(episode.states.astype(np.float32)), vectors),
+        ENVIRONMENT: arrow.array(list(episode.parts_m.astype(np.float32)), arrow.list_(arrow.float32(), 3)),
         "action": arrow.array(list(episode.actions.astype(np.float32)), vectors),
-        "next.done": arrow.array(last, arrow.bool_()),
-        "next.success": arrow.array(last & episode.success, arrow.bool_()),
+        "next.done": arrow.array(last & episode.ended, arrow.bool_()),
+        "next.success": arrow.array([*([False] * (count - 1)), episode.success], arrow.bool_()),
         "timestamp": arrow.array((np.arange(count) / rate_hz).astype(np.float32)),
         "frame_index": arrow.array(np.arange(count, dtype=np.int64)),
         "episode_index": arrow.array(np.full(count, number, np.int64)),
@@ -208,13 +268,13 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int]) -> dict[str, Any]:
-    vector = {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)}
+def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], codec: str) -> dict[str, Any]:
+    vector = {"dtype": "float32", "shape": [len(OF_STATE)], "names": list(OF_STATE)}
     video = {
         "video.height": size[0],
         "video.width": size[1],
-        "video.codec": "mpeg4",
-        "video.pix_fmt": "yuv420p",
+        "video.codec": codec,
+        "video.pix_fmt": PIXELS,
         "video.is_depth_map": False,
         "video.fps": rate_hz,
         "video.channels": 3,
@@ -236,8 +296,9 @@ def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int]) ->
         "video_path": f"videos/{{video_key}}/{PATHS}.mp4",
         "features": {
             "observation.state": vector,
+            ENVIRONMENT: {**vector, "shape": [len(OF_ENVIRONMENT)], "names": list(OF_ENVIRONMENT)},
             "action": vector,
-            VIDEO: {"dtype": "video", "shape": [*size, 3], "names": ["height", "width", "channels"], "info": video},
+            **({VIDEO: {"dtype": "video", "shape": [*size, 3], "names": list(AXES), "info": video}} if size[0] else {}),
             "next.done": flag,
             "next.success": flag,
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -250,14 +311,24 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
     lengths = [len(episode.times_s) for episode in episodes]
     times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
-    pixels = np.concatenate([rows for episode in episodes for rows in episode.pixels])
+    pixels = [rows for episode in episodes for rows in episode.pixels]
     told = {
         "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
+        ENVIRONMENT: _spread(np.concatenate([episode.parts_m for episode in episodes])),
         "action": _spread(np.concatenate([episode.actions for episode in episodes])),
         "timestamp": _spread(times_s[:, np.newaxis]),
     }
-    image = {name: [[[one]] for one in values] for name, values in _spread(pixels).items() if name != "count"}
+    if not pixels:
+        return told
+    spread = _spread(np.concatenate(pixels))
+    image = {name: [[[one]] for one in values] for name, values in spread.items() if name != "count"}
     return {**told, VIDEO: {**image, "count": [sum(len(episode.pixels) for episode in episodes)]}}
+
+
+def _of_episode(episode: Episode, rate_hz: float) -> dict[str, Any]:
+    """The statistics of one episode, as columns of its row."""
+    found = _statistics([episode], rate_hz)
+    return {f"stats/{name}/{key}": value for name, one in found.items() for key, value in one.items()}
 
 
 def _spread(values: Array) -> dict[str, list[float]]:
@@ -274,8 +345,13 @@ def _image_times_s(log: Log) -> list[float]:
     return [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}overhead"]
 
 
-def _rate_hz(log: Log) -> float:
-    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it."""
+def _rate_hz(log: Log, *, filmed: bool) -> float:
+    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it.
+
+    Of logs without images it is RATE_HZ.
+    """
+    if not filmed and log.ticks:
+        return RATE_HZ
     times_s = _image_times_s(log)
     if len(times_s) < 2 or not log.ticks:
         raise LogError(

@@ -117,7 +117,7 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
     assert main(["log", "list", str(tmp_path), "--failures"]) == 0
     assert "PickPart" in capsys.readouterr().out
     assert main(["log", "list", str(tmp_path), "--statistics", "end"]) == 0
-    assert "end failed: 0 of 2 right, 0.000 (95 %: 0.000 - 0.658)" in capsys.readouterr().out
+    assert "end failed: 2 runs, 0 right, 2 wrong, 0 not known; 0.000 (95 %: 0.000 - 0.658)" in capsys.readouterr().out
     assert main(["log", "list", str(tmp_path), "--statistics", "nothing"]) == 2
     assert main(["log", "list", str(tmp_path / "none")]) == 2
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 from cell.errors import InputError
+from cell.fleet.one_run import in_child
+from cell.fleet.spec import Task
 
 
 def squared(number: int, kill_once: str) -> int:
@@ -23,3 +26,13 @@ def refused(number: int) -> int:
 
 def dies() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def row(task: Task) -> dict[str, object]:
+    """As a run answers, after a moment, from the child process that a run has."""
+    return in_child(run_row, task.seed)
+
+
+def run_row(seed: int) -> dict[str, object]:
+    time.sleep(0.05)
+    return {"key": str(seed), "seed": seed, "end": "finished", "took_s": 0.05}

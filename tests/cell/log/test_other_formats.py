@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
@@ -18,6 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from cell.commands.main import main
 from cell.errors import InputError
 from cell.log.read.reader import Log
+from cell.log.report.export import export
 from cell.log.report.for_rerun import write_for_rerun
 from cell.log.training.lerobot import VIDEO, write_lerobot
 from tests import ROOT
@@ -144,3 +146,57 @@ def opened(what: str, path: Path) -> Any:
     command = [str(READERS), str(Path(__file__).with_name("open_exports.py")), what, str(path)]
     answer = subprocess.run(command, capture_output=True, text=True, check=True, env={"HF_HUB_OFFLINE": "1"})
     return json.loads(answer.stdout.splitlines()[-1])
+
+
+def test_a_rosbag_has_joints_transforms_images_and_lines(assembly_log: Log, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    target = tmp_path / "bag"
+    count = export(assembly_log, "rosbag2", target)
+    known = get_typestore(Stores.ROS2_HUMBLE)
+    found: dict[str, list[Any]] = {}
+    with Reader(target) as reader:
+        assert reader.message_count == count
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(known.deserialize_cdr(data, connection.msgtype))
+    joints = found["/joint_states"]
+    assert len(joints) == len(assembly_log.ticks)
+    assert tuple(joints[5].position) == assembly_log.ticks[5].observation.arm.positions_rad
+    images = [message for message in assembly_log.messages if message.topic == "/camera/overhead"]
+    assert len(found["/camera/overhead/compressed"]) == len(images)
+    assert found["/camera/overhead/compressed"][0].data.tobytes()[:2] == b"\xff\xd8"
+    assert {one.child_frame_id for message in found["/tf"] for one in message.transforms} >= {"camera_overhead"}
+    assert found["/rosout"]
+    with pytest.raises(InputError, match="exists already"):
+        export(assembly_log, "rosbag2", target)
+
+
+def test_candump_lines_are_read_back_by_python_can(assembly_log: Log, tmp_path: Path) -> None:
+    target = tmp_path / "bus.log"
+    count = export(assembly_log, "candump", target)
+    with can.LogReader(target) as reader:
+        frames = list(reader)
+    told = [json.loads(message.data) for message in assembly_log.messages if message.topic == "/can"]
+    assert count == len(frames) == len(told) > 0
+    assert [(one.arbitration_id, one.data.hex()) for one in frames] == [(one["id"], one["data_hex"]) for one in told]
+
+
+@pytest.mark.parametrize("style", ["parquet", "transitions", "notes"])
+def test_tables_join_by_run_and_tell_of_it(assembly_log: Log, tmp_path: Path, style: str) -> None:
+    export(assembly_log, style, tmp_path / "table")
+    table = parquet.read_table(tmp_path / "table")
+    assert set(table.column("run_id").to_pylist()) == {assembly_log.metadata["run_id"]}
+    assert table.schema.metadata[b"seed"] == assembly_log.metadata["seed"].encode()
+
+
+def test_a_run_whose_end_is_unknown_is_no_failure(assembly_log: Log, tmp_path: Path) -> None:
+    cut = replace(assembly_log, unfinished="was not closed", result={})
+    write_lerobot([cut], tmp_path / "set")
+    last = {name: values[-1] for name, values in rows(tmp_path / "set", 0).items()}
+    assert last["next.success"] is None
+    assert last["next.done"] is False
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert info["features"][VIDEO]["info"]["video.codec"] == "h264"
+    about = parquet.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet").to_pydict()
+    assert len(about["stats/action/mean"][0]) == 7

@@ -1,0 +1,92 @@
+"""A cluster as people start it: a scheduler and workers with their nannies, as processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from cell.errors import CellError, InputError
+from cell.fleet.engine import cluster, mapped, results
+from cell.fleet.spec import Task
+from tests import ROOT
+from tests.cell.fleet import working
+
+RUNS = 40
+BIN = Path(sys.executable).parent
+
+
+def task(number: int) -> Task:
+    return Task("t", "c", (("n", str(number).encode()),), number, "g0", None, None, None, None, (("tree", "t"),))
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler, two workers as `dask worker` starts them, and one that lacks the package."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address, dashboard = f"tcp://127.0.0.1:{port}", ["--dashboard-address", "127.0.0.1:0", "--host", "127.0.0.1"]
+    here = {**os.environ, "PYTHONPATH": str(ROOT)}
+    lacking = folder / "lacking"
+    (lacking / "cell").mkdir(parents=True)
+    (lacking / "cell" / "__init__.py").write_text("raise ImportError('no such package here')\n")
+    commands = [
+        ([str(BIN / "dask"), "scheduler", "--port", str(port), *dashboard], here),
+        *(
+            ([str(BIN / "dask"), "worker", address, "--nthreads", "1", "--name", name, *dashboard,
+              "--local-directory", str(folder / name)], {**here, "PYTHONPATH": path})
+            for name, path in (("one", str(ROOT)), ("two", str(ROOT)), ("odd", str(lacking)))
+        ),
+    ]  # fmt: skip
+    running = []
+    try:
+        for command, environment in commands:
+            with (folder / f"{len(running)}.log").open("wb") as log:
+                running.append(subprocess.Popen(command, env=environment, stdout=log, stderr=log, cwd=folder))
+            time.sleep(0.5)
+        yield address, running
+    finally:
+        for process in reversed(running):
+            for one in (*psutil.Process(process.pid).children(recursive=True), process):
+                one.kill()
+            process.wait()
+
+
+def test_default_workers_do_all_runs_though_one_is_killed_and_one_lacks_the_package(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = []
+    with started(tmp_path) as (address, processes), cluster(1, address) as client:
+        client.wait_for_workers(3, timeout=120)
+        for row in results(client, map(task, range(RUNS)), working.row):
+            rows.append(row)
+            if len(rows) == 5:
+                for child in psutil.Process(processes[1].pid).children():
+                    os.kill(child.pid, signal.SIGKILL)  # its nanny begins another
+    assert sorted(row["seed"] for row in rows) == list(range(RUNS))
+    assert {row["end"] for row in rows} == {"finished"}
+    told = capsys.readouterr().err
+    assert "worker odd does not agree and gets no runs: has no package cell" in told
+    assert "worker one" not in told
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "foo"])
+def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.fleet.engine.CONNECT_S", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(1, address):
+        pass
+
+
+def test_a_lost_call_says_how_its_process_ended() -> None:
+    with pytest.raises(CellError, match="SIGKILL"):
+        list(mapped(working.dies, [()], workers=2))

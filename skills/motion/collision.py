@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Obstacle
 from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
@@ -28,6 +28,7 @@ FINGER_MIDDLE_M = 0.1245
 CAMERA_SIZE_M = (0.050, 0.030, 0.030)
 CAMERA_BEHIND_LENS_M = 0.020
 
+STEP_M = 0.008  # between checks of a path: twice the margin, so that nothing in between is nearer than 0
 TABLE_M = (3.0, 3.0, 0.5)
 RIM_THICKNESS_M = 0.008
 BIN_ROOM_M = 0.04  # around each part in a bin
@@ -82,9 +83,11 @@ class CollisionChecker:
         self._arm_alone = self._geometry.copy()
         self._arm = tuple(item.name for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
-        self._add_pairs(_SELF_PAIRS)
+        _add_pairs(self._geometry, _SELF_PAIRS)
         for box in standing_boxes(product, bench):
-            self._add_obstacle(self._geometry, box)
+            self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
+        for obstacle in bench.obstacles:
+            self._add_obstacle(self._geometry, obstacle.name, *_placed(obstacle))
 
     @property
     def model(self) -> pinocchio.Model:
@@ -99,6 +102,37 @@ class CollisionChecker:
         geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
         return geometry
 
+    def scene(
+        self,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
+    ) -> Scene:
+        """The bench with what else is to be kept clear of.
+
+        Args:
+            opening_m: distance between the fingers.
+            obstacles: more boxes to keep clear of, in the world frame.
+            held: boxes that move with the tool, in the tool frame.
+            margin_m: what comes nearer than this counts as touching.
+        """
+        geometry = self._geometry.copy()
+        self._open_fingers(geometry, opening_m)
+        for box in obstacles:
+            self._add_obstacle(geometry, box.name, box.pose, coal.Box(*box.size_m))
+        fixed = range(len(self._arm), len(geometry.geometryObjects))
+        links = [geometry.getGeometryId(name) for name in ("forearm_link", "upper_arm_link", "base_link")]
+        for number, box in enumerate(held):
+            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
+            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
+            own = geometry.addGeometryObject(
+                pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m))
+            )
+            for other in (*fixed, *links):
+                geometry.addCollisionPair(pinocchio.CollisionPair(own, other))
+        return Scene(self._model, geometry, margin_m)
+
     def first_contact(
         self,
         positions_rad: Array,
@@ -107,36 +141,8 @@ class CollisionChecker:
         held: Sequence[Box] = (),
         margin_m: float = 0.0,
     ) -> str | None:
-        """What touches first along a joint path (n, 6), in words; None where the way is free.
-
-        Args:
-            opening_m: distance between the fingers.
-            obstacles: more boxes to keep clear of, in the world frame.
-            held: boxes that move with the tool, in the tool frame.
-            margin_m: what comes nearer than this counts as touching.
-        """
-        geometry = self._scene(opening_m, obstacles, held)
-        data = geometry.createData()
-        for request in data.collisionRequests:
-            request.security_margin = margin_m
-        path = resampled(positions_rad, self._settings.collision_step_rad)
-        for joints in path:
-            if pinocchio.computeCollisions(self._model, self._data, geometry, data, joints, True):
-                return _describe(geometry, data)
-        return None
-
-    def _scene(self, opening_m: float, obstacles: Sequence[Box], held: Sequence[Box]) -> pinocchio.GeometryModel:
-        geometry = self._geometry.copy()
-        self._open_fingers(geometry, opening_m)
-        for box in obstacles:
-            self._add_obstacle(geometry, box)
-        fixed = [item.name for item in geometry.geometryObjects if item.parentJoint == 0 and item.name not in self._arm]
-        for number, box in enumerate(held):
-            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
-            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
-            geometry.addGeometryObject(pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m)))
-            _add_pairs(geometry, ((name, other) for other in (*fixed, "forearm_link", "upper_arm_link", "base_link")))
-        return geometry
+        """What touches first along a joint path (n, 6), in words; None where the way is free; see `scene`."""
+        return self.scene(opening_m, obstacles, held, margin_m).first_contact(positions_rad)
 
     def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
         for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
@@ -173,12 +179,50 @@ class CollisionChecker:
     def _on_flange(self, position_m: tuple[float, float, float]) -> pinocchio.SE3:
         return self._wrist_from_flange * pinocchio.SE3(np.eye(3), np.array(position_m))
 
-    def _add_pairs(self, pairs: Iterable[tuple[str, str]]) -> None:
-        _add_pairs(self._geometry, pairs)
+    def _add_obstacle(
+        self, geometry: pinocchio.GeometryModel, name: str, pose: Pose, shape: coal.CollisionGeometry
+    ) -> None:
+        own = geometry.addGeometryObject(pinocchio.GeometryObject(name, 0, _se3(pose), shape))
+        for link, of_arm in enumerate(self._arm):
+            if of_arm not in _BASE_LINKS:
+                geometry.addCollisionPair(pinocchio.CollisionPair(link, own))
 
-    def _add_obstacle(self, geometry: pinocchio.GeometryModel, box: Box) -> None:
-        geometry.addGeometryObject(pinocchio.GeometryObject(box.name, 0, _se3(box.pose), coal.Box(*box.size_m)))
-        _add_pairs(geometry, ((name, box.name) for name in self._arm if name not in _BASE_LINKS))
+
+class Scene:
+    """The arm among all that it must not touch, ready to be asked about many postures.
+
+    Attributes:
+        reach_m: (6,) how far the farthest point that a joint moves may be from its axis.
+    """
+
+    def __init__(self, model: pinocchio.Model, geometry: pinocchio.GeometryModel, margin_m: float) -> None:
+        self._model, self._data = model, model.createData()
+        self._geometry, self._results = geometry, geometry.createData()
+        for request in self._results.collisionRequests:
+            request.security_margin = margin_m
+        self._near = pinocchio.BroadPhaseManager_NaiveCollisionManager(model, geometry, self._results)
+        self.reach_m = _reaches_m(model, geometry)
+
+    def touches(self, joints_rad: Array) -> bool:
+        """Whether anything does in a posture (6,)."""
+        return bool(pinocchio.computeCollisions(self._model, self._data, self._near, joints_rad, True))
+
+    def contact(self, joints_rad: Array) -> str | None:
+        """Which two things touch in a posture (6,), in words."""
+        if not self.touches(joints_rad):
+            return None
+        pinocchio.computeCollisions(self._model, self._data, self._geometry, self._results, joints_rad, True)
+        names = [item.name for item in self._geometry.geometryObjects]
+        pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
+        first = next(pair for pair, result in pairs if result.isCollision())
+        return f"{names[first.first]} would touch {names[first.second]}".replace("_", " ")
+
+    def first_contact(self, positions_rad: Array) -> str | None:
+        """What touches first along a joint path (n, 6), in words; None where the way is free."""
+        for joints in resampled(positions_rad, self.reach_m):
+            if self.touches(joints):
+                return self.contact(joints)
+        return None
 
 
 def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
@@ -201,12 +245,48 @@ def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m:
     return Box(name, centre, (length, width, height + below_m))
 
 
-def resampled(positions_rad: Array, step_rad: float) -> Array:
-    """A path (m, 6) through the same line, no joint moving more than a step from row to row."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions_rad, axis=0)).max(axis=1))])
-    count = max(2, math.ceil(travelled[-1] / step_rad) + 1)
+def resampled(positions_rad: Array, reach_m: Array) -> Array:
+    """A path (m, 6) through the same line, no point of the arm going farther than STEP_M from row to row.
+
+    Args:
+        reach_m: see `Scene`; a point goes as far as all joints together take it, at most.
+    """
+    ways_m = np.abs(np.diff(positions_rad, axis=0)) @ reach_m
+    travelled = np.concatenate([[0.0], np.cumsum(ways_m)])
+    count = max(2, math.ceil(travelled[-1] / STEP_M) + 1)
     marks = np.linspace(0.0, travelled[-1], count)
     return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])
+
+
+def _reaches_m(model: pinocchio.Model, geometry: pinocchio.GeometryModel) -> Array:
+    """(6,) see `Scene`: a body's own size, and all bones between it and the joint."""
+    bones_m = [float(np.linalg.norm(one.translation)) for one in model.jointPlacements]
+    reach_m = np.zeros(model.nq)
+    for item in geometry.geometryObjects:
+        if (joint := item.parentJoint) == 0:
+            continue
+        item.geometry.computeLocalAABB()
+        low, high = item.geometry.aabb_local.min_, item.geometry.aabb_local.max_
+        corners = np.array([item.placement.act(np.array(one)) for one in pairs_of(*zip(low, high, strict=True))])
+        axis = "XYZ".index(model.joints[joint].shortname()[-1])
+        reach_m[joint - 1] = max(reach_m[joint - 1], float(np.linalg.norm(np.delete(corners, axis, 1), axis=1).max()))
+        far_m = float(np.linalg.norm(corners, axis=1).max())
+        for before in range(joint - 1, 0, -1):
+            far_m += bones_m[before + 1]
+            reach_m[before - 1] = max(reach_m[before - 1], far_m)
+    return reach_m
+
+
+def _placed(obstacle: Obstacle) -> tuple[Pose, coal.CollisionGeometry]:
+    """An obstacle's pose and shape."""
+    if obstacle.box_m is not None:
+        return obstacle.pose, coal.Box(*obstacle.box_m)
+    if obstacle.cylinder_m is not None:
+        return obstacle.pose, coal.Cylinder(obstacle.cylinder_m[0] / 2, obstacle.cylinder_m[1])
+    points = coal.StdVec_Vec3s()
+    for point in obstacle.points_m:
+        points.append(point)
+    return Pose((0.0, 0.0, 0.0)), coal.Convex.convexHull(points, True, "Qt")
 
 
 def _bracket_box(product: Product, bench: Bench) -> Box:
@@ -245,14 +325,6 @@ def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[str, str
         geometry.addCollisionPair(
             pinocchio.CollisionPair(geometry.getGeometryId(first), geometry.getGeometryId(second))
         )
-
-
-def _describe(geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> str:
-    names = [item.name for item in geometry.geometryObjects]
-    for pair, result in zip(geometry.collisionPairs, data.collisionResults, strict=True):
-        if result.isCollision():
-            return f"{names[pair.first]} would touch {names[pair.second]}".replace("_", " ")
-    raise AssertionError("a collision was reported, so one pair has it")
 
 
 def _se3(pose: Pose) -> pinocchio.SE3:

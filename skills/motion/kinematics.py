@@ -23,12 +23,16 @@ _FIRST_JOINT = 7  # placo gives every robot a floating base, which comes first i
 
 
 class Kinematics:
-    """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base."""
+    """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base.
+
+    Attributes:
+        range_rad: (6,) how far each joint turns, each way.
+    """
 
     def __init__(self, settings: MotionSettings | None = None) -> None:
         settings = settings or MotionSettings()
         robot = settings.robot
-        self._range_rad = np.array(robot.range_rad)
+        self.range_rad = np.array(robot.range_rad)
         self._flange_from_tool = Pose((0.0, 0.0, robot.tool.tcp_from_flange_m))
         self._tool_from_flange = self._flange_from_tool.inverse()
         self.model = pinocchio.buildModelFromXML(robot.urdf_text)
@@ -73,13 +77,13 @@ class Kinematics:
         """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
         turns = np.round((near_rad - joints_rad) / (2 * math.pi))
         nearest = joints_rad + turns * 2 * math.pi
-        over = np.abs(nearest) > self._range_rad
+        over = np.abs(nearest) > self.range_rad
         answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
         return answer
 
     def within_limits(self, joints_rad: Array) -> bool:
         """Whether all joints (..., 6) lie within the arm's limits."""
-        return bool(np.all(np.abs(joints_rad) <= self._range_rad + 1e-9))
+        return bool(np.all(np.abs(joints_rad) <= self.range_rad + 1e-9))
 
     def _offset_m(self) -> float:
         """How far the wrist's plane lies beside the base's axis (d4 of a UR), without the noise of its sum."""

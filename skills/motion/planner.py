@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,14 +12,15 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.motion.collision import Box, CollisionChecker
+from skills.motion.collision import Box, CollisionChecker, Scene
 from skills.motion.grip import Hold
 from skills.motion.kinematics import Kinematics
 from skills.motion.lying_grasp import LyingHold
 from skills.motion.outline import Shape
+from skills.motion.search import ways_around
 from skills.motion.separation import SeparationMonitor
 from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move, line_move
+from skills.motion.trajectory import blended, joint_move, joined, line_move
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,18 @@ class Load:
 
 
 Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
-Planning = Callable[[Array], Plan]  # from the joints (6,) at which the arm stands
+Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
+Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
+
+CHECKS_A_TICK = 700  # of postures: some 10 ms
+LIFTS_M = (0.02, 0.05)  # that are tried before what stands in the way is passed over
+
+
+def settled(found: Plan | Looking) -> Plan:
+    """What is found in the end."""
+    if isinstance(found, JointTrajectory | str):
+        return found
+    return next(plan for plan in found if plan is not None)
 
 
 class MotionPlanner:
@@ -69,13 +82,13 @@ class MotionPlanner:
 
     def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
         """The tool pose with the shortest way there and its joints; or why none of them can be reached."""
-        reason = "out of the arm's reach"
+        reason, scene = "out of the arm's reach", self._scene(load)
         candidates: list[tuple[float, int, Pose, Array]] = []
         for pose in poses:
             joints = self.kinematics.inverse(pose, near_rad)
             if joints is None:
                 continue
-            contact = self._contact(joints[None], load)
+            contact = scene.contact(joints)
             if contact is not None:
                 reason = contact
                 continue
@@ -86,21 +99,72 @@ class MotionPlanner:
         return pose, joints
 
     def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
-        """To joints; where the direct way is blocked, straight up first and down again at the end."""
+        """To joints by a free way, as soon as it is found; see `free_way`."""
+        return settled(self.free_way(start_rad, goal_rad, load))
+
+    def free_way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
+        """To joints: the direct way, or else what looks for another one, a tick's worth of work at a time."""
+        scene = self._scene(load)
         direct = joint_move(start_rad, goal_rad, self.settings)
-        contact = self._contact(direct.positions_rad, load)
+        contact = scene.first_contact(direct.positions_rad)
+        return direct if contact is None else self._around(scene, start_rad, goal_rad, load, contact)
+
+    def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+        """To joints by the direct way or after a lift, without a search: for where there is no time."""
+        scene = self._scene(load)
+        direct = joint_move(start_rad, goal_rad, self.settings)
+        contact = scene.first_contact(direct.positions_rad)
         if contact is None:
             return direct
+        lifted = (self._over(scene, start_rad, goal_rad, load, lift_m) for lift_m in self._lifts_m(start_rad, goal_rad))
+        return next((way for way in lifted if way is not None), f"no free way: {contact}")
+
+    def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, contact: str) -> Looking:
+        """A little way up is often enough; then over all that is between; then whatever a search finds."""
+        for at, end_rad in (("where it stands", start_rad), ("at its end", goal_rad)):
+            if (touched := scene.contact(end_rad)) is not None:
+                contact = f"{touched} {at}"
+        for lift_m in self._lifts_m(start_rad, goal_rad):
+            if (way := self._over(scene, start_rad, goal_rad, load, lift_m)) is not None:
+                yield way
+                return
+            yield None
+        if not (scene.touches(start_rad) or scene.touches(goal_rad)):
+            range_rad = self.kinematics.range_rad
+            for way in ways_around(scene, start_rad, goal_rad, range_rad, CHECKS_A_TICK, tilts=not load.held):
+                if way is None:
+                    yield None
+                elif scene.first_contact(way) is None:
+                    yield self._through(scene, way)
+                    return
+        yield f"no free way: {contact}"
+
+    def _lifts_m(self, start_rad: Array, goal_rad: Array) -> tuple[float, ...]:
+        """How far up the tool goes first."""
+        start_m, goal_m = (self.kinematics.position_m(joints)[2] for joints in (start_rad, goal_rad))
+        return (*LIFTS_M, max(start_m, goal_m) - start_m + self.settings.transit_lift_m)
+
+    def _over(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, lift_m: float) -> JointTrajectory | None:
+        """Straight up, across, and for a long lift straight down at the end; None where that is not free."""
         start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
-        height = max(start.position_m[2], goal.position_m[2]) + self.settings.transit_lift_m
-        up = self.rise(start_rad, height, load.opening_m)
-        down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
-        if isinstance(up, str) or down is None:
-            return f"no free way: {contact}"
-        across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
-        rest = joined([across, _reversed(down)])
-        still = self._contact(rest.positions_rad, load)
-        return joined([up, rest]) if still is None else f"no free way: {still}"
+        height_m = start.position_m[2] + lift_m
+        up = self.rise(start_rad, height_m, load.opening_m)
+        if isinstance(up, str):
+            return None
+        legs, end_rad = [up], goal_rad
+        down = line_move(self.kinematics, goal_rad, at_height(goal, height_m), self.settings) if lift_m > LIFTS_M[-1] else None
+        if down is not None:
+            end_rad = down.positions_rad[-1]
+        across = joint_move(up.positions_rad[-1], end_rad, self.settings)
+        legs = [up, across] if down is None else [up, across, _reversed(down)]
+        if any(scene.first_contact(leg.positions_rad) is not None for leg in legs[1:]):
+            return None
+        return blended(legs, self.settings, lambda path: scene.first_contact(path) is None)
+
+    def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
+        """Along straight ways between joints (k, 6), without stops where limits and room allow."""
+        legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
+        return blended(legs, self.settings, lambda path: scene.first_contact(path) is None)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up, which takes it away from all that stands beside or below it."""
@@ -117,7 +181,7 @@ class MotionPlanner:
         line = line_move(self.kinematics, start_rad, world_from_tool, settings)
         if line is None:
             return "the arm cannot follow a straight line there"
-        contact = self._contact(line.positions_rad, load)
+        contact = self._scene(load).first_contact(line.positions_rad)
         return line if contact is None else f"no free way: {contact}"
 
     def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
@@ -125,9 +189,9 @@ class MotionPlanner:
         settings = self.settings.model_copy(update={"line_speed_m_s": speed_m_s})
         return line_move(self.kinematics, start_rad, world_from_tool, settings) or "the arm cannot follow that line"
 
-    def _contact(self, positions_rad: Array, load: Load) -> str | None:
+    def _scene(self, load: Load) -> Scene:
         margin_m = 0.0 if load.close else self.settings.collision_margin_m
-        return self._checker.first_contact(positions_rad, load.opening_m, load.obstacles, load.held, margin_m)
+        return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
 
     def _travel(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""
@@ -141,13 +205,3 @@ def at_height(pose: Pose, height_m: float) -> Pose:
 
 def _reversed(trajectory: JointTrajectory) -> JointTrajectory:
     return JointTrajectory(trajectory.duration_s - trajectory.times_s[::-1], trajectory.positions_rad[::-1])
-
-
-def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
-    """One trajectory out of legs that each start where the last one ends."""
-    times, positions, offset = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
-    for leg in legs:
-        times.append(leg.times_s[1:] + offset)
-        positions.append(leg.positions_rad[1:])
-        offset += leg.duration_s
-    return JointTrajectory(np.concatenate(times), np.concatenate(positions))

@@ -255,7 +255,7 @@ def take_lying(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
-        Move(f"moving above {name}", lambda start: planner.free_move(start, above, on_way), settings),
+        Move(f"moving above {name}", lambda start: planner.free_way(start, above, on_way), settings),
         FingersRest("opening the fingers", settings),
         Descend(name, planner, tool, around, feels=bool(part.lies_on)),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
@@ -340,11 +340,11 @@ def put_at(
     above = planner.kinematics.inverse(at_height(tool, carry_m), found[1])
     if above is None:
         return f"cannot put {name} there: out of the arm's reach above it"
-    for way in (planner.free_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
+    for way in (planner.near_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
         if isinstance(way, str):
             return f"cannot put {name} there: {way}"
     return [
-        Move(f"turning {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(f"turning {name}", lambda start: planner.free_way(start, above, carrying), settings, holding=name),
         SetDown(name, planner, tool, lowering, slipped_m),
         *release_phases(planner, name, opening_m, carry_m),
     ]

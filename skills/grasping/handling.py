@@ -131,7 +131,7 @@ def take_phases(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
-        Move(f"moving above {name}", lambda start: planner.free_move(start, above, above_part), settings),
+        Move(f"moving above {name}", lambda start: planner.free_way(start, above, above_part), settings),
         FingersRest("opening the fingers", settings),
         Descend(name, planner, grasp.world_from_tool, around_part, descent_m_s),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
@@ -183,7 +183,7 @@ def put_phases(
             Insert(name, planner, pose, depth_m, lowering),
         ]
     return [
-        Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(f"carrying {name}", lambda start: planner.free_way(start, above, carrying), settings, holding=name),
         *lowered,
         *release_phases(planner, name, opening_m, clear_m),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio
@@ -62,9 +63,20 @@ class Kinematics:
         Args:
             near_rad: the answer is wrapped to the turns nearest to these joints, as far as the limits allow.
         """
+        return self._postured(world_from_tool, near_rad, 1.0, -1.0)
+
+    def others(self, world_from_tool: Pose, near_rad: Array | None = None) -> Iterator[Array]:
+        """The same with the wrist or the shoulder on the other side: another room is swept by the arm."""
+        for shoulder, wrist in ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0)):
+            joints = self._postured(world_from_tool, near_rad, shoulder, wrist)
+            if joints is not None and self.within_limits(joints):
+                yield joints
+
+    def _postured(self, world_from_tool: Pose, near_rad: Array | None, shoulder: float, wrist: float) -> Array | None:
+        """Joints with the elbow up; the signs of elbow and wrist_2 tell the posture."""
         target = (world_from_tool @ self._tool_from_flange).matrix
-        joints = self._solve(target, self._seed(target))
-        if joints is None or joints[2] < 0:
+        joints = self._solve(target, self._seed(target, shoulder, wrist))
+        if joints is None or joints[2] * shoulder < 0:
             return None
         return self.wrapped(joints, np.zeros(6) if near_rad is None else near_rad)
 
@@ -97,12 +109,16 @@ class Kinematics:
         matrix: Array = placement.homogeneous
         return matrix
 
-    def _seed(self, target: Array) -> Array:
+    def _seed(self, target: Array, shoulder: float, wrist: float) -> Array:
         """Pan points the arm's plane at the target; wrist_3 takes up the heading that is left."""
         x, y = target[0, 3], target[1, 3]
         reach = max(math.hypot(x, y), self._arm_offset_m)
-        seed = _SEED_RAD.copy()
-        seed[0] = math.atan2(y, x) - math.asin(self._arm_offset_m / reach)
+        pan, lift, elbow, first, second, _ = _SEED_RAD
+        beside = math.asin(self._arm_offset_m / reach)
+        if shoulder < 0:  # turned round, the arm leans back
+            pan, lift, beside = math.pi, -math.pi - lift, -beside
+        first = first if shoulder * wrist < 0 else first + math.pi
+        seed = np.array([pan + math.atan2(y, x) - beside, lift, shoulder * elbow, first, -wrist * second, 0.0])
         turn = self._flange_matrix(seed)[:3, :3].T @ target[:3, :3]
         seed[5] = math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
         return self.wrapped(seed, np.zeros(6))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from skills.motion.outline import Shape
 from skills.motion.search import ways_around
 from skills.motion.separation import SeparationMonitor
 from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import blended, joint_move, joined, line_move
+from skills.motion.trajectory import blended, joint_move, line_move
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ Looking = Iterator[Plan | None]  # None after each piece of the work; the plan i
 Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
 
 CHECKS_A_TICK = 700  # of postures: some 10 ms
-LIFTS_M = (0.02, 0.05)  # that are tried before what stands in the way is passed over
+LIFTS_M = ((0.02, 0.0), (0.05, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
 
 
 def settled(found: Plan | Looking) -> Plan:
@@ -81,22 +81,26 @@ class MotionPlanner:
         return self._checker.shapes
 
     def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
-        """The tool pose with the shortest way there and its joints; or why none of them can be reached."""
+        """The tool pose with the shortest way there and its joints; or why none of them can be reached.
+
+        The arm leans another way than it usually does only where something is in the way of that.
+        """
         reason, scene = "out of the arm's reach", self._scene(load)
-        candidates: list[tuple[float, int, Pose, Array]] = []
-        for pose in poses:
-            joints = self.kinematics.inverse(pose, near_rad)
-            if joints is None:
-                continue
-            contact = scene.contact(joints)
-            if contact is not None:
-                reason = contact
-                continue
-            candidates.append((self._travel(joints - near_rad), len(candidates), pose, joints))
-        if not candidates:
-            return reason
-        _, _, pose, joints = min(candidates, key=lambda entry: entry[:2])
-        return pose, joints
+        usual = ((pose, self.kinematics.inverse(pose, near_rad)) for pose in poses)
+        others = ((pose, joints) for pose in poses for joints in self.kinematics.others(pose, near_rad))
+        for postures in (usual, others):
+            free: list[tuple[float, Pose, Array]] = []
+            for pose, joints in postures:
+                if joints is None:
+                    continue
+                if (contact := scene.contact(joints)) is None:
+                    free.append((self._travel(joints - near_rad), pose, joints))
+                elif postures is usual:
+                    reason = contact
+            if free:
+                _, pose, joints = min(free, key=lambda entry: entry[0])
+                return pose, joints
+        return reason
 
     def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by a free way, as soon as it is found; see `free_way`."""
@@ -111,55 +115,47 @@ class MotionPlanner:
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""
-        scene = self._scene(load)
-        direct = joint_move(start_rad, goal_rad, self.settings)
-        contact = scene.first_contact(direct.positions_rad)
-        if contact is None:
-            return direct
-        lifted = (self._over(scene, start_rad, goal_rad, load, lift_m) for lift_m in self._lifts_m(start_rad, goal_rad))
-        return next((way for way in lifted if way is not None), f"no free way: {contact}")
+        looking = self.free_way(start_rad, goal_rad, load)
+        if isinstance(looking, JointTrajectory | str):
+            return looking
+        found = [plan for plan in islice(looking, len(LIFTS_M)) if plan is not None]
+        return found[0] if found else "no free way without a search"
 
     def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, contact: str) -> Looking:
-        """A little way up is often enough; then over all that is between; then whatever a search finds."""
-        for at, end_rad in (("where it stands", start_rad), ("at its end", goal_rad)):
-            if (touched := scene.contact(end_rad)) is not None:
-                contact = f"{touched} {at}"
-        for lift_m in self._lifts_m(start_rad, goal_rad):
-            if (way := self._over(scene, start_rad, goal_rad, load, lift_m)) is not None:
-                yield way
-                return
-            yield None
-        if not (scene.touches(start_rad) or scene.touches(goal_rad)):
+        """A lift is often enough; then whatever a search finds."""
+        for lift_m, drop_m in LIFTS_M:
+            yield self._lifted(scene, start_rad, goal_rad, load, lift_m, drop_m)
+        where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
+        touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
+        if not touched:
             range_rad = self.kinematics.range_rad
             for way in ways_around(scene, start_rad, goal_rad, range_rad, CHECKS_A_TICK, tilts=not load.held):
-                if way is None:
-                    yield None
-                elif scene.first_contact(way) is None:
-                    yield self._through(scene, way)
-                    return
-        yield f"no free way: {contact}"
+                found = None if way is None or scene.first_contact(way) is not None else self._through(scene, way)
+                yield found
+        yield f"no free way: {(*touched, contact)[0]}"
 
-    def _lifts_m(self, start_rad: Array, goal_rad: Array) -> tuple[float, ...]:
-        """How far up the tool goes first."""
-        start_m, goal_m = (self.kinematics.position_m(joints)[2] for joints in (start_rad, goal_rad))
-        return (*LIFTS_M, max(start_m, goal_m) - start_m + self.settings.transit_lift_m)
+    def _lifted(
+        self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, lift_m: float, drop_m: float
+    ) -> JointTrajectory | None:
+        """Up at first and down at the end, nearly straight, with the direct way between; None where that is not free.
 
-    def _over(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, lift_m: float) -> JointTrajectory | None:
-        """Straight up, across, and for a long lift straight down at the end; None where that is not free."""
-        start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
-        height_m = start.position_m[2] + lift_m
-        up = self.rise(start_rad, height_m, load.opening_m)
-        if isinstance(up, str):
+        Up, the tool may touch what stands beside it: it goes away from that.
+        """
+        up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
+        if up_rad is None or over_rad is None:
             return None
-        legs, end_rad = [up], goal_rad
-        down = line_move(self.kinematics, goal_rad, at_height(goal, height_m), self.settings) if lift_m > LIFTS_M[-1] else None
-        if down is not None:
-            end_rad = down.positions_rad[-1]
-        across = joint_move(up.positions_rad[-1], end_rad, self.settings)
-        legs = [up, across] if down is None else [up, across, _reversed(down)]
-        if any(scene.first_contact(leg.positions_rad) is not None for leg in legs[1:]):
+        if self._scene(Load(load.opening_m, close=True)).first_contact(np.array([start_rad, up_rad])) is not None:
             return None
-        return blended(legs, self.settings, lambda path: scene.first_contact(path) is None)
+        way = np.array([start_rad, up_rad, over_rad, goal_rad] if drop_m else [start_rad, up_rad, goal_rad])
+        return None if scene.first_contact(way[1:]) is not None else self._through(scene, way)
+
+    def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
+        """The joints that have the tool so much higher."""
+        if lift_m == 0:
+            return joints_rad
+        pose = self.kinematics.forward(joints_rad)
+        above = self.kinematics.follow(at_height(pose, pose.position_m[2] + lift_m), joints_rad)
+        return above if above is not None and self.kinematics.within_limits(above) else None
 
     def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
         """Along straight ways between joints (k, 6), without stops where limits and room allow."""
@@ -201,7 +197,3 @@ class MotionPlanner:
 def at_height(pose: Pose, height_m: float) -> Pose:
     """The same pose straight above or below."""
     return Pose((pose.position_m[0], pose.position_m[1], height_m), pose.quaternion_wxyz)
-
-
-def _reversed(trajectory: JointTrajectory) -> JointTrajectory:
-    return JointTrajectory(trajectory.duration_s - trajectory.times_s[::-1], trajectory.positions_rad[::-1])

@@ -42,83 +42,88 @@ def ways_around(
         tilts: the tool may also be tilted.
     """
     for tilt_rad in (0.0, TILT_RAD) if tilts else (0.0,):
-        search = _Search(scene, start_rad, goal_rad, range_rad, tilt_rad)
+        search = _Search(_Room(scene, np.array([start_rad, goal_rad]), range_rad, tilt_rad))
         while not search.over:
             found = search.go_on(checks)
+            if found is None:
+                yield None
+                continue
+            found[0], found[-1] = start_rad, goal_rad  # but for rounding
             yield found
-            if found is not None:
-                return
+            return
 
 
-class _Search:
-    """One round: trees from both ends grow until they meet.
+class _Room:
+    """Postures of one round as states; counts in [m]: each joint by how far the farthest point goes that it moves.
 
-    States count in [m]: each joint by how far the farthest point goes that it moves.
+    Knows nothing of OMPL, which knows it: two that knew one another would never be freed.
     """
 
-    def __init__(self, scene: Scene, start_rad: Array, goal_rad: Array, range_rad: Array, tilt_rad: float) -> None:
-        self._scene, self._checks = scene, 0
-        ends = np.array([start_rad, goal_rad]) @ PITCH_FROM_JOINTS.T
+    def __init__(self, scene: Scene, ends_rad: Array, range_rad: Array, tilt_rad: float) -> None:
+        self.checks, self._scene, self._range_rad = 0, scene, range_rad
+        ends = ends_rad @ PITCH_FROM_JOINTS.T
         beyond = BEYOND_RAD + tilt_rad * np.array([0, 0, 0, 1, 1, 0])
         low, high = ends.min(axis=0) - beyond, ends.max(axis=0) + beyond
         joints = [0, 1, 2, 4, 5]
         low[joints], high[joints] = np.maximum(low, -range_rad)[joints], np.minimum(high, range_rad)[joints]
-        self._range_rad = range_rad
         free = np.flatnonzero(high - low > SAME_RAD)
         scale = scene.reach_m[free]
-        self._fixed = ends[0].copy()
-        self._fixed[free] = 0.0
-        self._fixed = JOINTS_FROM_PITCH @ self._fixed
-        self._joints_from_state = JOINTS_FROM_PITCH[:, free] / scale
-        space = base.RealVectorStateSpace(len(free))
-        bounds = base.RealVectorBounds(len(free))
-        for number, (least, most) in enumerate(zip(low[free] * scale, high[free] * scale, strict=True)):
-            bounds.setLow(number, float(least) - 1e-9)
-            bounds.setHigh(number, float(most) + 1e-9)
+        fixed = ends[0].copy()
+        fixed[free] = 0.0
+        self._fixed_rad, self._joints_from_state = JOINTS_FROM_PITCH @ fixed, JOINTS_FROM_PITCH[:, free] / scale
+        self.size, self.ends = len(free), ends[:, free] * scale
+        self.low, self.high = low[free] * scale - SAME_RAD, high[free] * scale + SAME_RAD
+
+    def joints(self, state: base.State) -> Array:
+        """(6,) of a state."""
+        joints: Array = self._joints_from_state @ [state[number] for number in range(self.size)] + self._fixed_rad
+        return joints
+
+    def is_free(self, state: base.State) -> bool:
+        """Whether nothing touches there."""
+        self.checks += 1
+        joints = self.joints(state)
+        return abs(joints[3]) <= self._range_rad[3] and not self._scene.touches(joints)
+
+
+class _Search:
+    """One round: trees from both ends grow until they meet."""
+
+    def __init__(self, room: _Room) -> None:
+        self._room = room
+        space, bounds = base.RealVectorStateSpace(room.size), base.RealVectorBounds(room.size)
+        for number in range(room.size):
+            bounds.setLow(number, float(room.low[number]))
+            bounds.setHigh(number, float(room.high[number]))
         space.setBounds(bounds)
-        self._size = len(free)
         util.RNG.setSeed(SEED)  # of all that is made from now on
         self._space = base.SpaceInformation(space)
-        self._space.setStateValidityChecker(self._is_free)
+        self._space.setStateValidityChecker(room.is_free)
         self._space.setStateValidityCheckingResolution(STEP_M / space.getMaximumExtent())
         self._space.setup()
-        self._problem = base.ProblemDefinition(self._space)
-        states = [space.allocState(), space.allocState()]
-        for state, end in zip(states, ends[:, free] * scale, strict=True):
+        self._problem, ends = base.ProblemDefinition(self._space), (space.allocState(), space.allocState())
+        for state, end in zip(ends, room.ends.tolist(), strict=True):
             for number, value in enumerate(end):
-                state[number] = float(value)
-        self._problem.setStartAndGoalStates(*states)
+                state[number] = value
+        self._problem.setStartAndGoalStates(*ends)
         self._planner = geometric.RRTConnect(self._space)
         self._planner.setRange(LEG_M)
         self._planner.setProblemDefinition(self._problem)
         self._planner.setup()
-        self._simplifier = geometric.PathSimplifier(self._space)
-        self._ends = start_rad, goal_rad
 
     @property
     def over(self) -> bool:
         """Whether it is given up."""
-        return self._checks >= ROUND_CHECKS
+        return self._room.checks >= ROUND_CHECKS
 
     def go_on(self, checks: int) -> Array | None:
         """The way (k, 6), if it is found with so many checks more."""
-        enough = self._checks + checks
-        self._planner.solve(base.PlannerTerminationCondition(lambda: self._checks >= enough))
+        room, enough = self._room, self._room.checks + checks
+        self._planner.solve(base.PlannerTerminationCondition(lambda: room.checks >= enough))
         if not self._problem.hasExactSolution():
             return None
-        path = self._problem.getSolutionPath()
-        self._simplifier.reduceVertices(path, SHORTCUTS)
-        self._simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS)
-        self._simplifier.reduceVertices(path, SHORTCUTS)
-        way = np.array([self._joints(state) for state in path.getStates()])
-        way[0], way[-1] = self._ends
-        return way
-
-    def _joints(self, state: base.State) -> Array:
-        joints: Array = self._joints_from_state @ [state[number] for number in range(self._size)] + self._fixed
-        return joints
-
-    def _is_free(self, state: base.State) -> bool:
-        self._checks += 1
-        joints = self._joints(state)
-        return abs(joints[3]) <= self._range_rad[3] and not self._scene.touches(joints)
+        path, simplifier = self._problem.getSolutionPath(), geometric.PathSimplifier(self._space)
+        simplifier.reduceVertices(path, SHORTCUTS)
+        simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS)
+        simplifier.reduceVertices(path, SHORTCUTS)
+        return np.array([room.joints(state) for state in path.getStates()])

@@ -125,7 +125,6 @@ class MotionSettings(Model):
     insertion_speed_m_s: ClassVar[float] = 0.08  # of a peg that is lowered into its hole
     insertion_start_m: ClassVar[float] = 0.002  # height above the hole at which slow lowering begins
     servo_lag_s: ClassVar[float] = 0.016  # the arm trails its trajectory by at most this much
-    transit_lift_m: ClassVar[float] = 0.12  # how much higher a second try passes, if the direct way is blocked
     rim_gap_m: ClassVar[float] = 0.030  # least gap between a part that is moved aside and the tray's rim
     collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
     arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take

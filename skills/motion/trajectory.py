@@ -127,7 +127,9 @@ def blended(
 def _added(path_rad: Array, corner: int, overlap: int) -> Array:
     """A path (n, 6) whose part behind a corner begins so many samples earlier, added to what is before it."""
     behind = path_rad[corner:] - path_rad[corner]
-    early = np.concatenate([path_rad[: corner + 1], np.repeat(path_rad[corner : corner + 1], len(behind) - overlap - 1, 0)])
+    early = np.concatenate(
+        [path_rad[: corner + 1], np.repeat(path_rad[corner : corner + 1], len(behind) - overlap - 1, 0)]
+    )
     early[corner - overlap :] += behind
     return early
 

@@ -13,7 +13,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.motion.collision import Box, CollisionChecker, Scene
-from skills.motion.grip import Hold
+from skills.motion.grip import STROKE_M, Hold
 from skills.motion.kinematics import Kinematics
 from skills.motion.lying_grasp import LyingHold
 from skills.motion.outline import Shape
@@ -45,7 +45,7 @@ Looking = Iterator[Plan | None]  # None after each piece of the work; the plan i
 Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
 
 CHECKS_A_TICK = 700  # of postures: some 10 ms
-LIFTS_M = ((0.02, 0.0), (0.05, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
+LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
 
 
 def settled(found: Plan | Looking) -> Plan:
@@ -85,7 +85,7 @@ class MotionPlanner:
 
         The arm leans another way than it usually does only where something is in the way of that.
         """
-        reason, scene = "out of the arm's reach", self._scene(load)
+        reason, scene = "out of the arm's reach", self.scene(load)
         usual = ((pose, self.kinematics.inverse(pose, near_rad)) for pose in poses)
         others = ((pose, joints) for pose in poses for joints in self.kinematics.others(pose, near_rad))
         for postures in (usual, others):
@@ -108,7 +108,7 @@ class MotionPlanner:
 
     def free_way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
         """To joints: the direct way, or else what looks for another one, a tick's worth of work at a time."""
-        scene = self._scene(load)
+        scene = self.scene(load)
         direct = joint_move(start_rad, goal_rad, self.settings)
         contact = scene.first_contact(direct.positions_rad)
         return direct if contact is None else self._around(scene, start_rad, goal_rad, load, contact)
@@ -123,31 +123,33 @@ class MotionPlanner:
 
     def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, contact: str) -> Looking:
         """A lift is often enough; then whatever a search finds."""
+        leaving = self.scene(Load(load.opening_m, close=True))
         for lift_m, drop_m in LIFTS_M:
-            yield self._lifted(scene, start_rad, goal_rad, load, lift_m, drop_m)
+            yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
         where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
         touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
         if not touched:
             range_rad = self.kinematics.range_rad
             for way in ways_around(scene, start_rad, goal_rad, range_rad, CHECKS_A_TICK, tilts=not load.held):
-                found = None if way is None or scene.first_contact(way) is not None else self._through(scene, way)
-                yield found
+                yield None if way is None else self._through(scene, way)
         yield f"no free way: {(*touched, contact)[0]}"
 
     def _lifted(
-        self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, lift_m: float, drop_m: float
+        self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
     ) -> JointTrajectory | None:
         """Up at first and down at the end, nearly straight, with the direct way between; None where that is not free.
 
-        Up, the tool may touch what stands beside it: it goes away from that.
+        Args:
+            leaving: what counts on the way up, where the tool goes away from what stands beside it.
         """
+        start_rad, goal_rad = ends_rad
         up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
         if up_rad is None or over_rad is None:
             return None
-        if self._scene(Load(load.opening_m, close=True)).first_contact(np.array([start_rad, up_rad])) is not None:
-            return None
         way = np.array([start_rad, up_rad, over_rad, goal_rad] if drop_m else [start_rad, up_rad, goal_rad])
-        return None if scene.first_contact(way[1:]) is not None else self._through(scene, way)
+        if leaving.first_contact(way[:2]) is not None or scene.first_contact(way[1:]) is not None:
+            return None
+        return self._through(scene, way)
 
     def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
         """The joints that have the tool so much higher."""
@@ -177,7 +179,7 @@ class MotionPlanner:
         line = line_move(self.kinematics, start_rad, world_from_tool, settings)
         if line is None:
             return "the arm cannot follow a straight line there"
-        contact = self._scene(load).first_contact(line.positions_rad)
+        contact = self.scene(load).first_contact(line.positions_rad)
         return line if contact is None else f"no free way: {contact}"
 
     def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
@@ -185,7 +187,17 @@ class MotionPlanner:
         settings = self.settings.model_copy(update={"line_speed_m_s": speed_m_s})
         return line_move(self.kinematics, start_rad, world_from_tool, settings) or "the arm cannot follow that line"
 
-    def _scene(self, load: Load) -> Scene:
+    @property
+    def blocked(self) -> list[tuple[str, str]]:
+        """Of the arm's resting poses, by their names on the bench, in which what stands there is touched, and by what."""
+        scene = self.scene(Load(STROKE_M))
+        found = (
+            (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")
+        )
+        return [(name, contact) for name, contact in found if contact is not None]
+
+    def scene(self, load: Load) -> Scene:
+        """What is kept clear of on a motion."""
         margin_m = 0.0 if load.close else self.settings.collision_margin_m
         return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
 

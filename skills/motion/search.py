@@ -12,14 +12,15 @@ import numpy as np
 from ompl import base, geometric, util
 
 from cell.interfaces.pose import Array
-from skills.motion.collision import STEP_M, Scene
+from skills.motion.collision import Scene
 
 SEED = 1
 ROUND_CHECKS = 8000  # after so many in vain a round is given up
+STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS = 12
 BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 0.8])  # how far over both ends ways may swing; wrist_1 as below
-TILT_RAD = 0.5  # of an empty tool, where no way is found without
+TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # of an empty tool, where no way is found without
 SAME_RAD = 1e-6
 # wrist_1 is told by how the tool pitches: lift + elbow + wrist_1. A way between two postures with the tool down keeps it.
 PITCH_FROM_JOINTS = np.eye(6)
@@ -41,29 +42,30 @@ def ways_around(
         checks: of postures, in a piece.
         tilts: the tool may also be tilted.
     """
-    for tilt_rad in (0.0, TILT_RAD) if tilts else (0.0,):
-        search = _Search(_Room(scene, np.array([start_rad, goal_rad]), range_rad, tilt_rad))
-        while not search.over:
-            found = search.go_on(checks)
-            if found is None:
+    ends = np.array([start_rad, goal_rad])
+    for beyond_rad in (BEYOND_RAD, TILTED_RAD) if tilts else (BEYOND_RAD,):
+        for step_m in STEPS_M:
+            search = Search(Room(scene, ends, range_rad, beyond_rad), step_m)
+            while (found := search.go_on(checks)) is None and not search.over:
                 yield None
-                continue
-            found[0], found[-1] = start_rad, goal_rad  # but for rounding
-            yield found
-            return
+            if found is None:
+                break
+            found[0], found[-1] = ends  # but for rounding
+            if scene.first_contact(found) is None:
+                yield found
+                return
 
 
-class _Room:
+class Room:
     """Postures of one round as states; counts in [m]: each joint by how far the farthest point goes that it moves.
 
     Knows nothing of OMPL, which knows it: two that knew one another would never be freed.
     """
 
-    def __init__(self, scene: Scene, ends_rad: Array, range_rad: Array, tilt_rad: float) -> None:
+    def __init__(self, scene: Scene, ends_rad: Array, range_rad: Array, beyond_rad: Array = BEYOND_RAD) -> None:
         self.checks, self._scene, self._range_rad = 0, scene, range_rad
         ends = ends_rad @ PITCH_FROM_JOINTS.T
-        beyond = BEYOND_RAD + tilt_rad * np.array([0, 0, 0, 1, 1, 0])
-        low, high = ends.min(axis=0) - beyond, ends.max(axis=0) + beyond
+        low, high = ends.min(axis=0) - beyond_rad, ends.max(axis=0) + beyond_rad
         joints = [0, 1, 2, 4, 5]
         low[joints], high[joints] = np.maximum(low, -range_rad)[joints], np.minimum(high, range_rad)[joints]
         free = np.flatnonzero(high - low > SAME_RAD)
@@ -86,10 +88,10 @@ class _Room:
         return abs(joints[3]) <= self._range_rad[3] and not self._scene.touches(joints)
 
 
-class _Search:
+class Search:
     """One round: trees from both ends grow until they meet."""
 
-    def __init__(self, room: _Room) -> None:
+    def __init__(self, room: Room, step_m: float) -> None:
         self._room = room
         space, bounds = base.RealVectorStateSpace(room.size), base.RealVectorBounds(room.size)
         for number in range(room.size):
@@ -99,7 +101,7 @@ class _Search:
         util.RNG.setSeed(SEED)  # of all that is made from now on
         self._space = base.SpaceInformation(space)
         self._space.setStateValidityChecker(room.is_free)
-        self._space.setStateValidityCheckingResolution(STEP_M / space.getMaximumExtent())
+        self._space.setStateValidityCheckingResolution(step_m / space.getMaximumExtent())
         self._space.setup()
         self._problem, ends = base.ProblemDefinition(self._space), (space.allocState(), space.allocState())
         for state, end in zip(ends, room.ends.tolist(), strict=True):
@@ -111,19 +113,22 @@ class _Search:
         self._planner.setProblemDefinition(self._problem)
         self._planner.setup()
 
+        simplifier = geometric.PathSimplifier(self._space)
+        self._shorter = [simplifier.reduceVertices, simplifier.partialShortcutPath, simplifier.reduceVertices]
+
     @property
     def over(self) -> bool:
         """Whether it is given up."""
-        return self._room.checks >= ROUND_CHECKS
+        return self._room.checks >= ROUND_CHECKS and not self._problem.hasExactSolution()
 
     def go_on(self, checks: int) -> Array | None:
-        """The way (k, 6), if it is found with so many checks more."""
+        """The way (k, 6), if it is found and short with so many checks more, or one try to make it shorter."""
         room, enough = self._room, self._room.checks + checks
-        self._planner.solve(base.PlannerTerminationCondition(lambda: room.checks >= enough))
         if not self._problem.hasExactSolution():
-            return None
-        path, simplifier = self._problem.getSolutionPath(), geometric.PathSimplifier(self._space)
-        simplifier.reduceVertices(path, SHORTCUTS)
-        simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS)
-        simplifier.reduceVertices(path, SHORTCUTS)
-        return np.array([room.joints(state) for state in path.getStates()])
+            self._planner.solve(base.PlannerTerminationCondition(lambda: room.checks >= enough))
+        while self._problem.hasExactSolution() and room.checks < enough:
+            path = self._problem.getSolutionPath()
+            if not self._shorter:
+                return np.array([room.joints(state) for state in path.getStates()])
+            self._shorter.pop(0)(path, SHORTCUTS)
+        return None

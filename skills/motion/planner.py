@@ -110,8 +110,9 @@ class MotionPlanner:
         """To joints: the direct way, or else what looks for another one, a tick's worth of work at a time."""
         scene = self.scene(load)
         direct = joint_move(start_rad, goal_rad, self.settings)
-        contact = scene.first_contact(direct.positions_rad)
-        return direct if contact is None else self._around(scene, start_rad, goal_rad, load, contact)
+        if scene.is_free(np.array([start_rad, goal_rad])):
+            return direct
+        return self._around(scene, start_rad, goal_rad, load)
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""
@@ -121,7 +122,7 @@ class MotionPlanner:
         found = [plan for plan in islice(looking, len(LIFTS_M)) if plan is not None]
         return found[0] if found else "no free way without a search"
 
-    def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load, contact: str) -> Looking:
+    def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
         """A lift is often enough; then whatever a search finds."""
         leaving = self.scene(Load(load.opening_m, close=True))
         for lift_m, drop_m in LIFTS_M:
@@ -132,7 +133,8 @@ class MotionPlanner:
             range_rad = self.kinematics.range_rad
             for way in ways_around(scene, start_rad, goal_rad, range_rad, CHECKS_A_TICK, tilts=not load.held):
                 yield None if way is None else self._through(scene, way)
-        yield f"no free way: {(*touched, contact)[0]}"
+        direct = scene.first_contact(np.array([start_rad, goal_rad]))
+        yield f"no free way: {(*touched, direct)[0]}"
 
     def _lifted(
         self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
@@ -147,9 +149,7 @@ class MotionPlanner:
         if up_rad is None or over_rad is None:
             return None
         way = np.array([start_rad, up_rad, over_rad, goal_rad] if drop_m else [start_rad, up_rad, goal_rad])
-        if leaving.first_contact(way[:2]) is not None or scene.first_contact(way[1:]) is not None:
-            return None
-        return self._through(scene, way)
+        return self._through(scene, way) if leaving.is_free(way[:2]) and scene.is_free(way[1:]) else None
 
     def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
         """The joints that have the tool so much higher."""
@@ -162,7 +162,7 @@ class MotionPlanner:
     def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
         """Along straight ways between joints (k, 6), without stops where limits and room allow."""
         legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
-        return blended(legs, self.settings, lambda path: scene.first_contact(path) is None)
+        return blended(legs, self.settings, scene.is_free)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up, which takes it away from all that stands beside or below it."""

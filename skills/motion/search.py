@@ -22,6 +22,7 @@ SHORTCUTS = 12
 BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 0.8])  # how far over both ends ways may swing; wrist_1 as below
 TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # of an empty tool, where no way is found without
 SAME_RAD = 1e-6
+REACH_M = np.array([1.2, 1.2, 0.8, 0.3, 0.3, 0.15])  # from each axis to what it moves, of an arm of this size
 # wrist_1 is told by how the tool pitches: lift + elbow + wrist_1. A way between two postures with the tool down keeps it.
 PITCH_FROM_JOINTS = np.eye(6)
 PITCH_FROM_JOINTS[3, 1:4] = 1.0
@@ -51,13 +52,13 @@ def ways_around(
             if found is None:
                 break
             found[0], found[-1] = ends  # but for rounding
-            if scene.first_contact(found) is None:
+            if scene.is_free(found):
                 yield found
                 return
 
 
 class Room:
-    """Postures of one round as states; counts in [m]: each joint by how far the farthest point goes that it moves.
+    """Postures of one round as states, whose distances tell about how far the arm's points go.
 
     Knows nothing of OMPL, which knows it: two that knew one another would never be freed.
     """
@@ -69,7 +70,7 @@ class Room:
         joints = [0, 1, 2, 4, 5]
         low[joints], high[joints] = np.maximum(low, -range_rad)[joints], np.minimum(high, range_rad)[joints]
         free = np.flatnonzero(high - low > SAME_RAD)
-        scale = scene.reach_m[free]
+        scale = REACH_M[free]
         fixed = ends[0].copy()
         fixed[free] = 0.0
         self._fixed_rad, self._joints_from_state = JOINTS_FROM_PITCH @ fixed, JOINTS_FROM_PITCH[:, free] / scale

@@ -18,7 +18,7 @@ SEED = 1
 ROUND_CHECKS = 8000  # after so many in vain a round is given up
 STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
-SHORTCUTS = 12
+SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each
 BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 0.8])  # how far over both ends ways may swing; wrist_1 as below
 TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # of an empty tool, where no way is found without
 SAME_RAD = 1e-6
@@ -51,6 +51,7 @@ def ways_around(
                 yield None
             if found is None:
                 break
+            yield None
             found[0], found[-1] = ends  # but for rounding
             if scene.is_free(found):
                 yield found
@@ -115,7 +116,8 @@ class Search:
         self._planner.setup()
 
         simplifier = geometric.PathSimplifier(self._space)
-        self._shorter = [simplifier.reduceVertices, simplifier.partialShortcutPath, simplifier.reduceVertices]
+        reduced, cut = SHORTCUTS * [simplifier.reduceVertices], SHORTCUTS * [simplifier.partialShortcutPath]
+        self._shorter = [*reduced, *cut, *reduced]
 
     @property
     def over(self) -> bool:
@@ -131,5 +133,5 @@ class Search:
             path = self._problem.getSolutionPath()
             if not self._shorter:
                 return np.array([room.joints(state) for state in path.getStates()])
-            self._shorter.pop(0)(path, SHORTCUTS)
+            self._shorter.pop(0)(path, TRIES)
         return None

@@ -75,7 +75,7 @@ class SetUpright(PhasedSkill):
             if left is None or hold.turn.then not in better(kind, hold.turn.up):
                 continue
             take = take_lying(planner, part, self._others, (hold, tool, joints), carry_m)
-            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
                 reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
                 continue
@@ -143,7 +143,7 @@ class LayAside(PhasedSkill):
         for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
             hold, tool, joints = chosen
             take = take_lying(planner, part, self._others, chosen, carry_m)
-            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
                 reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
                 continue
@@ -242,7 +242,7 @@ def take_lying(
         + settings.approach_gap_m
         + LEANING_M
     )
-    above = planner.kinematics.inverse(at_height(tool, over_m), joints)
+    above = planner.kinematics.follow(at_height(tool, over_m), joints)
     if above is None:
         return f"cannot take {name}: out of the arm's reach above it"
     on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
@@ -337,7 +337,7 @@ def put_at(
     if isinstance(found, str):
         return f"cannot put {name} there: {found}"
     carry_m = max(carry_over_bracket_m(planner, kind), tool.position_m[2])
-    above = planner.kinematics.inverse(at_height(tool, carry_m), found[1])
+    above = planner.kinematics.follow(at_height(tool, carry_m), found[1])
     if above is None:
         return f"cannot put {name} there: out of the arm's reach above it"
     for way in (planner.near_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):

@@ -120,7 +120,7 @@ def take_phases(
     above_part = Load(grasp.opening_m, (*others_boxes, part_box(part, planner.product, name)))
     around_part = Load(grasp.opening_m, others_boxes, close=True)
     approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
-    above = planner.kinematics.inverse(approach, joints)
+    above = planner.kinematics.follow(approach, joints)
     if above is None:
         return f"cannot take {name}: out of the arm's reach above it"
     bottom_m = part.world_from_part.position_m[2]
@@ -168,7 +168,7 @@ def put_phases(
         return f"cannot put {name} there: {found}"
     pose, joints = found
     rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
-    above = planner.kinematics.inverse(at_height(pose, pose.position_m[2] + rise_m), joints)
+    above = planner.kinematics.follow(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
         return f"cannot put {name} there: out of the arm's reach above it"
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0

@@ -207,11 +207,15 @@ class Scene:
         """Whether anything does in a posture (6,)."""
         return bool(pinocchio.computeCollisions(self._model, self._data, self._near, joints_rad, True))
 
+    def touches_pair_by_pair(self, joints_rad: Array) -> bool:
+        """The same, slowly; of the pairs up to the first one that touches it is known then."""
+        collides = pinocchio.computeCollisions
+        return bool(collides(self._model, self._data, self._geometry, self._results, joints_rad, True))
+
     def contact(self, joints_rad: Array) -> str | None:
         """Which two things touch in a posture (6,), in words."""
-        if not self.touches(joints_rad):
+        if not self.touches_pair_by_pair(joints_rad):
             return None
-        pinocchio.computeCollisions(self._model, self._data, self._geometry, self._results, joints_rad, True)
         names = [item.name for item in self._geometry.geometryObjects]
         pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
         first = next(pair for pair, result in pairs if result.isCollision())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio
@@ -13,6 +13,9 @@ from cell.interfaces.pose import Array, Pose
 from skills.motion.settings import MotionSettings
 
 FLANGE = "tool0"
+Posture = tuple[float, float]  # which way the shoulder leans, and the sign of wrist_2
+USUAL: Posture = (1.0, -1.0)
+OTHERS: tuple[Posture, ...] = ((-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))  # to the last two the tool turns over
 
 # Elbow up, wrist_2 so that the tool points down; pan and wrist_3 are seeded from the target.
 _SEED_RAD = np.array([0.0, -1.3, 1.9, -2.17, -math.pi / 2, 0.0])
@@ -57,23 +60,13 @@ class Kinematics:
         position: Array = flange[:3, 3] + self._flange_from_tool.position_m[2] * flange[:3, 2]
         return position
 
-    def inverse(self, world_from_tool: Pose, near_rad: Array | None = None) -> Array | None:
+    def inverse(self, world_from_tool: Pose, near_rad: Array | None = None, posture: Posture = USUAL) -> Array | None:
         """Joint angles (6,) that bring the tool there, elbow up; None where the arm cannot reach.
 
         Args:
             near_rad: the answer is wrapped to the turns nearest to these joints, as far as the limits allow.
         """
-        return self._postured(world_from_tool, near_rad, 1.0, -1.0)
-
-    def others(self, world_from_tool: Pose, near_rad: Array | None = None) -> Iterator[Array]:
-        """The same with the wrist or the shoulder on the other side: another room is swept by the arm."""
-        for shoulder, wrist in ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0)):
-            joints = self._postured(world_from_tool, near_rad, shoulder, wrist)
-            if joints is not None and self.within_limits(joints):
-                yield joints
-
-    def _postured(self, world_from_tool: Pose, near_rad: Array | None, shoulder: float, wrist: float) -> Array | None:
-        """Joints with the elbow up; the signs of elbow and wrist_2 tell the posture."""
+        shoulder, wrist = posture
         target = (world_from_tool @ self._tool_from_flange).matrix
         joints = self._solve(target, self._seed(target, shoulder, wrist))
         if joints is None or joints[2] * shoulder < 0:

@@ -14,7 +14,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.motion.collision import Box, CollisionChecker, Scene
 from skills.motion.grip import STROKE_M, Hold
-from skills.motion.kinematics import Kinematics
+from skills.motion.kinematics import OTHERS, USUAL, Kinematics
 from skills.motion.lying_grasp import LyingHold
 from skills.motion.outline import Shape
 from skills.motion.search import ways_around
@@ -86,16 +86,15 @@ class MotionPlanner:
         The arm leans another way than it usually does only where something is in the way of that.
         """
         reason, scene = "out of the arm's reach", self.scene(load)
-        usual = ((pose, self.kinematics.inverse(pose, near_rad)) for pose in poses)
-        others = ((pose, joints) for pose in poses for joints in self.kinematics.others(pose, near_rad))
-        for postures in (usual, others):
+        for posture in (USUAL, *OTHERS):
             free: list[tuple[float, Pose, Array]] = []
-            for pose, joints in postures:
+            for pose in poses:
+                joints = self.kinematics.inverse(pose, near_rad, posture)
                 if joints is None:
                     continue
                 if (contact := scene.contact(joints)) is None:
                     free.append((self._travel(joints - near_rad), pose, joints))
-                elif postures is usual:
+                elif posture is USUAL:
                     reason = contact
             if free:
                 _, pose, joints = min(free, key=lambda entry: entry[0])
@@ -191,7 +190,7 @@ class MotionPlanner:
 
     @property
     def blocked(self) -> list[tuple[str, str]]:
-        """Of the arm's resting poses, by their names on the bench, in which what stands there is touched, and by what."""
+        """The arm's resting poses, by their names on the bench, in which it touches what stands there, and what."""
         scene = self.scene(Load(STROKE_M))
         found = (
             (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")

@@ -23,7 +23,7 @@ BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 0.8])  # how far over both ends 
 TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # of an empty tool, where no way is found without
 SAME_RAD = 1e-6
 REACH_M = np.array([1.2, 1.2, 0.8, 0.3, 0.3, 0.15])  # from each axis to what it moves, of an arm of this size
-# wrist_1 is told by how the tool pitches: lift + elbow + wrist_1. A way between two postures with the tool down keeps it.
+# wrist_1 is told by how the tool pitches, lift + elbow + wrist_1: ways between postures with the tool down keep it so.
 PITCH_FROM_JOINTS = np.eye(6)
 PITCH_FROM_JOINTS[3, 1:4] = 1.0
 JOINTS_FROM_PITCH = np.linalg.inv(PITCH_FROM_JOINTS)

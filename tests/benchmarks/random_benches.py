@@ -1,4 +1,4 @@
-"""Ways between tray and holes on random benches with 3 to 8 obstacles: which are found, how soon, and how long they are.
+"""Ways between tray and holes on random benches with 3 to 8 obstacles: which are found, how soon, how long they are.
 
 A way that is not found is asked of the same search with a minute and the joints' whole range: those that it finds are
 missed. The work of a tick is told beside, as a piece of it is all that a tick does.

@@ -44,6 +44,7 @@ Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for
 Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
 Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
 
+SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
 CHECKS_A_TICK = 500  # of postures: some 8 ms
 LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
 
@@ -130,7 +131,10 @@ class MotionPlanner:
         touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
         if not touched:
             range_rad = self.kinematics.range_rad
-            for way in ways_around(scene, start_rad, goal_rad, range_rad, CHECKS_A_TICK, tilts=not load.held):
+            ends = np.array([start_rad, goal_rad])
+            wide = self.scene(load, SPARE_M)
+            searched = scene if any(wide.touches(end) for end in ends) else wide
+            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK, tilts=not load.held):
                 yield None
                 if way is not None:
                     yield self._through(scene, way)
@@ -197,9 +201,9 @@ class MotionPlanner:
         )
         return [(name, contact) for name, contact in found if contact is not None]
 
-    def scene(self, load: Load) -> Scene:
-        """What is kept clear of on a motion."""
-        margin_m = 0.0 if load.close else self.settings.collision_margin_m
+    def scene(self, load: Load, spare_m: float = 0.0) -> Scene:
+        """What is kept clear of on a motion, by so much more than needed."""
+        margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
         return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
 
     def _travel(self, difference_rad: Array) -> float:

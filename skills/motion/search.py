@@ -32,27 +32,28 @@ util.setLogLevel(util.LOG_NONE)
 
 
 def ways_around(
-    scene: Scene, start_rad: Array, goal_rad: Array, range_rad: Array, checks: int, *, tilts: bool
+    scene: Scene, searched: Scene, ends_rad: Array, range_rad: Array, checks: int, *, tilts: bool
 ) -> Iterator[Array | None]:
     """Joints (k, 6) with straight ways between them, as the last answer; None after every piece of the work before it.
 
     Nothing more comes where none was found.
 
     Args:
+        searched: the same as the scene with room to spare, which lets the search go in coarse steps.
+        ends_rad: (2, 6) start and goal.
         range_rad: (6,) how far each joint turns, each way.
         checks: of postures, in a piece.
         tilts: the tool may also be tilted.
     """
-    ends = np.array([start_rad, goal_rad])
     for beyond_rad in (BEYOND_RAD, TILTED_RAD) if tilts else (BEYOND_RAD,):
         for step_m in STEPS_M:
-            search = Search(Room(scene, ends, range_rad, beyond_rad), step_m)
+            search = Search(Room(searched, ends_rad, range_rad, beyond_rad), step_m)
             while (found := search.go_on(checks)) is None and not search.over:
                 yield None
             if found is None:
                 break
             yield None
-            found[0], found[-1] = ends  # but for rounding
+            found[0], found[-1] = ends_rad  # but for rounding
             if scene.is_free(found):
                 yield found
                 return

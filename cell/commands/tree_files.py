@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.options import NamesOption, SetOption, WithOption, entries_of, own_files, registry_of
+from cell.commands.options import NamesOption, SetOption, WithOption, bench_of, entries_of, own_files, registry_of
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
 from cell.files.files import write_new
@@ -35,6 +35,9 @@ def check(
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, registry_of(config, nodes), known)
+    if config is not None:
+        stuck, doubtful = bench_of(config)
+        problems, warnings = [*problems, *stuck], [*warnings, *doubtful]
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:

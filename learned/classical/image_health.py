@@ -20,7 +20,7 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence
-from learned.classical.box_model import View
+from learned.classical.box_model import View, obstacle_mask
 from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
@@ -79,7 +79,9 @@ class ImageHealth:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
         edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
         size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
-        self._edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
+        edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
+        covered = obstacle_mask(view, bench)[edges[..., 1], edges[..., 0]]
+        self._edges = edges[~covered.any(axis=(1, 2))]
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
         self._fresh = _Freshness()

@@ -61,9 +61,7 @@ def add_ellipsoid(
     return _add(body, mujoco.mjtGeom.mjGEOM_ELLIPSOID, centre_m, [extent / 2 for extent in size_m], rgb, touch)
 
 
-def add_mesh(
-    body: mujoco.MjsBody, mesh: str, rgb: Rgb, touch: tuple[int, int] = STATIC_TOUCH
-) -> mujoco.MjsGeom:
+def add_mesh(body: mujoco.MjsBody, mesh: str, rgb: Rgb, touch: tuple[int, int] = STATIC_TOUCH) -> mujoco.MjsGeom:
     """Add a mesh of the specification, in the frame of its file."""
     geom = _add(body, mujoco.mjtGeom.mjGEOM_MESH, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), rgb, touch)
     geom.meshname = mesh

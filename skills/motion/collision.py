@@ -89,7 +89,7 @@ class CollisionChecker:
         for box in standing_boxes(product, bench):
             self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
         for obstacle in bench.obstacles:
-            self._add_obstacle(self._geometry, obstacle.name, *_placed(obstacle))
+            self._add_obstacle(self._geometry, obstacle.name, *placed(obstacle))
 
     @property
     def model(self) -> pinocchio.Model:
@@ -274,7 +274,7 @@ def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m:
     return Box(name, centre, (length, width, height + below_m))
 
 
-def _placed(obstacle: Obstacle) -> tuple[Pose, coal.CollisionGeometry]:
+def placed(obstacle: Obstacle) -> tuple[Pose, coal.CollisionGeometry]:
     """An obstacle's pose and shape."""
     if obstacle.box_m is not None:
         return obstacle.pose, coal.Box(*obstacle.box_m)

@@ -79,9 +79,14 @@ class Kinematics:
         return self._solve(target, previous_rad)
 
     def wrapped(self, joints_rad: Array, near_rad: Array) -> Array:
-        """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
-        turns = np.round((near_rad - joints_rad) / (2 * math.pi))
-        nearest = joints_rad + turns * 2 * math.pi
+        """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits.
+
+        Of wrist_1 the tool's pitch counts, lift + elbow + wrist_1: from shoulder to shoulder the tool stays as it is.
+        """
+        near = np.array(near_rad, dtype=float)
+        level = near[1:4].sum() - joints_rad[1:3].sum()
+        near[3] = np.clip(level, -self.range_rad[3], self.range_rad[3])
+        nearest = joints_rad + np.round((near - joints_rad) / (2 * math.pi)) * 2 * math.pi
         over = np.abs(nearest) > self.range_rad
         answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
         return answer

@@ -134,7 +134,7 @@ class MotionPlanner:
             ends = np.array([start_rad, goal_rad])
             wide = self.scene(load, SPARE_M)
             searched = scene if any(wide.touches(end) for end in ends) else wide
-            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK, tilts=not load.held):
+            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK):
                 yield None
                 if way is not None:
                     yield self._through(scene, way)

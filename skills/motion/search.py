@@ -15,12 +15,12 @@ from cell.interfaces.pose import Array
 from skills.motion.collision import Scene
 
 SEED = 1
-ROUND_CHECKS = 8000  # after so many in vain a round is given up
+LEVEL_CHECKS, TILTED_CHECKS = 1200, 8000  # after so many in vain a round is given up
 STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each
-BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 0.8])  # how far over both ends ways may swing; wrist_1 as below
-TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # of an empty tool, where no way is found without
+BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 2.5])  # how far over both ends ways may swing; wrist_1 as below
+TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # where no way is found that keeps the tool level
 SAME_RAD = 1e-6
 REACH_M = np.array([1.2, 1.2, 0.8, 0.3, 0.3, 0.15])  # from each axis to what it moves, of an arm of this size
 # wrist_1 is told by how the tool pitches, lift + elbow + wrist_1: ways between postures with the tool down keep it so.
@@ -32,7 +32,7 @@ util.setLogLevel(util.LOG_NONE)
 
 
 def ways_around(
-    scene: Scene, searched: Scene, ends_rad: Array, range_rad: Array, checks: int, *, tilts: bool
+    scene: Scene, searched: Scene, ends_rad: Array, range_rad: Array, checks: int
 ) -> Iterator[Array | None]:
     """Joints (k, 6) with straight ways between them, as the last answer; None after every piece of the work before it.
 
@@ -43,11 +43,10 @@ def ways_around(
         ends_rad: (2, 6) start and goal.
         range_rad: (6,) how far each joint turns, each way.
         checks: of postures, in a piece.
-        tilts: the tool may also be tilted.
     """
-    for beyond_rad in (BEYOND_RAD, TILTED_RAD) if tilts else (BEYOND_RAD,):
+    for beyond_rad, most in ((BEYOND_RAD, LEVEL_CHECKS), (TILTED_RAD, TILTED_CHECKS)):
         for step_m in STEPS_M:
-            search = Search(Room(searched, ends_rad, range_rad, beyond_rad), step_m)
+            search = Search(Room(searched, ends_rad, range_rad, beyond_rad), step_m, most)
             while (found := search.go_on(checks)) is None and not search.over:
                 yield None
             if found is None:
@@ -94,8 +93,8 @@ class Room:
 class Search:
     """One round: trees from both ends grow until they meet."""
 
-    def __init__(self, room: Room, step_m: float) -> None:
-        self._room = room
+    def __init__(self, room: Room, step_m: float, most: float) -> None:
+        self._room, self._most = room, most
         space, bounds = base.RealVectorStateSpace(room.size), base.RealVectorBounds(room.size)
         for number in range(room.size):
             bounds.setLow(number, float(room.low[number]))
@@ -123,7 +122,7 @@ class Search:
     @property
     def over(self) -> bool:
         """Whether it is given up."""
-        return self._room.checks >= ROUND_CHECKS and not self._problem.hasExactSolution()
+        return self._room.checks >= self._most and not self._problem.hasExactSolution()
 
     def go_on(self, checks: int) -> Array | None:
         """The way (k, 6), if it is found and short with so many checks more, or one try to make it shorter."""

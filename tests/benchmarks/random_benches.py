@@ -107,9 +107,9 @@ def found_in_a_minute(planner: MotionPlanner, start: Array, goal: Array, load: L
     """Whether the search finds it with a minute and all that the joints can do."""
     scene, range_rad = planner.scene(load), planner.kinematics.range_rad
     room = search.Room(scene, np.array([start, goal]), range_rad, beyond_rad=np.full(6, 7.0))
-    trees, until_s = search.Search(room, search.STEPS_M[1]), time.process_time() + MINUTE_S
+    trees, until_s = search.Search(room, search.STEPS_M[1], np.inf), time.process_time() + MINUTE_S
     while time.process_time() < until_s:
-        if trees.go_on(search.ROUND_CHECKS) is not None:
+        if trees.go_on(search.TILTED_CHECKS) is not None:
             return True
     return False
 

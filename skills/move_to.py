@@ -91,11 +91,24 @@ class MoveTo(FreeMove):
         held: str | None = None,
     ) -> None:
         super().__init__(planner, pose, standing, held)
-        self._joints = {"park": planner.bench.arm_park_rad, "look": planner.bench.arm_look_rad}[pose]
+        self._pose = pose
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
-        """The joints of that name."""
-        return np.array(self._joints)
+        """The joints of that name; parked, the two fingers may be turned by half turns, as nothing there depends on it.
+
+        Of those the one is chosen by which the arm comes there and on to the look the soonest.
+        """
+        planner = self._planner
+        park, look = np.array(planner.bench.arm_park_rad), np.array(planner.bench.arm_look_rad)
+        if self._pose == "look":
+            return look
+
+        def takes_s(joints: Array) -> tuple[float, float]:
+            way_s = planner.travel_s(joints - joints_of(observation))
+            return round(way_s + planner.travel_s(look - joints), 3), way_s
+
+        turns = np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(6) == 5)
+        return min((joints for joints in park + turns if planner.kinematics.within_limits(joints)), key=takes_s)
 
 
 class GiveWay(MoveTo):

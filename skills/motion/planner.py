@@ -94,7 +94,7 @@ class MotionPlanner:
                 if joints is None:
                     continue
                 if (contact := scene.contact(joints)) is None:
-                    free.append((self._travel(joints - near_rad), pose, joints))
+                    free.append((self.travel_s(joints - near_rad), pose, joints))
                 elif posture is USUAL:
                     reason = contact
             if free:
@@ -206,7 +206,7 @@ class MotionPlanner:
         margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
         return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
 
-    def _travel(self, difference_rad: Array) -> float:
+    def travel_s(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""
         return float(np.max(np.abs(difference_rad) / np.array(self.settings.speed_limits_rad_s)))
 

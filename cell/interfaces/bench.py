@@ -139,12 +139,14 @@ def _mesh_file(path: Path, info: ValidationInfo) -> Path:
 
 
 class Obstacle(Mount):
-    """A thing that stands on the bench and is in the way: a box, an upright cylinder or a mesh, one of them.
+    """A thing that stands on the bench and is in the way: a box, a cylinder or a mesh, one of them.
 
     Attributes:
+        position_m: of its middle (x, y, z); of a mesh, of the file's own origin.
+        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
         name: what messages call it, as in "the camera post".
-        box_m: extents along its x, y and z; the pose is that of its middle.
-        cylinder_m: diameter, and length along its z; the pose is that of its middle.
+        box_m: extents along its x, y and z.
+        cylinder_m: diameter, and length along its z.
         mesh: file (.stl or .obj, in metres), relative to this one; its convex hull is in the way.
     """
 

@@ -62,7 +62,7 @@ def test_an_obstacle_in_the_place_of_something_is_told_and_one_of_two_pieces_is_
     assert told(box(0.56, -0.38, 0.8)) == [], "it hangs over the tray"
 
 
-def test_shapes_have_the_points_that_the_configuration_tells(product: Product, bench: Bench, tmp_path: Path) -> None:
+def test_shapes_have_the_points_that_the_configuration_tells(tmp_path: Path) -> None:
     for shape in SHAPES:
         points = of_shape(shape, tmp_path).points_m
         assert np.allclose((points.min(axis=0), points.max(axis=0)), ((0.50, 0.04, 0.0), (0.62, 0.16, TOP_M)))

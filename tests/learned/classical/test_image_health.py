@@ -296,7 +296,7 @@ def test_it_is_told_by_which_edge_a_hand_left() -> None:
 
 def test_a_post_that_hides_an_edge_of_the_plate_is_part_of_the_bench() -> None:
     """With it known, landmarks behind it are not asked for; unknown, the bench is not seen."""
-    x, y, z = BENCH.bracket.position_m
+    x, y, _ = BENCH.bracket.position_m
     post = Obstacle(name="post", position_m=(x + 0.02, y - 0.08, 0.18), box_m=(0.24, 0.04, 0.36))
     known = BENCH.model_copy(update={"obstacles": (post,)})
     told = {}

@@ -252,7 +252,7 @@ def located(path: Path, configuration: Configuration) -> Iterator[None]:
         raise InputError(*(_located(path, configuration, *place) for place in error.places)) from error
 
 
-def _located(path: Path, configuration: Configuration, location: tuple[str, ...], what: str) -> Problem:
+def _located(path: Path, configuration: Configuration, location: tuple[str | int, ...], what: str) -> Problem:
     if location[0] == "product":
         return Problem(place_of(configuration.product, location[1:]), what)
     return Problem(place_of(path, location), what)

@@ -67,9 +67,9 @@ class SettingError(InputError):
             and goes on with keys of the product file.
     """
 
-    def __init__(self, *places: tuple[tuple[str, ...], str]) -> None:
+    def __init__(self, *places: tuple[tuple[str | int, ...], str]) -> None:
         self.places = places
-        super().__init__(*(f"{'.'.join(location)}: {what}" for location, what in places))
+        super().__init__(*(f"{'.'.join(map(str, location))}: {what}" for location, what in places))
 
 
 class DeviceFault(CellError):

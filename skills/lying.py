@@ -79,7 +79,7 @@ class SetUpright(PhasedSkill):
             if left is None or hold.turn.then not in better(kind, hold.turn.up):
                 continue
             take = take_lying(planner, part, self._others, (hold, tool, joints), carry_m)
-            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
                 reason = (
                     take
@@ -153,7 +153,7 @@ class LayAside(PhasedSkill):
         for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
             hold, tool, joints = chosen
             take = take_lying(planner, part, self._others, chosen, carry_m)
-            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
             if lifted is None or isinstance(take, str):
                 reason = (
                     take
@@ -256,7 +256,7 @@ def take_lying(
         + settings.approach_gap_m
         + LEANING_M
     )
-    above = planner.kinematics.inverse(at_height(tool, over_m), joints)
+    above = planner.kinematics.follow(at_height(tool, over_m), joints)
     if above is None:
         return Message("cannot take {name}: out of the arm's reach above it", name=name)
     on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
@@ -269,9 +269,7 @@ def take_lying(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
-        Move(
-            Message("moving above {name}", name=name), lambda start: planner.free_move(start, above, on_way), settings
-        ),
+        Move(Message("moving above {name}", name=name), lambda start: planner.free_way(start, above, on_way), settings),
         FingersRest("opening the fingers", settings),
         Descend(name, planner, tool, around, feels=bool(part.lies_on)),
         SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
@@ -358,16 +356,16 @@ def put_at(
     if isinstance(found, str):
         return Message("cannot put {name} there: {found}", name=name, found=found)
     carry_m = max(carry_over_bracket_m(planner, kind), tool.position_m[2])
-    above = planner.kinematics.inverse(at_height(tool, carry_m), found[1])
+    above = planner.kinematics.follow(at_height(tool, carry_m), found[1])
     if above is None:
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
-    for way in (planner.free_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
+    for way in (planner.near_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
         if isinstance(way, str):
             return Message("cannot put {name} there: {way}", name=name, way=way)
     return [
         Move(
             Message("turning {name}", name=name),
-            lambda start: planner.free_move(start, above, carrying),
+            lambda start: planner.free_way(start, above, carrying),
             settings,
             holding=name,
         ),

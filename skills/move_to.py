@@ -18,7 +18,7 @@ from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_
 from skills.grasping.phases import Move, Phase, PhasedSkill
 from skills.motion.grip import STROKE_M
 from skills.motion.near_hand import way_out
-from skills.motion.planner import Load, MotionPlanner, Plan, Planning
+from skills.motion.planner import Load, Looking, MotionPlanner, Plan, Planning, settled
 
 NamedPose = Literal["park", "look"]
 SAME_RAD = 0.02  # a way that was approved is still the same where no joint differs by more
@@ -55,7 +55,7 @@ class FreeMove(PhasedSkill):
     def plan(self, observation: Observation) -> Plan:
         """How it would move from where the arm stands, or why it cannot; nothing moves."""
         way = self._way(observation)
-        return way if isinstance(way, str) else way(joints_of(observation))
+        return way if isinstance(way, str) else settled(way(joints_of(observation)))
 
     def _way(self, observation: Observation) -> Planning | str:
         """What plans the motion when it begins, or why there is none."""
@@ -68,14 +68,14 @@ class FreeMove(PhasedSkill):
             return Message("cannot move to {to}: {goal}", to=self._to, goal=goal)
         return partial(self.way, observation, goal, load)
 
-    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:
+    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan | Looking:
         """How to get there; where a near hand holds the arm, by a way that leads away from it, if there is one."""
         planner = self._planner
         if HAND_TOO_NEAR in observation.held_by:
             path = way_out(planner, observation, start_rad, goal_rad, load)
             if not isinstance(path, str):
                 return path
-        return planner.free_move(start_rad, goal_rad, load)
+        return planner.free_way(start_rad, goal_rad, load)
 
     @property
     def done(self) -> str:
@@ -94,11 +94,24 @@ class MoveTo(FreeMove):
         held: str | None = None,
     ) -> None:
         super().__init__(planner, pose, standing, held)
-        self._joints = {"park": planner.bench.arm_park_rad, "look": planner.bench.arm_look_rad}[pose]
+        self._pose = pose
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
-        """The joints of that name."""
-        return np.array(self._joints)
+        """The joints of that name; parked, the two fingers may be turned by half turns, as nothing there depends on it.
+
+        Of those the one is chosen by which the arm comes there and on to the look the soonest.
+        """
+        planner = self._planner
+        park, look = np.array(planner.bench.arm_park_rad), np.array(planner.bench.arm_look_rad)
+        if self._pose == "look":
+            return look
+
+        def takes_s(joints: Array) -> tuple[float, float]:
+            way_s = planner.travel_s(joints - joints_of(observation))
+            return round(way_s + planner.travel_s(look - joints), 3), way_s
+
+        turns = np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(6) == 5)
+        return min((joints for joints in park + turns if planner.kinematics.within_limits(joints)), key=takes_s)
 
 
 class GiveWay(MoveTo):
@@ -175,9 +188,13 @@ class FollowPlan(FreeMove):
         end: Array = self._plan.positions_rad[-1]
         return end
 
-    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:  # noqa: ARG002
+    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Looking:  # noqa: ARG002
         """The plan made again with what is seen now, if it is the same."""
-        now = self._planner.free_move(start_rad, goal_rad, load)
+        found = self._planner.free_way(start_rad, goal_rad, load)
+        for now in (found,) if isinstance(found, JointTrajectory | str) else found:
+            yield now if now is None else self._same(now)
+
+    def _same(self, now: Plan) -> Plan:
         if isinstance(now, str):
             return now
         shares = np.linspace(0.0, 1.0, 50)

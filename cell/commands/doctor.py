@@ -22,6 +22,7 @@ from cell.errors import CellError, Problem, SettingError
 from cell.files.packages import damaged_packages, missing_packages
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
+from cell.wiring.bench_checks import bench_problems
 from cell.wiring.detectors import check_detectors, fitted
 from cell.wiring.devices import examined, find_drivers
 from sim.rendering.available import chosen_backend, remedy, renders
@@ -30,6 +31,7 @@ from skills.drivers.settings import CanSettings
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
 TRIAL_S = 2.0  # of simulated time, to see how fast it passes
 INSTALL = "make .venv/runtime in a clone, or pip install again"
+BENCH = ("the arm rests in nothing", "bins, tray, bracket and obstacles do not overlap, and no hole is hidden")
 ANEW = "make clean, then make run; with pip: delete the environment and install again"
 
 
@@ -81,17 +83,15 @@ def examine(path: Path) -> list[Finding]:
     there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
     devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
-    own = [Finding(f"configuration {path}", True), _bench(configuration, product, path)]
+    own = [Finding(f"configuration {path}", True), *_bench(configuration, product, path)]
     return [*machine, *devices, *own, _detectors(configuration, product), *planners, *rest]
 
 
-def _bench(configuration: Configuration, product: Product, path: Path) -> Finding:
-    """Whether everything that stands on the simulated bench has a place of its own; a run would begin all the same."""
-    from sim.scene.storage import overlapping
-
-    found = overlapping(product, configuration.bench)
-    wrong = [str(Problem(place_of(path, where), what)) for where, what in found]
-    return Finding("bins, tray and bracket do not overlap", not wrong, "; ".join(wrong), False)
+def _bench(configuration: Configuration, product: Product, path: Path) -> Iterator[Finding]:
+    """Whether the arm rests in nothing, and all that stands on the bench has a place of its own, which may wait."""
+    for what, wrong, needed in zip(BENCH, bench_problems(configuration, product), (True, False), strict=True):
+        told = [str(Problem(place_of(path, where), what)) for where, what in wrong]
+        yield Finding(what, not told, "; ".join(told), needed)
 
 
 def _python() -> Finding:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from cell.errors import InputError
+from cell.errors import InputError, Problem
 from cell.files.files import own_or_shipped
+from cell.files.yaml_file import place_of
 
 if TYPE_CHECKING:
     from trees.files.build.registry import Registry
@@ -182,6 +183,17 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
     configuration = load_configuration(config)
     return node_registry(load_product(configuration, config), own_nodes, configuration)
+
+
+def bench_of(config: Path) -> tuple[list[Problem], list[Problem]]:
+    """What a run would not begin with on the bench of a configuration, and what is doubtful there."""
+    from cell.configuration import load_configuration, load_product
+    from cell.wiring.bench_checks import bench_problems
+
+    configuration = load_configuration(config)
+    found = bench_problems(configuration, load_product(configuration, config))
+    stuck, doubtful = ([Problem(place_of(config, where), what) for where, what in some] for some in found)
+    return stuck, doubtful
 
 
 def entries_of(given: Iterable[str] | None) -> dict[str, Any]:

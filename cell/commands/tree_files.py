@@ -15,6 +15,7 @@ from cell.commands.options import (
     SetOption,
     WithOption,
     always_loaded,
+    bench_of,
     beside_config,
     entries_of,
     own_files,
@@ -48,6 +49,9 @@ def check(
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, registry_of(config, nodes), known)
+    if config is not None:
+        stuck, doubtful = bench_of(config)
+        problems, warnings = [*problems, *stuck], [*warnings, *doubtful]
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     doubtful = bool(warnings) and not stubs

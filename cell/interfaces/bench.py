@@ -5,13 +5,22 @@ World frame: origin at the arm's base on the table top, x towards the person, z 
 
 from __future__ import annotations
 
-from pydantic import Field, PrivateAttr, model_validator
+from collections import Counter
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from cell.files.model import Disagreement, Model
 from cell.files.units import Gap, Joints, Length, Point, Quaternion
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.solid import Solid
 
+MESHES = (".stl", ".obj")
+MOST_MESH_M = 2.0
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 
@@ -122,6 +131,72 @@ class Tray(Model):
     wall_m: Gap
 
 
+def _mesh_file(path: Path, info: ValidationInfo) -> Path:
+    """A mesh that can be read, beside the file that names it."""
+    path = Path((info.context or {}).get("folder", ".")).resolve() / path
+    mesh_points(path)
+    return path
+
+
+class Obstacle(Mount):
+    """A thing that stands on the bench and is in the way: a box, a cylinder or a mesh, one of them.
+
+    Attributes:
+        position_m: of its middle (x, y, z); of a mesh, of the file's own origin.
+        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
+        name: what messages call it, as in "the camera post".
+        box_m: extents along its x, y and z.
+        cylinder_m: diameter, and length along its z.
+        mesh: file (.stl or .obj, in metres), relative to this one; its convex hull is in the way.
+    """
+
+    name: str = Field(min_length=1, max_length=60)
+    box_m: tuple[Length, Length, Length] | None = None
+    cylinder_m: tuple[Length, Length] | None = None
+    mesh: Annotated[Path, AfterValidator(_mesh_file)] | None = None
+
+    @model_validator(mode="after")
+    def _has_one_shape(self) -> Obstacle:
+        shapes = {key: getattr(self, key) for key in ("box_m", "cylinder_m", "mesh")}
+        if (told := sum(shape is not None for shape in shapes.values())) != 1:
+            raise ValueError(f"{self.name} has {told} shapes; it needs one of {', '.join(shapes)}")
+        return self
+
+    @property
+    def points_m(self) -> Array:
+        """Points (n, 3) in the world whose convex hull it is; of a cylinder nearly."""
+        if self.mesh is not None:
+            return self.pose.transform(mesh_points(self.mesh))
+        width_m, height_m = self.cylinder_m or (0.0, 0.0)
+        shape = "cylinder" if self.box_m is None else "box"
+        solid = Solid(solid=shape, size_m=self.box_m or (width_m, width_m, height_m), centre_m=(0.0, 0.0, 0.0))
+        return self.pose.transform(solid.points())
+
+
+@cache
+def mesh_points(path: Path) -> Array:
+    """Corners (n, 3) of a mesh.
+
+    Raises:
+        ValueError: there is none that can be read, or it is flat or larger than a bench.
+    """
+    if path.suffix.lower() not in MESHES:
+        raise ValueError(f"{path.name} is no mesh that can be read; legal: {', '.join(MESHES)}")
+    if not path.is_file():
+        raise ValueError(f"there is no file {path}")
+    import coal  # a process that only gets benches, ready made, never needs it
+
+    try:
+        points: Array = np.array(coal.MeshLoader().load(str(path), np.ones(3)).vertices(), dtype=np.float64)
+    except (ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} cannot be read as a mesh: {error}") from error
+    if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-4) < 3:
+        raise ValueError(f"{path} has {len(points)} corners, and they span no volume")
+    if (size_m := float(np.ptp(points, axis=0).max())) > MOST_MESH_M:
+        raise ValueError(f"{path} is {size_m:g} m long, legal is at most {MOST_MESH_M:g}: is it in millimetres?")
+    return points
+
+
 class Bench(Model):
     """Everything that stands still.
 
@@ -134,6 +209,7 @@ class Bench(Model):
         wrist: the camera beside the gripper, which looks into the tray.
         arm_park_rad: joints away from bracket and person.
         arm_look_rad: joints from which the wrist camera sees the tray.
+        obstacles: what else stands there and the arm goes around.
     """
 
     bracket: Mount
@@ -144,6 +220,7 @@ class Bench(Model):
     wrist: CameraSetup
     arm_park_rad: Joints
     arm_look_rad: Joints
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def drawn(self) -> Bench:
@@ -161,4 +238,14 @@ class Bench(Model):
             raise Disagreement(
                 [(("overhead", "triggered"), "nothing asks the overhead camera for frames: it must be false")]
             )
+        return self
+
+    @model_validator(mode="after")
+    def _obstacles_have_names_of_their_own(self) -> Bench:
+        often = Counter(one.name for one in self.obstacles)
+        twice = [number for number, one in enumerate(self.obstacles) if often[one.name] > 1]
+        if twice:
+            what = "there are two obstacles of the name {!r}; give each its own"
+            places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]
+            raise Disagreement(places)
         return self

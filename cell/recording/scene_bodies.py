@@ -12,7 +12,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.recording.scene_frames import BRACKET, FINGER_SIDES, WORLD, Colour, colour_message, pose_message, timestamp
 from skills.motion.collision import standing_boxes
-from skills.motion.outline import Shape
+from skills.motion.outline import Shape, obstacle_shapes
 
 STEEL, WOOD, ROBOT, TOOL_COLOUR, INK = (
     (0.55, 0.58, 0.62, 1.0),
@@ -30,7 +30,7 @@ Size = tuple[float, float, float]
 
 
 def bench_scene(stamp_ns: int, product: Product, bench: Bench) -> messages.SceneUpdate:
-    """Table, bracket with its holes, tray and bins."""
+    """Table, bracket with its holes, tray, bins and obstacles."""
     boxes = [box for box in standing_boxes(product, bench) if box.name != "the table"]
     colours = {"the bracket": STEEL}
     cubes = [
@@ -52,8 +52,10 @@ def bench_scene(stamp_ns: int, product: Product, bench: Bench) -> messages.Scene
         _label(name, Pose((x - product.bracket.margin_m * 0.8, y, 0.012)), INK)
         for name, (x, y) in product.bracket.holes_m.items()
     ]
+    obstacles = [_shape_entity(stamp_ns, shape) for shape in obstacle_shapes(bench)]
     return messages.SceneUpdate(
         entities=[
+            *obstacles,
             messages.SceneEntity(timestamp=timestamp(stamp_ns), frame_id=WORLD, id="bench", cubes=cubes),
             messages.SceneEntity(
                 timestamp=timestamp(stamp_ns), frame_id=BRACKET, id="holes", cylinders=holes, texts=names
@@ -64,7 +66,7 @@ def bench_scene(stamp_ns: int, product: Product, bench: Bench) -> messages.Scene
 
 def robot_scene(stamp_ns: int, shapes: Sequence[Shape]) -> messages.SceneUpdate:
     """Links and gripper, each fixed to its frame, so that it is said once and the frames move it."""
-    return messages.SceneUpdate(entities=[_robot_entity(stamp_ns, shape) for shape in shapes])
+    return messages.SceneUpdate(entities=[_shape_entity(stamp_ns, shape) for shape in shapes])
 
 
 def parts_scene(stamp_ns: int, product: Product, parts: Sequence[PartDetection]) -> messages.SceneUpdate:
@@ -94,7 +96,7 @@ def assembly_scene(
     return _replaced(stamp_ns, bodies)
 
 
-def _robot_entity(stamp_ns: int, shape: Shape) -> messages.SceneEntity:
+def _shape_entity(stamp_ns: int, shape: Shape) -> messages.SceneEntity:
     sliding = shape.name in FINGER_SIDES  # its frame is in its middle
     pose = Pose((0.0, 0.0, 0.0)) if sliding else shape.frame_from_shape
     cubes, hulls = [], []

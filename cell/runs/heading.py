@@ -48,7 +48,8 @@ def heading(options: RunOptions, files: Files) -> Heading:
         attachments["simulation.json"] = ("application/json", devices.simulation.model_dump_json().encode())
         attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
     semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
-    for path in (semantic.goals, semantic.confusions, files.configuration.calibration):
+    meshes = (one.mesh for one in files.configuration.bench.obstacles)
+    for path in (semantic.goals, semantic.confusions, files.configuration.calibration, *meshes):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
     for name, text in tree_texts(files.tree).items():

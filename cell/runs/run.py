@@ -50,6 +50,7 @@ from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
 from cell.watching.why_now import WhyNow
+from cell.wiring.bench_checks import refuse_blocked
 from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
@@ -132,15 +133,17 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
             drawn = drawn_from(options.world)
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
         log = log_path(options, configuration.log)
+        refuse_blocked(motion := MotionPlanner(product, configuration.bench, configuration.motion))
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
         files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
-        return _run(options, files, drivers, tally, log, console, watchdog)
+        return _run(options, files, motion, drivers, tally, log, console, watchdog)
 
 
 def _run(
     options: RunOptions,
     files: Files,
+    motion: MotionPlanner,
     drivers: Drivers,
     tally: BracketTally,
     log: Path,
@@ -148,7 +151,6 @@ def _run(
     watchdog: Watchdog,
 ) -> RunResult:
     configuration, product = files.configuration, files.product
-    motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
 
         def alarm(time_s: float, level: Level, text: str) -> None:

@@ -19,7 +19,7 @@ from cell.interfaces.perception import Edge, Frame, HandSample
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel, Rectangle
-from learned.classical.box_model import View, outline
+from learned.classical.box_model import LEAST_DEPTH_M, View, obstacle_mask, outline
 
 Mask = NDArray[np.uint8]
 
@@ -39,7 +39,6 @@ LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
 LIT, DARKEST, MOST_SHADOW = 1.1, 0.3, 0.9  # shares of the reference in a shadow, and share of pixels for a shadow
 THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
 ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
-LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
 MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
@@ -61,13 +60,14 @@ class _Landmarks:
 
     @staticmethod
     def of(bench: Bench, product: Product) -> _Landmarks:
-        """Those of a bench that are in view."""
+        """Those of a bench that are in view, and that none of its obstacles hides."""
         view, tray = View(bench.overhead.model, bench.overhead.mount.pose), bench.tray
         half, (x, y, z) = np.array(tray.size_m) / 2, tray.centre_m
         rim = Rectangle.between(-half, half, Pose((x, y, z + tray.wall_m)))
         steps = range(-REACH_PX, REACH_PX + 1, STEP_PX)
         shifts = np.array([(column, row) for column in steps for row in steps])
         size = bench.overhead.model.width_px, bench.overhead.model.height_px
+        covered = obstacle_mask(view, bench, REACH_PX)
         found: list[tuple[Array, Array, int]] = []
         for number, rectangle in enumerate((PlateModel.of(bench, product), rim)):
             start = view.pixels(rectangle.edges_m)
@@ -78,7 +78,9 @@ class _Landmarks:
                 parts = np.array_split(own, max(1, round(len(own) / STRETCH)))
                 low, high = REACH_PX, np.array(size) - REACH_PX - 1
                 inside = [part for part in parts if ((start[part] > low) & (start[part] < high)).all()]
-                found += [(start[part], unit[part], 2 * number + side // 2) for part in inside]
+                places = ((part, *start[part].astype(int).T) for part in inside)
+                shown = [part for part, column, row in places if not covered[row, column].any()]
+                found += [(start[part], unit[part], 2 * number + side // 2) for part in shown]
         if not found:
             return _Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
         points, across, groups = zip(*found, strict=True)

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
+from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 
+LEAST_DEPTH_M = 0.05  # what is nearer to the camera is not drawn
 _CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))])
 
 
@@ -80,6 +82,17 @@ def body_corners(size_m: Sequence[float], x_m: float, y_m: float, yaw_rad: float
     x = corners[:, 0] * cosine - corners[:, 1] * sine + x_m
     y = corners[:, 0] * sine + corners[:, 1] * cosine + y_m
     return np.column_stack([x, y, corners[:, 2] + bottom_m])
+
+
+def obstacle_mask(view: View, bench: Bench, around_px: int = 0) -> NDArray[np.uint8]:
+    """1 where an obstacle of the bench is in an image (height, width), and so far around it."""
+    mask = np.zeros((view.model.height_px, view.model.width_px), np.uint8)
+    for obstacle in bench.obstacles:
+        points_m = obstacle.points_m
+        points_m = points_m[view.depths(points_m) > LEAST_DEPTH_M]
+        if len(points_m) > 2:
+            cv2.fillConvexPoly(mask, outline(view.pixels(points_m)).round().astype(np.int32), 1)
+    return np.asarray(cv2.dilate(mask, np.ones((2 * around_px + 1,) * 2, np.uint8)), np.uint8)
 
 
 def outline(pixels: Array) -> Array:

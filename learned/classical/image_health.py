@@ -20,7 +20,7 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, robot_outline
-from learned.classical.box_model import View
+from learned.classical.box_model import View, obstacle_mask
 from learned.classical.image_lag import ImageLag
 from learned.inference.prefetch import Prefetch
 
@@ -80,7 +80,9 @@ class ImageHealth:
         self._view = view = View(bench.overhead.model, bench.overhead.mount.pose)
         edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
         size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
-        self._edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
+        edges = edges[((edges >= 0) & (edges < size_px)).all(axis=(1, 2, 3))]
+        covered = obstacle_mask(view, bench)[edges[..., 1], edges[..., 0]]
+        self._edges = edges[~covered.any(axis=(1, 2))]
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
         self._fresh, self._lag = _Freshness(), ImageLag()

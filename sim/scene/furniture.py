@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import SettingError
-from cell.interfaces.bench import Bench, Tray
+from cell.interfaces.bench import Bench, Obstacle, Tray
 from cell.interfaces.product import Product
 from sim.scene import palette
 from sim.scene.look import Light, Surfaces
-from sim.scene.palette import add_box
+from sim.scene.palette import add_box, add_cylinder
 from sim.scene.settings import PhysicsSettings
 from sim.scene.storage import Bin
 
@@ -118,6 +118,21 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
     add_tray(world, bench.tray, surfaces.tray_rgb)
     for one in bins:
         _add_bin(world, one, surfaces.bin_rgb)
+    for number, obstacle in enumerate(bench.obstacles):
+        _add_obstacle(spec, f"obstacle_{number}", obstacle)
+
+
+def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle) -> None:
+    """In a body of its own; a mesh touches as its convex hull, as it does for the planner."""
+    at = {"pos": list(obstacle.position_m), "quat": list(obstacle.quaternion_wxyz)}
+    body, none = spec.worldbody.add_body(name=name, **at), (0.0, 0.0, 0.0)
+    if obstacle.box_m is not None:
+        add_box(body, none, obstacle.box_m, palette.OBSTACLE)
+    elif obstacle.cylinder_m is not None:
+        add_cylinder(body, none, *obstacle.cylinder_m, palette.OBSTACLE)
+    else:
+        spec.add_mesh(name=name, file=str(obstacle.mesh))
+        palette.add_mesh(body, name, palette.OBSTACLE)
 
 
 def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:

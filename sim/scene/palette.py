@@ -12,6 +12,7 @@ HOLE = (0.02, 0.02, 0.02)
 LINK = (0.58, 0.61, 0.64)
 JOINT = (0.34, 0.42, 0.50)
 GRIPPER = (0.15, 0.15, 0.16)
+OBSTACLE = (0.42, 0.43, 0.45)
 PAD = (0.08, 0.08, 0.08)
 
 # Contact types (contype, conaffinity): parts touch everything; hand and robot touch each other and not themselves.
@@ -58,6 +59,13 @@ def add_ellipsoid(
 ) -> mujoco.MjsGeom:
     """Add an ellipsoid of full extents `size_m`; with NO_TOUCH it is only seen."""
     return _add(body, mujoco.mjtGeom.mjGEOM_ELLIPSOID, centre_m, [extent / 2 for extent in size_m], rgb, touch)
+
+
+def add_mesh(body: mujoco.MjsBody, mesh: str, rgb: Rgb, touch: tuple[int, int] = STATIC_TOUCH) -> mujoco.MjsGeom:
+    """Add a mesh of the specification, in the frame of its file."""
+    geom = _add(body, mujoco.mjtGeom.mjGEOM_MESH, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), rgb, touch)
+    geom.meshname = mesh
+    return geom
 
 
 def _add(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cell.errors import SettingError
+from cell.files.model import Location
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
@@ -23,7 +24,7 @@ EDGE_M = 0.010  # of such a bin that stays free, so that parts of neighbouring b
 MOST_YAW_RAD = 0.35  # of a part in such a bin
 TABLE_FROM_BRACKET_M = 0.165  # where parts on the table lie, towards the person; free of bins and bracket
 TABLE_PITCH_M = 0.115
-Location = tuple[str, ...]
+LOW_M = 0.15  # an obstacle that begins higher stands over what is below it
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,8 @@ def overlapping(product: Product, bench: Bench) -> list[tuple[Location, str]]:
     found = []
     for one, other in combinations(_places(product, bench), 2):
         depths_m = [min(a, b) - max(c, d) for a, b, c, d in zip(one.high, other.high, one.low, other.low, strict=True)]
-        if min(depths_m) > 0:
+        both = one.location[1] == other.location[1] == "obstacles"  # which together may be one thing
+        if min(depths_m) > 0 and not both:
             what = f"{other.name} and {one.name} overlap by {min(depths_m):.3f} m; move one of them"
             found.append((other.location, what))
     return found
@@ -205,6 +207,14 @@ def _places(product: Product, bench: Bench) -> list[_Place]:
     named = [name for name in bench.bins_m if name in product.parts]
     for name, one in zip(named, own_bins(product, bench), strict=True):
         places.append(_around(f"the bin of {name}", ("bench", "bins_m", name), one.centre_m, one.size_m))
+    for number, obstacle in enumerate(bench.obstacles):
+        points = obstacle.points_m
+        if points[:, 2].min() < LOW_M:
+            low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+            location = ("bench", "obstacles", number)
+            places.append(
+                _Place(obstacle.name, location, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
+            )
     return places
 
 

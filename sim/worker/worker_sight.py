@@ -181,10 +181,10 @@ class Sight:
 
     @property
     def arm_parked(self) -> bool:
-        """Whether the arm stands at its parking place."""
+        """Whether the arm stands at its parking place, however its wrist is turned."""
         if not self._arm_qpos:
             return True
-        off = np.abs(self._data.qpos[self._arm_qpos] - np.array(self._bench.arm_park_rad))
+        off = np.abs(self._data.qpos[self._arm_qpos] - np.array(self._bench.arm_park_rad))[:-1]
         return float(off.max()) < ARM_PARKED_RAD and not self.arm_moving
 
     @property

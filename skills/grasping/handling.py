@@ -123,7 +123,7 @@ def take_phases(
     above_part = Load(grasp.opening_m, (*others_boxes, part_box(part, planner.product, name)))
     around_part = Load(grasp.opening_m, others_boxes, close=True)
     approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
-    above = planner.kinematics.inverse(approach, joints)
+    above = planner.kinematics.follow(approach, joints)
     if above is None:
         return Message("cannot take {name}: out of the arm's reach above it", name=name)
     bottom_m = part.world_from_part.position_m[2]
@@ -136,7 +136,7 @@ def take_phases(
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Move(
             Message("moving above {name}", name=name),
-            lambda start: planner.free_move(start, above, above_part),
+            lambda start: planner.free_way(start, above, above_part),
             settings,
         ),
         FingersRest("opening the fingers", settings),
@@ -180,7 +180,7 @@ def put_phases(
         return Message("cannot put {name} there: {found}", name=name, found=found)
     pose, joints = found
     rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
-    above = planner.kinematics.inverse(at_height(pose, pose.position_m[2] + rise_m), joints)
+    above = planner.kinematics.follow(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
@@ -200,7 +200,7 @@ def put_phases(
     return [
         Move(
             Message("carrying {name}", name=name),
-            lambda start: planner.free_move(start, above, carrying),
+            lambda start: planner.free_way(start, above, carrying),
             settings,
             holding=name,
         ),

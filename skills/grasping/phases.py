@@ -11,7 +11,7 @@ from cell.files.words.message import Message
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ObjectStatus, Observation
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.motion.planner import Planning
+from skills.motion.planner import Looking, Planning
 from skills.motion.settings import MotionSettings
 
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
@@ -45,6 +45,7 @@ class Move:
         self.started_s = self._started_worked_s = 0.0
         self._deadline_s: float | None = None
         self._asked: Command | None = None
+        self._looking: Looking | None = None
         self._empty_ticks = self._begun_again = 0
 
     def poll(self, observation: Observation, command: Command) -> Progress:
@@ -66,8 +67,14 @@ class Move:
 
     def _start(self, observation: Observation, command: Command) -> Progress:
         if _stopping(observation, command) or not observation.new_path:
+            self._looking = None
             return self._running(observation)
-        plan = self._plan(np.array(observation.arm.positions_rad))
+        if self._looking is None:
+            found = self._plan(np.array(observation.arm.positions_rad))
+            self._looking = iter((found,)) if isinstance(found, JointTrajectory | str) else found
+        if (plan := next(self._looking)) is None:
+            return self._running(observation)
+        self._looking = None
         if isinstance(plan, str):
             return failed(Message("{doing}: {plan}", doing=self._doing, plan=plan))
         self.trajectory, self.started_s, self._started_worked_s = plan, observation.time_s, observation.worked_s

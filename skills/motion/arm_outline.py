@@ -2,55 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import coal
 import numpy as np
-import pinocchio
 
 from cell.interfaces.pose import Array
-from skills.motion.collision import HELD, CollisionChecker
-
-
-class LinkPlaces:
-    """An arm whose joints follow one another, with bodies that are fixed to them.
-
-    Args:
-        joints: of each body's placement: the joint that carries it.
-        placements: joint_from_body of each.
-    """
-
-    def __init__(self, model: pinocchio.Model, joints: Sequence[int], placements: Sequence[pinocchio.SE3]) -> None:
-        self._turns = [_turn(model, number) for number in range(1, model.njoints)]
-        self._joints = np.array(joints) - 1
-        self._placements = np.array([one.homogeneous for one in placements])
-
-    def at(self, joints_rad: Array) -> Array:
-        """world_from_body (K, L, 4, 4) of L bodies, from joints (K, n)."""
-        cosines, sines = np.cos(joints_rad)[..., None, None], np.sin(joints_rad)[..., None, None]
-        carried, place = np.empty((len(joints_rad), len(self._turns), 4, 4)), None
-        for number, (still, sine, cosine) in enumerate(self._turns):
-            turned = still + sine * sines[:, number] + cosine * cosines[:, number]
-            place = turned if place is None else place @ turned
-            carried[:, number] = place
-        placed: Array = carried[:, self._joints] @ self._placements
-        return placed
-
-
-def _turn(model: pinocchio.Model, number: int) -> tuple[Array, Array, Array]:
-    """What turns with a joint: the sum of the first, the second times its sine and the third times its cosine.
-
-    Rodrigues' formula, after the placement of the joint on the one before it.
-    """
-    assert model.parents[number] == number - 1
-    data = model.joints[number].createData()
-    model.joints[number].calc(data, np.zeros(model.nq))
-    x, y, z = np.asarray(data.S)[3:].ravel()
-    cross = np.zeros((4, 4))
-    cross[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-    before, square = model.jointPlacements[number].homogeneous, cross @ cross
-    return before @ (np.eye(4) + square), before @ cross, before @ -square
-
+from skills.motion.collision import HELD, CollisionChecker, box_corners
+from skills.motion.kinematics import LinkPlaces
 
 HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
 FIXED_JOINTS = 1  # base and shoulder stand where the person does not reach
@@ -70,7 +27,7 @@ class ArmOutline:
         self._places = LinkPlaces(checker.model, [one.parentJoint for one in links], [one.placement for one in links])
         self.names = tuple(one.name for one in links)
         self._shapes = [one.geometry for one in links]
-        self._corners = np.array([_corners(shape) for shape in self._shapes])
+        self._corners = np.array([box_corners(shape) for shape in self._shapes])
         self._always = np.array([name != HELD for name in self.names])
         self._request = coal.DistanceRequest()
 
@@ -107,10 +64,3 @@ class ArmOutline:
         """
         corners: Array = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
         return corners
-
-
-def _corners(shape: coal.CollisionGeometry) -> Array:
-    """Of the box (8, 3) around a shape, in its own frame."""
-    shape.computeLocalAABB()
-    low, high = shape.aabb_local.min_, shape.aabb_local.max_
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])

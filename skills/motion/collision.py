@@ -11,13 +11,13 @@ import coal
 import numpy as np
 import pinocchio
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Obstacle
 from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.motion.grip import STROKE_M
-from skills.motion.kinematics import FLANGE, Kinematics
+from skills.motion.kinematics import FLANGE, Kinematics, LinkPlaces
 from skills.motion.outline import Shape, shapes
 from skills.motion.settings import MotionSettings
 
@@ -28,6 +28,9 @@ FINGER_MIDDLE_M = 0.1245
 CAMERA_SIZE_M = (0.050, 0.030, 0.030)
 CAMERA_BEHIND_LENS_M = 0.020
 
+STEP_M = 0.008  # between checks of a path: twice the margin, so that nothing in between is nearer than 0
+ARC_RAD = 0.1  # a joint's turn in which a point goes nearly straight
+COARSE_FIRST = (0, 4, 2, 6, 1, 5, 3, 7)  # offsets in a path, so that a contact is met soon
 TABLE_M = (3.0, 3.0, 0.5)
 RIM_THICKNESS_M = 0.008
 BIN_ROOM_M = 0.04  # around each part in a bin
@@ -82,9 +85,11 @@ class CollisionChecker:
         self._arm_alone = self._geometry.copy()
         self._arm = tuple(item.name for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
-        self._add_pairs(_SELF_PAIRS)
+        _add_pairs(self._geometry, _SELF_PAIRS)
         for box in standing_boxes(product, bench):
-            self._add_obstacle(self._geometry, box)
+            self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
+        for obstacle in bench.obstacles:
+            self._add_obstacle(self._geometry, obstacle.name, *placed(obstacle))
 
     @property
     def model(self) -> pinocchio.Model:
@@ -99,6 +104,37 @@ class CollisionChecker:
         geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
         return geometry
 
+    def scene(
+        self,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
+    ) -> Scene:
+        """The bench with what else is to be kept clear of.
+
+        Args:
+            opening_m: distance between the fingers.
+            obstacles: more boxes to keep clear of, in the world frame.
+            held: boxes that move with the tool, in the tool frame.
+            margin_m: what comes nearer than this counts as touching.
+        """
+        geometry = self._geometry.copy()
+        self._open_fingers(geometry, opening_m)
+        for box in obstacles:
+            self._add_obstacle(geometry, box.name, box.pose, coal.Box(*box.size_m))
+        fixed = range(len(self._arm), len(geometry.geometryObjects))
+        links = [geometry.getGeometryId(name) for name in ("forearm_link", "upper_arm_link", "base_link")]
+        for number, box in enumerate(held):
+            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
+            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
+            own = geometry.addGeometryObject(
+                pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m))
+            )
+            for other in (*fixed, *links):
+                geometry.addCollisionPair(pinocchio.CollisionPair(own, other))
+        return Scene(self._model, geometry, margin_m)
+
     def first_contact(
         self,
         positions_rad: Array,
@@ -107,36 +143,8 @@ class CollisionChecker:
         held: Sequence[Box] = (),
         margin_m: float = 0.0,
     ) -> str | None:
-        """What touches first along a joint path (n, 6), in words; None where the way is free.
-
-        Args:
-            opening_m: distance between the fingers.
-            obstacles: more boxes to keep clear of, in the world frame.
-            held: boxes that move with the tool, in the tool frame.
-            margin_m: what comes nearer than this counts as touching.
-        """
-        geometry = self._scene(opening_m, obstacles, held)
-        data = geometry.createData()
-        for request in data.collisionRequests:
-            request.security_margin = margin_m
-        path = resampled(positions_rad, self._settings.collision_step_rad)
-        for joints in path:
-            if pinocchio.computeCollisions(self._model, self._data, geometry, data, joints, True):
-                return _describe(geometry, data)
-        return None
-
-    def _scene(self, opening_m: float, obstacles: Sequence[Box], held: Sequence[Box]) -> pinocchio.GeometryModel:
-        geometry = self._geometry.copy()
-        self._open_fingers(geometry, opening_m)
-        for box in obstacles:
-            self._add_obstacle(geometry, box)
-        fixed = [item.name for item in geometry.geometryObjects if item.parentJoint == 0 and item.name not in self._arm]
-        for number, box in enumerate(held):
-            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
-            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
-            geometry.addGeometryObject(pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m)))
-            _add_pairs(geometry, ((name, other) for other in (*fixed, "forearm_link", "upper_arm_link", "base_link")))
-        return geometry
+        """What touches first along a joint path (n, 6), in words; None where the way is free; see `scene`."""
+        return self.scene(opening_m, obstacles, held, margin_m).first_contact(positions_rad)
 
     def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
         for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
@@ -173,12 +181,77 @@ class CollisionChecker:
     def _on_flange(self, position_m: tuple[float, float, float]) -> pinocchio.SE3:
         return self._wrist_from_flange * pinocchio.SE3(np.eye(3), np.array(position_m))
 
-    def _add_pairs(self, pairs: Iterable[tuple[str, str]]) -> None:
-        _add_pairs(self._geometry, pairs)
+    def _add_obstacle(
+        self, geometry: pinocchio.GeometryModel, name: str, pose: Pose, shape: coal.CollisionGeometry
+    ) -> None:
+        own = geometry.addGeometryObject(pinocchio.GeometryObject(name, 0, _se3(pose), shape))
+        for link, of_arm in enumerate(self._arm):
+            if of_arm not in _BASE_LINKS:
+                geometry.addCollisionPair(pinocchio.CollisionPair(link, own))
 
-    def _add_obstacle(self, geometry: pinocchio.GeometryModel, box: Box) -> None:
-        geometry.addGeometryObject(pinocchio.GeometryObject(box.name, 0, _se3(box.pose), coal.Box(*box.size_m)))
-        _add_pairs(geometry, ((name, box.name) for name in self._arm if name not in _BASE_LINKS))
+
+class Scene:
+    """The arm among all that it must not touch, ready to be asked about many postures."""
+
+    def __init__(self, model: pinocchio.Model, geometry: pinocchio.GeometryModel, margin_m: float) -> None:
+        self._model, self._data = model, model.createData()
+        self._geometry, self._results = geometry, geometry.createData()
+        for request in self._results.collisionRequests:
+            request.security_margin = margin_m
+        self._near = pinocchio.BroadPhaseManager_NaiveCollisionManager(model, geometry, self._results)
+        moving = [item for item in geometry.geometryObjects if item.parentJoint > 0]
+        self._places = LinkPlaces(model, [one.parentJoint for one in moving], [one.placement for one in moving])
+        self._corners = np.array([box_corners(one.geometry) for one in moving])
+
+    def touches(self, joints_rad: Array) -> bool:
+        """Whether anything does in a posture (6,)."""
+        return bool(pinocchio.computeCollisions(self._model, self._data, self._near, joints_rad, True))
+
+    def touches_pair_by_pair(self, joints_rad: Array) -> bool:
+        """The same, slowly; of the pairs up to the first one that touches it is known then."""
+        collides = pinocchio.computeCollisions
+        return bool(collides(self._model, self._data, self._geometry, self._results, joints_rad, True))
+
+    def contact(self, joints_rad: Array) -> str | None:
+        """Which two things touch in a posture (6,), in words."""
+        if not self.touches_pair_by_pair(joints_rad):
+            return None
+        names = [item.name for item in self._geometry.geometryObjects]
+        pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
+        first = next(pair for pair, result in pairs if result.isCollision())
+        return f"{names[first.first]} would touch {names[first.second]}".replace("_", " ")
+
+    def is_free(self, positions_rad: Array) -> bool:
+        """Whether nothing touches along a joint path (n, 6)."""
+        rows = self.resampled(positions_rad)
+        return not any(self.touches(joints) for offset in COARSE_FIRST for joints in rows[offset :: len(COARSE_FIRST)])
+
+    def first_contact(self, positions_rad: Array) -> str | None:
+        """What touches first along a joint path (n, 6), in words; None where the way is free."""
+        rows = self.resampled(positions_rad)
+        return next((self.contact(joints) for joints in rows if self.touches(joints)), None)
+
+    def resampled(self, positions_rad: Array) -> Array:
+        """A path (m, 6) through the same line, no point of the arm going farther than STEP_M from row to row."""
+        rows = _interpolated(positions_rad, np.abs(np.diff(positions_rad, axis=0)).max(axis=1), ARC_RAD)
+        placed = self._places.at(rows)
+        corners_m = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
+        ways_m = np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(axis=(1, 2), initial=0.0)
+        return _interpolated(rows, ways_m, STEP_M)
+
+
+def _interpolated(positions_rad: Array, ways: Array, step: float) -> Array:
+    """A path (m, 6) through the same line in even steps, by how long the ways (n - 1,) between its rows are."""
+    travelled = np.concatenate([[0.0], np.cumsum(ways)])
+    marks = np.linspace(0.0, travelled[-1], max(2, math.ceil(travelled[-1] / step) + 1))
+    return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])
+
+
+def box_corners(shape: coal.CollisionGeometry) -> Array:
+    """Of the box (8, 3) around a shape, in its own frame."""
+    shape.computeLocalAABB()
+    low, high = shape.aabb_local.min_, shape.aabb_local.max_
+    return np.array(list(pairs_of(*zip(low, high, strict=True))))
 
 
 def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
@@ -201,12 +274,16 @@ def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m:
     return Box(name, centre, (length, width, height + below_m))
 
 
-def resampled(positions_rad: Array, step_rad: float) -> Array:
-    """A path (m, 6) through the same line, no joint moving more than a step from row to row."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions_rad, axis=0)).max(axis=1))])
-    count = max(2, math.ceil(travelled[-1] / step_rad) + 1)
-    marks = np.linspace(0.0, travelled[-1], count)
-    return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])
+def placed(obstacle: Obstacle) -> tuple[Pose, coal.CollisionGeometry]:
+    """An obstacle's pose and shape."""
+    if obstacle.box_m is not None:
+        return obstacle.pose, coal.Box(*obstacle.box_m)
+    if obstacle.cylinder_m is not None:
+        return obstacle.pose, coal.Cylinder(obstacle.cylinder_m[0] / 2, obstacle.cylinder_m[1])
+    points = coal.StdVec_Vec3s()
+    for point in obstacle.points_m:
+        points.append(point)
+    return Pose((0.0, 0.0, 0.0)), coal.Convex.convexHull(points, True, "Qt")
 
 
 def _bracket_box(product: Product, bench: Bench) -> Box:
@@ -245,14 +322,6 @@ def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[str, str
         geometry.addCollisionPair(
             pinocchio.CollisionPair(geometry.getGeometryId(first), geometry.getGeometryId(second))
         )
-
-
-def _describe(geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> str:
-    names = [item.name for item in geometry.geometryObjects]
-    for pair, result in zip(geometry.collisionPairs, data.collisionResults, strict=True):
-        if result.isCollision():
-            return f"{names[pair.first]} would touch {names[pair.second]}".replace("_", " ")
-    raise AssertionError("a collision was reported, so one pair has it")
 
 
 def _se3(pose: Pose) -> pinocchio.SE3:

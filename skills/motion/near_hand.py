@@ -10,8 +10,9 @@ import numpy as np
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array, Pose
-from skills.motion.planner import Load, MotionPlanner, Plan, joined
+from skills.motion.planner import Load, MotionPlanner, Plan
 from skills.motion.separation import Following, Separation, SeparationMonitor
+from skills.motion.trajectory import joined
 
 BACK_M = (0.08, 0.16, 0.24)  # the tool is drawn back so far, before it turns away
 RISES_M = (0.0, 0.08)  # and lifted so far before that
@@ -57,7 +58,7 @@ def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_ra
 
 def _ways(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad: Array, load: Load) -> Iterator[Plan]:
     """Straight there, or first away from a hand or towards the arm's base, each also after a lift."""
-    yield planner.free_move(start_rad, goal_rad, load)
+    yield planner.near_move(start_rad, goal_rad, load)
     tool = planner.kinematics.forward(start_rad)
     here = np.array(tool.position_m[:2])
     back = [-here, *(here - np.array(hand.fingertips_m) for hand in hands_of(seen))]
@@ -71,6 +72,6 @@ def _ways(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad:
         drawn = planner.straight_move(lifted_rad, Pose((float(x), float(y), z), tool.quaternion_wxyz), load)
         if isinstance(drawn, str):
             continue
-        rest = planner.free_move(drawn.positions_rad[-1], goal_rad, load)
+        rest = planner.near_move(drawn.positions_rad[-1], goal_rad, load)
         if not isinstance(rest, str):
             yield joined([leg for leg in (lift, drawn, rest) if leg is not None])

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from cell.interfaces.bench import Bench, Obstacle
 from cell.interfaces.pose import Array, Pose
 
-BASE = "base_link"
+BASE, WORLD = "base_link", "world"
 _AXES = {"JointModelRX": (1.0, 0.0, 0.0), "JointModelRY": (0.0, 1.0, 0.0), "JointModelRZ": (0.0, 0.0, 1.0)}
 
 
@@ -70,6 +71,21 @@ def shapes(model: pinocchio.Model, geometry: pinocchio.GeometryModel) -> tuple[S
     """What of a collision geometry belongs to the robot."""
     links = _links(model)
     return tuple(_shape(item, links[item.parentJoint]) for item in geometry.geometryObjects)
+
+
+def obstacle_shapes(bench: Bench) -> tuple[Shape, ...]:
+    """The obstacles of a bench, in the world: boxes as they are, all else as convex hulls."""
+    return tuple(_obstacle(one) for one in bench.obstacles)
+
+
+def _obstacle(one: Obstacle) -> Shape:
+    if one.box_m is not None:
+        return Shape(one.name, WORLD, one.pose, one.box_m)
+    points = coal.StdVec_Vec3s()
+    for point in one.points_m:
+        points.append(point)
+    hull = coal.Convex.convexHull(points, True, "Qt")
+    return _shape(pinocchio.GeometryObject(one.name, 0, pinocchio.SE3.Identity(), hull), WORLD)
 
 
 def _shape(item: pinocchio.GeometryObject, frame: str) -> Shape:

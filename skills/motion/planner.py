@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -12,14 +13,15 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.motion.collision import Box, CollisionChecker
-from skills.motion.grip import Hold
-from skills.motion.kinematics import Kinematics
+from skills.motion.collision import Box, CollisionChecker, Scene
+from skills.motion.grip import STROKE_M, Hold
+from skills.motion.kinematics import OTHERS, USUAL, Kinematics
 from skills.motion.lying_grasp import LyingHold
 from skills.motion.outline import Shape
+from skills.motion.search import ways_around
 from skills.motion.separation import SeparationMonitor
 from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move, line_move
+from skills.motion.trajectory import blended, joint_move, line_move
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,19 @@ class Load:
 
 
 Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
-Planning = Callable[[Array], Plan]  # from the joints (6,) at which the arm stands
+Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
+Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
+
+SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
+CHECKS_A_TICK = 500  # of postures: some 8 ms
+LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
+
+
+def settled(found: Plan | Looking) -> Plan:
+    """What is found in the end."""
+    if isinstance(found, JointTrajectory | str):
+        return found
+    return next(plan for plan in found if plan is not None)
 
 
 class MotionPlanner:
@@ -69,39 +83,92 @@ class MotionPlanner:
         return self._checker.shapes
 
     def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
-        """The tool pose with the shortest way there and its joints; or why none of them can be reached."""
-        reason = "out of the arm's reach"
-        candidates: list[tuple[float, int, Pose, Array]] = []
-        for pose in poses:
-            joints = self.kinematics.inverse(pose, near_rad)
-            if joints is None:
-                continue
-            contact = self._contact(joints[None], load)
-            if contact is not None:
-                reason = contact
-                continue
-            candidates.append((self._travel(joints - near_rad), len(candidates), pose, joints))
-        if not candidates:
-            return reason
-        _, _, pose, joints = min(candidates, key=lambda entry: entry[:2])
-        return pose, joints
+        """The tool pose with the shortest way there and its joints; or why none of them can be reached.
+
+        The arm leans another way than it usually does only where something is in the way of that.
+        """
+        reason, scene = "out of the arm's reach", self.scene(load)
+        for posture in (USUAL, *OTHERS):
+            free: list[tuple[float, Pose, Array]] = []
+            for pose in poses:
+                joints = self.kinematics.inverse(pose, near_rad, posture)
+                if joints is None:
+                    continue
+                if (contact := scene.contact(joints)) is None:
+                    free.append((self.travel_s(joints - near_rad), pose, joints))
+                elif posture is USUAL:
+                    reason = contact
+            if free:
+                _, pose, joints = min(free, key=lambda entry: entry[0])
+                return pose, joints
+        return reason
 
     def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
-        """To joints; where the direct way is blocked, straight up first and down again at the end."""
+        """To joints by a free way, as soon as it is found; see `free_way`."""
+        return settled(self.free_way(start_rad, goal_rad, load))
+
+    def free_way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
+        """To joints: the direct way, or else what looks for another one, a tick's worth of work at a time."""
+        scene = self.scene(load)
         direct = joint_move(start_rad, goal_rad, self.settings)
-        contact = self._contact(direct.positions_rad, load)
-        if contact is None:
+        if scene.is_free(np.array([start_rad, goal_rad])):
             return direct
-        start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
-        height = max(start.position_m[2], goal.position_m[2]) + self.settings.transit_lift_m
-        up = self.rise(start_rad, height, load.opening_m)
-        down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
-        if isinstance(up, str) or down is None:
-            return Message("no free way: {contact}", contact=contact)
-        across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
-        rest = joined([across, _reversed(down)])
-        still = self._contact(rest.positions_rad, load)
-        return joined([up, rest]) if still is None else Message("no free way: {still}", still=still)
+        return self._around(scene, start_rad, goal_rad, load)
+
+    def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+        """To joints by the direct way or after a lift, without a search: for where there is no time."""
+        looking = self.free_way(start_rad, goal_rad, load)
+        if isinstance(looking, JointTrajectory | str):
+            return looking
+        found = [plan for plan in islice(looking, len(LIFTS_M)) if plan is not None]
+        return found[0] if found else "no free way without a search"
+
+    def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
+        """A lift is often enough; then whatever a search finds."""
+        leaving = self.scene(Load(load.opening_m, close=True))
+        for lift_m, drop_m in LIFTS_M:
+            yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
+        where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
+        touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
+        if not touched:
+            range_rad = self.kinematics.range_rad
+            ends = np.array([start_rad, goal_rad])
+            wide = self.scene(load, SPARE_M)
+            searched = scene if any(wide.touches(end) for end in ends) else wide
+            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK):
+                yield None
+                if way is not None:
+                    yield self._through(scene, way)
+        direct = scene.first_contact(np.array([start_rad, goal_rad]))
+        yield Message("no free way: {contact}", contact=(*touched, direct)[0])
+
+    def _lifted(
+        self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
+    ) -> JointTrajectory | None:
+        """Up at first and down at the end, nearly straight, with the direct way between; None where that is not free.
+
+        Args:
+            leaving: what counts on the way up, where the tool goes away from what stands beside it.
+        """
+        start_rad, goal_rad = ends_rad
+        up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
+        if up_rad is None or over_rad is None:
+            return None
+        way = np.array([start_rad, up_rad, over_rad, goal_rad] if drop_m else [start_rad, up_rad, goal_rad])
+        return self._through(scene, way) if leaving.is_free(way[:2]) and scene.is_free(way[1:]) else None
+
+    def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
+        """The joints that have the tool so much higher."""
+        if lift_m == 0:
+            return joints_rad
+        pose = self.kinematics.forward(joints_rad)
+        above = self.kinematics.follow(at_height(pose, pose.position_m[2] + lift_m), joints_rad)
+        return above if above is not None and self.kinematics.within_limits(above) else None
+
+    def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
+        """Along straight ways between joints (k, 6), without stops where limits and room allow."""
+        legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
+        return blended(legs, self.settings, scene.is_free)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up, which takes it away from all that stands beside or below it."""
@@ -118,7 +185,7 @@ class MotionPlanner:
         line = line_move(self.kinematics, start_rad, world_from_tool, settings)
         if line is None:
             return "the arm cannot follow a straight line there"
-        contact = self._contact(line.positions_rad, load)
+        contact = self.scene(load).first_contact(line.positions_rad)
         return line if contact is None else Message("no free way: {contact}", contact=contact)
 
     def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
@@ -126,11 +193,21 @@ class MotionPlanner:
         settings = self.settings.model_copy(update={"line_speed_m_s": speed_m_s})
         return line_move(self.kinematics, start_rad, world_from_tool, settings) or "the arm cannot follow that line"
 
-    def _contact(self, positions_rad: Array, load: Load) -> str | None:
-        margin_m = 0.0 if load.close else self.settings.collision_margin_m
-        return self._checker.first_contact(positions_rad, load.opening_m, load.obstacles, load.held, margin_m)
+    @property
+    def blocked(self) -> list[tuple[str, str]]:
+        """The arm's resting poses, by their names on the bench, in which it touches what stands there, and what."""
+        scene = self.scene(Load(STROKE_M))
+        found = (
+            (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")
+        )
+        return [(name, contact) for name, contact in found if contact is not None]
 
-    def _travel(self, difference_rad: Array) -> float:
+    def scene(self, load: Load, spare_m: float = 0.0) -> Scene:
+        """What is kept clear of on a motion, by so much more than needed."""
+        margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
+        return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
+
+    def travel_s(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""
         return float(np.max(np.abs(difference_rad) / np.array(self.settings.speed_limits_rad_s)))
 
@@ -138,17 +215,3 @@ class MotionPlanner:
 def at_height(pose: Pose, height_m: float) -> Pose:
     """The same pose straight above or below."""
     return Pose((pose.position_m[0], pose.position_m[1], height_m), pose.quaternion_wxyz)
-
-
-def _reversed(trajectory: JointTrajectory) -> JointTrajectory:
-    return JointTrajectory(trajectory.duration_s - trajectory.times_s[::-1], trajectory.positions_rad[::-1])
-
-
-def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
-    """One trajectory out of legs that each start where the last one ends."""
-    times, positions, offset = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
-    for leg in legs:
-        times.append(leg.times_s[1:] + offset)
-        positions.append(leg.positions_rad[1:])
-        offset += leg.duration_s
-    return JointTrajectory(np.concatenate(times), np.concatenate(positions))

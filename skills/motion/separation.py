@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import coal
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array
 from skills.motion.arm_outline import ArmOutline
-from skills.motion.collision import CollisionChecker
+from skills.motion.collision import CollisionChecker, placed
 from skills.motion.person_space import Person, PersonSpace
 from skills.motion.retreat import retreat_share
 from skills.motion.settings import MotionSettings, SeparationSettings
@@ -32,6 +33,7 @@ SHARES = 24  # that are tried, from the slow one to all
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
 SPEED_FRAMES = 3  # that the measured speed of a hand is a mean over
 TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
+BESIDE_M = 0.03  # what of a hand must be seen beside the tool
 BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
 TINY = 1e-9
 Following = tuple[JointTrajectory, float]
@@ -74,6 +76,11 @@ class SeparationMonitor:
         self._acceleration_rad_s2 = np.array(motion.acceleration_limits_rad_s2)
         self._mean_over_s = SPEED_FRAMES / bench.overhead.rate_hz
         self._model, self._data = checker.model, checker.model.createData()
+        self._eye = np.array(bench.overhead.mount.position_m)
+        self._obstacles = [
+            (coal.Transform3s(pose.rotation, np.array(pose.position_m)), shape)
+            for pose, shape in map(placed, bench.obstacles)
+        ]
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
         self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + TOOL_LENGTH_M)
@@ -194,7 +201,7 @@ class SeparationMonitor:
         return retreat_share(self.outline, joints_rad, ahead, person.body, clear_m, leaving_m_s, holding=holding)
 
     def out_of_view(self, joints_rad: Array) -> bool:
-        """Whether the tool works where the overhead camera would not see a hand beside it."""
+        """Whether the tool works where the overhead camera would not see a hand beside it, as behind an obstacle."""
         pinocchio.forwardKinematics(self._model, self._data, joints_rad)
         x, y, z = self._data.oMi[self._model.njoints - 1].translation
         height_m = BLIND_HEIGHT_M
@@ -204,7 +211,22 @@ class SeparationMonitor:
         pixels = points @ self._camera.matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:3]
         inside = (pixels >= 0).all() and (pixels < (self._camera.width_px, self._camera.height_px)).all()
-        return not bool(inside)
+        return not bool(inside) or any(self._hidden(np.array([x, y, height])) for height in (0.0, height_m))
+
+    def _hidden(self, point_m: Array) -> bool:
+        """Whether an obstacle is between the camera and a point, or what is beside it."""
+        if not self._obstacles:
+            return False
+        way = point_m - self._eye
+        length_m = float(np.linalg.norm(way))
+        ray = coal.Capsule(BESIDE_M, length_m)
+        at = coal.Transform3s(
+            pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix(), self._eye + way / 2
+        )
+        request = coal.CollisionRequest()
+        return any(
+            coal.collide(ray, at, shape, place, request, coal.CollisionResult()) > 0 for place, shape in self._obstacles
+        )
 
 
 def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -> Array:

@@ -102,7 +102,6 @@ class MotionSettings(Model):
             finger to the other they have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
         part_gap_m: least gap between a part that is moved aside and its new neighbours.
-        collision_step_rad: largest joint step between collision checks of a trajectory.
         gripper_speed_m_s: speed of the fingers.
         grip_force_n: force of the fingers.
         gripper_timeout_s: how long one motion of the fingers may take.
@@ -114,6 +113,7 @@ class MotionSettings(Model):
     moved: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("speed_limits_rad_s", "acceleration_limits_rad_s2"), "the robot file has limits: robot: FILE"),
         **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
+        "collision_step_rad": "nothing: ways are checked by how far points of the arm go",
     }
     fingertip_clearance_m: ClassVar[float] = 0.003  # of fingertips above a body's bottom: they clear the bracket
     finger_clearance_m: ClassVar[float] = 0.006  # gap between each finger and the body before closing
@@ -126,7 +126,6 @@ class MotionSettings(Model):
     insertion_speed_m_s: ClassVar[float] = 0.08  # of a peg that is lowered into its hole
     insertion_start_m: ClassVar[float] = 0.002  # height above the hole at which slow lowering begins
     servo_lag_s: ClassVar[float] = 0.016  # the arm trails its trajectory by at most this much
-    transit_lift_m: ClassVar[float] = 0.12  # how much higher a second try passes, if the direct way is blocked
     rim_gap_m: ClassVar[float] = 0.030  # least gap between a part that is moved aside and the tray's rim
     collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
     arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take
@@ -143,7 +142,6 @@ class MotionSettings(Model):
     search_shifts_m: tuple[Shift, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
     release_gap_m: float = Field(default=0.0015, ge=0, le=1)
     part_gap_m: float = Field(default=0.030, gt=0, le=1)
-    collision_step_rad: float = Field(default=0.02, ge=0.001, le=0.1)
 
     gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
     grip_force_n: float = Field(default=60.0, ge=20, le=235)

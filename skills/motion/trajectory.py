@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
 import numpy as np
 import ruckig
 
@@ -10,6 +13,8 @@ from cell.interfaces.pose import Array, Pose
 from skills.motion.kinematics import Kinematics
 from skills.motion.settings import MotionSettings
 
+BLENDS = (0.75, 0.6, 0.45, 0.3, 0.15)  # shares of the shorter leg in which two legs are one motion
+ROUNDING = 1e-6
 _STANDING_RAD = 1e-6  # a shorter way is no way
 _SLOWDOWN_TRIES = 6
 _LARGEST_STEP_RAD = 0.35  # between neighbouring samples of a line; more means a jump to another arm posture
@@ -82,6 +87,57 @@ def speed_excess(times_s: Array, positions_rad: Array, settings: MotionSettings)
     fastest = np.abs(speeds / np.array(settings.speed_limits_rad_s)).max(initial=0.0)
     hardest = np.abs(accelerations / np.array(settings.acceleration_limits_rad_s2)).max(initial=0.0)
     return float(max(fastest, np.sqrt(hardest)))
+
+
+def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
+    """One trajectory out of legs that each start where the last one ends."""
+    times, positions, offset = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
+    for leg in legs:
+        times.append(leg.times_s[1:] + offset)
+        positions.append(leg.positions_rad[1:])
+        offset += leg.duration_s
+    return JointTrajectory(np.concatenate(times), np.concatenate(positions))
+
+
+def blended(
+    legs: Sequence[JointTrajectory], settings: MotionSettings, is_free: Callable[[Array], bool]
+) -> JointTrajectory:
+    """The same without stops: each leg begins, added to the one before, as early as limits and room allow.
+
+    Args:
+        legs: each starts where the last one ends, at rest.
+        is_free: whether a path (n, 6) touches nothing.
+    """
+    whole = legs[0]
+    for before, leg in pairwise(legs):
+        whole = joined([whole, leg])
+        shortest = min(len(before.times_s), len(leg.times_s)) - 1
+        for share in BLENDS:
+            overlap = int(share * shortest)
+            cut = len(whole.times_s) - len(leg.times_s) - overlap  # where the two begin to be one motion
+            path = np.concatenate([whole.positions_rad[: -len(leg.times_s) + 1], leg.positions_rad[1:]])
+            early = _added(path, len(path) - len(leg.times_s), overlap)
+            near = early[max(0, cut - 3) : cut + overlap + 4]
+            if overlap > 1 and _within(near, settings) and is_free(near):
+                whole = JointTrajectory(settings.sample_s * np.arange(len(early)), early)
+                break
+    return whole
+
+
+def _added(path_rad: Array, corner: int, overlap: int) -> Array:
+    """A path (n, 6) whose part behind a corner begins so many samples earlier, added to what is before it."""
+    behind = path_rad[corner:] - path_rad[corner]
+    early = np.concatenate(
+        [path_rad[: corner + 1], np.repeat(path_rad[corner : corner + 1], len(behind) - overlap - 1, 0)]
+    )
+    early[corner - overlap :] += behind
+    return early
+
+
+def _within(path_rad: Array, settings: MotionSettings) -> bool:
+    """Whether speeds and accelerations between samples are legal."""
+    times_s = settings.sample_s * np.arange(len(path_rad))
+    return speed_excess(times_s, path_rad, settings) <= 1.0 + ROUNDING
 
 
 def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Pose, shares: Array) -> Array | None:

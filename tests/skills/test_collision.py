@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Obstacle
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.motion.collision import Box, CollisionChecker, body_box, resampled
+from skills.motion.collision import STEP_M, Box, CollisionChecker, body_box
 from skills.motion.grasp_pose import held_boxes, tool_down
 from skills.motion.grip import Grip, Hold
 from skills.motion.kinematics import Kinematics
@@ -100,8 +103,58 @@ def test_the_arm_does_not_meet_itself_unnoticed(checker: CollisionChecker) -> No
     assert checker.first_contact(folded, 0.04) is not None
 
 
-def test_resampling_keeps_the_ends_and_the_step() -> None:
-    path: Array = np.array([[0.0] * 6, [0.5, 0, 0, 0, 0, 0], [0.5, -1.0, 0.2, 0, 0, 0]])
-    dense = resampled(path, 0.02)
-    assert np.array_equal(dense[[0, -1]], path[[0, -1]])
-    assert np.abs(np.diff(dense, axis=0)).max() <= 0.02 + 1e-12
+def test_no_point_of_the_arm_goes_farther_than_a_step_between_checks(
+    checker: CollisionChecker, kinematics: Kinematics
+) -> None:
+    path: Array = np.array(
+        [[0.0, -1.3, 1.9, -2.2, -1.5, 0.0], [0.5, -1.3, 1.9, -2.2, -1.5, 0], [0.5, -1, 2, -2.2, -1.5, 3]]
+    )
+    dense = checker.scene(0.085).resampled(path)
+    assert np.allclose(dense[[0, -1]], path[[0, -1]])
+    tool_m = np.array([kinematics.position_m(joints) for joints in dense])
+    assert np.linalg.norm(np.diff(tool_m, axis=0), axis=1).max() <= STEP_M * 1.01
+    turns = np.abs(np.diff(dense[:, 5]))
+    assert turns.max() * 0.06 <= STEP_M * 1.01  # the camera, beside the axis of the last joint
+    assert len(dense) < np.abs(np.diff(path, axis=0)).max(axis=1).sum() / 0.02  # far fewer than in steps of joints
+
+
+def test_a_broad_phase_misses_nothing(checker: CollisionChecker, product: Product) -> None:
+    """The same answers as of all pairs, one after the other."""
+    held = held_boxes("o3", product.parts["o3"], SETTINGS, Hold(Grip.WIDTH), with_peg=True)
+    posts = [Box(f"post {number}", Pose((0.5, 0.2 * number - 0.4, 0.1)), (0.05, 0.05, 0.2)) for number in range(5)]
+    scene, rng = checker.scene(0.05, posts, held, 0.004), np.random.default_rng(5)
+    low, high = np.array([-1.5, -2.2, 0.8, -3.0, -2.0, -3.0]), np.array([1.0, -0.6, 2.6, -0.5, -1.2, 3.0])
+    postures = rng.uniform(low, high, (400, 6))
+    every = [scene.touches_pair_by_pair(joints) for joints in postures]
+    assert [scene.touches(joints) for joints in postures] == every
+    assert 50 < sum(every) < 350
+
+
+def obstacle(**shape: Any) -> Obstacle:
+    return Obstacle(name="the camera post", position_m=(0.55, -0.40, 0.10), **shape)
+
+
+def tetrahedron(path: Path) -> Path:
+    """10 cm high and wide, on its base."""
+    corners = [(-0.05, -0.05, -0.1), (0.05, -0.05, -0.1), (0.0, 0.05, -0.1), (0.0, 0.0, 0.0)]
+    faces = ["f 1 2 3", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
+    path.write_text("\n".join([*(f"v {x} {y} {z}" for x, y, z in corners), *faces]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("shape", ["box", "cylinder", "mesh"])
+def test_obstacles_of_the_bench_are_seen(
+    kinematics: Kinematics, product: Product, bench: Bench, tmp_path: Path, shape: str
+) -> None:
+    made = {
+        "box": {"box_m": (0.1, 0.1, 0.2)},
+        "cylinder": {"cylinder_m": (0.1, 0.2)},
+        "mesh": {"mesh": tetrahedron(tmp_path / "lamp.obj")},
+    }
+    with_it = bench.model_copy(update={"obstacles": (obstacle(**made[shape]),)})
+    checker = CollisionChecker(kinematics, product, with_it)
+    top_m = {"box": 0.20, "cylinder": 0.20, "mesh": 0.10}[shape] + SETTINGS.robot.tool.fingertip_beyond_tcp_m
+    assert checker.first_contact(at(kinematics, 0.55, -0.40, top_m + 0.01), 0.0) is None
+    contact = checker.first_contact(at(kinematics, 0.55, -0.40, top_m - 0.01), 0.0)
+    assert contact is not None
+    assert contact.endswith("would touch the camera post")

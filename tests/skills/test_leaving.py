@@ -13,9 +13,9 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from skills.motion.person_space import EDGES, Person
-from skills.motion.planner import Load, joined
+from skills.motion.planner import Load
 from skills.motion.separation import Following, Separation
-from skills.motion.trajectory import joint_move
+from skills.motion.trajectory import joined, joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
 
 PLANNER = motion_planner()

@@ -11,14 +11,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cell.interfaces.bench import Obstacle
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import Edge, HandSample
+from cell.interfaces.pose import Pose
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
 from skills.motion.person_space import EDGES, Person, PersonSpace
+from skills.motion.planner import MotionPlanner
 from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
 from skills.motion.trajectory import joint_move
-from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
+from tests.integration.cell_rig import BENCH, PRODUCT, motion_planner, robot_alone
 
 MONITOR = motion_planner().separation
 S = MONITOR.settings
@@ -217,12 +220,21 @@ def test_the_whole_tray_is_in_view_and_what_lies_beyond_it_is_known_to_be_out_of
     seen = {}
     for y in (-0.75, -0.55, -0.45, 0.10):
         pose = motion.kinematics.forward(LOOK)
-        from cell.interfaces.pose import Pose
-
         joints = motion.kinematics.inverse(Pose((0.56, y, 0.15), pose.quaternion_wxyz), LOOK)
         assert joints is not None
         seen[y] = not MONITOR.out_of_view(joints)
     assert seen == {-0.75: False, -0.55: True, -0.45: True, 0.10: True}
+
+
+def test_behind_an_obstacle_a_hand_beside_the_tool_is_not_seen() -> None:
+    wall = Obstacle(name="a wall", position_m=(0.62, -0.10, 0.25), box_m=(0.3, 0.02, 0.5))
+    bench, joints = BENCH.model_copy(update={"obstacles": (wall,)}), np.array(BENCH.arm_look_rad)
+    monitor = MotionPlanner(PRODUCT, bench).separation
+    for y, hidden in ((-0.16, True), (-0.40, False)):
+        at = motion_planner().kinematics.inverse(Pose((0.56, y, 0.15), (0.0, 1.0, 0.0, 0.0)), joints)
+        assert at is not None
+        assert not MONITOR.out_of_view(at)
+        assert monitor.out_of_view(at) == hidden
 
 
 def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:

@@ -13,6 +13,8 @@ from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Part
 from trees.nodes.services import CellNode
 
+LOST_S = 0.4  # a frame that has not come by then is asked for again: cameras lose some
+
 
 class LookAtTray(CellNode):
     """Take an image with the wrist camera and wait for its detections (Alg. 2 lines 1-2)."""
@@ -20,15 +22,18 @@ class LookAtTray(CellNode):
     parts = OutputPort(PartsView, "parts seen in the tray")
     timeout_s = InputPort(float, "longest wait for the detector", default=3.0, least=0)
 
-    _asked_s = 0.0
+    _asked_s = _again_s = 0.0
 
     def initialise(self) -> None:
-        self._asked_s = self.now.observation.time_s
+        self._asked_s = self._again_s = self.now.observation.time_s
         self.now.command.look = True
 
     def update(self) -> Status:
         observation = self.now.observation
         view = observation.parts
+        if observation.time_s - self._again_s > LOST_S:
+            self._again_s = observation.time_s
+            self.now.command.look = True
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
             memory = self.memory

@@ -99,7 +99,7 @@ def test_bins_that_stand_in_each_others_place_are_told_with_their_line(
     old: str, new: str, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(doctor, "_devices", lambda *_: ())
-    what = "bins, tray and bracket do not overlap"
+    what = "bins, tray, bracket and obstacles do not overlap, and no hole is hidden"
     (sound,) = [finding for finding in examine(configuration(tmp_path / "sound")) if finding.what == what]
     assert (sound.ok, sound.remedy) == (True, "")
     path = configuration(tmp_path / "wrong", old, new)

@@ -1,0 +1,135 @@
+"""Ways around what stands on the bench: found, free, within the limits, the same again; or why there is none."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench, Obstacle
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from cell.interfaces.skill import SkillStatus
+from skills.motion.collision import Box
+from skills.motion.grasp_pose import hole_pose
+from skills.motion.planner import Load, MotionPlanner, settled
+from skills.motion.trajectory import joint_speeds, speed_excess
+from skills.pick_and_place import Pick, Place
+from tests.skills.ideal_robot import IdealRobot
+from tests.skills.test_skills import seen
+
+DOWN = (0.0, 1.0, 0.0, 0.0)
+LOAD = Load(0.04)
+
+
+def post(height_m: float) -> Obstacle:
+    """Between tray and bracket."""
+    return Obstacle(name="the camera post", position_m=(0.62, -0.10, height_m / 2), box_m=(0.06, 0.06, height_m))
+
+
+def with_obstacles(product: Product, bench: Bench, *obstacles: Obstacle) -> MotionPlanner:
+    return MotionPlanner(product, bench.model_copy(update={"obstacles": obstacles}))
+
+
+@pytest.fixture(scope="module")
+def behind_a_post(product: Product, bench: Bench) -> MotionPlanner:
+    return with_obstacles(product, bench, post(0.50))
+
+
+def ways(planner: MotionPlanner) -> Iterator[tuple[Array, Array]]:
+    """From nine places over the tray to six over holes."""
+    near = np.array(planner.bench.arm_look_rad)
+    for x in (0.46, 0.56, 0.66):
+        for y in (-0.48, -0.38, -0.28):
+            start = planner.reach([Pose((x, y, 0.18), DOWN)], near, LOAD)
+            assert not isinstance(start, str)
+            for hole in planner.product.bracket.holes_m:
+                a, b, c = hole_pose(planner.product, planner.bench, hole).position_m
+                goal = planner.reach([Pose((a, b, c + 0.16), DOWN)], start[1], LOAD)
+                assert not isinstance(goal, str), goal
+                yield start[1], goal[1]
+
+
+def pieces(planner: MotionPlanner, start: Array, goal: Array, load: Load = LOAD) -> tuple[JointTrajectory | str, int]:
+    """What is found, and after how many ticks."""
+    found = planner.free_way(start, goal, load)
+    if isinstance(found, JointTrajectory | str):
+        return found, 1
+    told = list(found)
+    assert told[-1] is not None
+    return settled(iter(told)), len(told)
+
+
+def test_a_post_between_tray_and_bracket_is_gone_around(behind_a_post: MotionPlanner) -> None:
+    planner, asked = behind_a_post, 0
+    scene, settings = planner.scene(Load(LOAD.opening_m, close=True)), planner.settings
+    for start, goal in ways(planner):
+        way, asked = planner.free_move(start, goal, LOAD), asked + 1
+        assert isinstance(way, JointTrajectory), way
+        assert np.allclose(way.positions_rad[[0, -1]], [start, goal], atol=1e-9)
+        assert scene.first_contact(way.positions_rad) is None
+        assert speed_excess(way.times_s, way.positions_rad, settings) <= 1.0 + 1e-6
+        assert np.allclose(joint_speeds(way.times_s, way.positions_rad)[[0, -1]], 0.0, atol=0.02)
+        assert way.duration_s < 4.0
+    assert asked == 54
+
+
+def test_the_same_question_has_the_same_answer_however_it_is_cut(behind_a_post: MotionPlanner) -> None:
+    for start, goal in list(ways(behind_a_post))[::18]:
+        first, second = (pieces(behind_a_post, start, goal) for _ in range(2))
+        assert isinstance(first[0], JointTrajectory)
+        assert isinstance(second[0], JointTrajectory)
+        assert first[1] == second[1]
+        assert np.array_equal(first[0].positions_rad, second[0].positions_rad)
+        assert np.array_equal(first[0].times_s, second[0].times_s)
+
+
+def test_a_held_part_is_hardly_tilted_on_a_way_around(behind_a_post: MotionPlanner) -> None:
+    held = Load(0.04, held=(Box("o2", Pose((0.0, 0.0, 0.0)), (0.04, 0.034, 0.04)),))
+    for start, goal in list(ways(behind_a_post))[::10]:
+        way = behind_a_post.free_move(start, goal, held)
+        assert isinstance(way, JointTrajectory)
+        tilts = [behind_a_post.kinematics.forward(joints).rotation[2, 2] for joints in way.positions_rad[::10]]
+        assert max(tilts) < -np.cos(0.75)
+
+
+def test_a_way_that_is_not_found_says_which_two_things_are_in_the_way(
+    behind_a_post: MotionPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skills.motion.planner.ways_around", lambda *_, **__: iter(()))
+    start, goal = next(ways(behind_a_post))
+    told = pieces(behind_a_post, start, goal)[0]
+    assert isinstance(told, str)
+    assert re.fullmatch(r"no free way: [\w ]+ would touch the camera post", told)
+
+
+def test_an_end_that_is_blocked_is_told_without_a_search(product: Product, bench: Bench) -> None:
+    planner = with_obstacles(product, bench, post(0.5))
+    goal = planner.kinematics.inverse(Pose((0.62, -0.10, 0.4), DOWN))
+    assert goal is not None
+    found, ticks = pieces(planner, np.array(bench.arm_look_rad), goal)
+    assert isinstance(found, str)
+    assert found.endswith("would touch the camera post at the end of the way")
+    assert ticks < 6
+
+
+def test_a_lift_is_tried_before_a_search(product: Product, bench: Bench) -> None:
+    low = Obstacle(name="a ledge", position_m=(0.62, -0.10, 0.0875), box_m=(0.2, 0.06, 0.175))
+    planner = with_obstacles(product, bench, low)
+    start, goal = next(ways(planner))
+    found, ticks = pieces(planner, start, goal)
+    assert isinstance(found, JointTrajectory)
+    assert ticks <= 2
+
+
+def test_the_arm_waits_while_a_way_is_looked_for(product: Product, bench: Bench) -> None:
+    """Some ticks without an order; then the part is placed as ever."""
+    planner = with_obstacles(product, bench, post(0.5))
+    robot = IdealRobot(bench.arm_look_rad, part_m=0.034)
+    assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4))).status is SkillStatus.SUCCESS
+    assert robot.run(Place(planner, "p4", "o2")).status is SkillStatus.SUCCESS
+    scene = planner.scene(Load(0.0, close=True))
+    assert all(scene.first_contact(way.positions_rad) is None for way in robot.trajectories)

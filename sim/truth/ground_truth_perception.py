@@ -61,6 +61,7 @@ class GroundTruthPerception:
 
     def take(self, exposure: Exposure) -> Frame:
         """Look at the world now, as the shutter closes."""
+        self._world.pose_hand()
         if exposure.camera == "wrist":
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:

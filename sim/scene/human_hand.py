@@ -23,6 +23,7 @@ THUMB_BONES = (0.251, 0.196, 0.158)  # of the hand's length: metacarpal, proxima
 FINGER_BONES = ((0.245, 0.143, 0.097), (0.266, 0.170, 0.108), (0.244, 0.165, 0.107), (0.204, 0.117, 0.093))
 KNUCKLES = ((0.463, 0.251), (0.446, 0.0), (0.421, -0.206), (0.414, -0.402))  # ahead of the wrist, towards the thumb
 THUMB_ROOT_M = (0.106 * LENGTH_M, 0.19 * BREADTH_M, -0.010)
+HEEL_M = 0.011  # from the wrist's centre to the heel of the palm, where its landmark is
 TIP_M = 0.004  # from the skin's end back to the last joint of a digit
 # Axes of the thumb's metacarpal in the palm's frame (ahead, to the thumb's side, to the back of the hand).
 THUMB_AHEAD, THUMB_NAIL = (0.72, 0.55, -0.42), (-0.35, 0.9, 0.15)
@@ -33,10 +34,10 @@ HALF_GAPS_M = (0.0, 0.012, 0.022, 0.040)
 _Row = tuple[tuple[float, ...], ...]
 POSTURES: dict[Grasp, tuple[_Row, ...]] = {
     "tripod": (
-        ((7, 17, -3, 12, 11), (4, 39, 37, 21), (28, 28, 81, 36)),
-        ((10, 11, -3, 11, 12), (-9, 34, 36, 20), (3, 23, 83, 38)),
-        ((12, 7, -3, 10, 12), (-16, 32, 29, 17), (-10, 16, 83, 38)),
-        ((17, 1, -3, 6, 9), (-28, 32, 11, 9), (-24, 6, 77, 37)),
+        ((7, 17, -3, 12, 11), (4, 39, 37, 21), (26, 20, 68, 36)),
+        ((10, 11, -3, 11, 12), (-9, 34, 36, 20), (2, 16, 68, 36)),
+        ((12, 7, -3, 10, 12), (-16, 32, 29, 17), (-9, 10, 68, 36)),
+        ((17, 1, -3, 6, 9), (-28, 32, 11, 9), (-22, 2, 62, 34)),
     ),
     "pinch": (
         ((7, 8, -1, 14, 15), (17, 44, 43, 21), (1, 21, 43, 25)),
@@ -57,8 +58,8 @@ PALMS: dict[Grasp, tuple[float, ...]] = {  # pitch, roll, yaw [deg], wrist [m]
     "lateral": (-2.4, 6.3, 17.9, 0.1209, 0.0103, 0.0505),
 }
 RING_AND_LITTLE: dict[Grasp, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "tripod": ((0, 27, 85, 47), (0, 25, 78, 44)),
-    "pinch": ((0, 14, 68, 40), (0, 20, 70, 41)),
+    "tripod": ((-2, 12, 62, 36), (-5, 14, 58, 32)),
+    "pinch": ((-2, 10, 56, 32), (-5, 14, 54, 30)),
     "lateral": ((0, 40, 90, 49), (0, 39, 81, 45)),
 }
 # Lying on a table: angles of thumb and fingers.
@@ -113,7 +114,7 @@ def skeleton(values: Array) -> Skeleton:
     pitch, roll, yaw = np.radians(values[:3])
     wrist_m = np.asarray(values[3:PALM_COUNT])
     palm = _about_z(-yaw) @ np.diag([-1.0, -1.0, 1.0]) @ _about_y(pitch) @ _about_x(roll)
-    turns, places, joints = [palm], [wrist_m], [wrist_m]
+    turns, places, joints = [palm], [wrist_m], [wrist_m + HEEL_M * palm[:, 0]]
     abducted, flexed, turned, *rest = np.radians(values[PALM_COUNT : PALM_COUNT + THUMB_COUNT])
     first = palm @ _thumb_axes() @ _about_z(abducted) @ _about_y(flexed) @ _about_x(turned)
     chains = [(wrist_m + palm @ THUMB_ROOT_M, first, rest, THUMB_BONES)]

@@ -202,7 +202,7 @@ def _forearm(from_m: float, to_m: float, wide: float) -> Balls:
 
 def _palm_m(bones: human.Skeleton) -> Array:
     """The palm's middle: halfway from the wrist to the knuckles of middle and ring finger."""
-    middle: Array = 0.5 * bones.joints_m[0] + 0.25 * (bones.joints_m[9] + bones.joints_m[13])
+    middle: Array = 0.5 * bones.places_m[human.PALM] + 0.25 * (bones.joints_m[9] + bones.joints_m[13])
     return middle
 
 
@@ -263,7 +263,7 @@ def capsules(values: Array) -> dict[str, list[Segment]]:
     """What is touched, by the body that it moves with: hand, thumb, index, and fingers (ring and little finger)."""
     bones = human.skeleton(values)
     root_r, knuckle_r, joint_r, _ = THUMB_RADII_M
-    wrist_m, joints = bones.joints_m[0], [_point(joint) for joint in bones.joints_m]
+    wrist_m, joints = bones.places_m[human.PALM], [_point(joint) for joint in bones.joints_m]
     palm = [(_point(wrist_m), joints[5 + 4 * finger], PALM_RADIUS_M) for finger in range(4)]
     palm += [(joints[1], joints[2], root_r), (joints[5], joints[6], FINGER_RADII_M[0])]
     palm += [(joints[9], joints[10], FINGER_RADII_M[0]), (joints[10], joints[11], FINGER_RADII_M[1])]

@@ -68,6 +68,7 @@ class CameraSetup(Model):
         distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady); 0 for undistorted images.
         rate_hz: frames per second.
         triggered: it sends a frame only when asked.
+        depth: it sends a depth image with each frame, as stereo cameras do; of the overhead camera only.
         mount: where it is: world_from_camera of a fixed camera, tool_from_camera of one on the wrist (tool: the TCP
             between the fingertips). Camera frame: x right, y down, z forward.
     """
@@ -79,6 +80,7 @@ class CameraSetup(Model):
     distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
+    depth: bool = False
     mount: Mount
     _drawn: CameraSetup | None = PrivateAttr(default=None)
 

@@ -19,7 +19,7 @@ from cell.remote.worker import NotAnswering, await_ready
 from cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
 
 PATIENCE_S = 30.0
-SHAPE = 12, 16
+SHAPE = 12, 16, 3
 
 
 def frame(number: int, shape: tuple[int, int] = SHAPE) -> Frame:

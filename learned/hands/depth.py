@@ -19,9 +19,7 @@ BELIEVED_M, TIPS_BELIEVED_M = 0.20, 0.05  # what is farther from what is guessed
 ERROR_M = 0.008  # standard deviation of a palm's height by depth
 
 
-def heights_by_depth(
-    frame: Frame, view: View, reading: Reading, guess_m: tuple[float, float]
-) -> tuple[float, float]:
+def heights_by_depth(frame: Frame, view: View, reading: Reading, guess_m: tuple[float, float]) -> tuple[float, float]:
     """Heights of palm and fingertips over the table; the guess where depth tells none, or tells of something else.
 
     Args:

@@ -84,6 +84,7 @@ FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever i
     "friction": (1.2, 0.01, 0.0001),
     "priority": 1,
 }
+TOUCHES = ("contype", "conaffinity")
 FOREARM_TOUCH = {**FLESH_TOUCH, "group": FOREARM_GROUP}
 TOOL_AWAY_M = 1.6
 TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
@@ -148,15 +149,14 @@ def _add_human(spec: mujoco.MjSpec, hand: mujoco.MjsBody, person: Appearance, ha
     """A human hand: what is seen has no contacts, and hidden capsules about its bones have."""
     human_skin.add_skin(spec, hand, person, human_skin.REST, left=person.left_hand, gloved=person.glove)
     spec.nuserdata = max(spec.nuserdata, human_skin.GRASP_USER)
-    spec.add_numeric(
-        name=human_skin.FIT_NUMERIC, size=2, data=[person.hand_size, -1.0 if person.left_hand else 1.0]
-    )
+    spec.add_numeric(name=human_skin.FIT_NUMERIC, size=2, data=[person.hand_size, -1.0 if person.left_hand else 1.0])
     capsules = human_skin.capsules(human_skin.REST)
     digits = dict(zip(("thumb", "index"), _digits(hand), strict=True))
     bodies = {"hand": hand, "fingers": _finger_body(hand, capsules["fingers"][0][0], habits.grip.curls), **digits}
     for name, segments in capsules.items():
         for segment in segments:
-            _add_capsule(bodies[name], segment, mass_kg=0.4 / len(segments) if name == "hand" else 0.02, hidden=True)
+            mass_kg, touched = 0.4 / len(segments) if name == "hand" else 0.02, name != "fingers"
+            _add_capsule(bodies[name], segment, mass_kg=mass_kg, hidden=True, touched=touched)
     for digit, pad in zip(digits.values(), (THUMB[0], INDEX[0]), strict=True):
         _add_capsule(digit, pad, mass_kg=0.05, hidden=True)
     for segment in human_skin.arm_capsules(human_skin.REST):
@@ -287,11 +287,12 @@ def _add_capsule(
     forearm: bool = False,
     material: str = "hand_skin",
     hidden: bool = False,
+    touched: bool = True,
 ) -> None:
     start, end, radius_m = segment
     shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}
     skin = (FOREARM_N_M, FOREARM_SKIN_GROUP) if forearm else (HAND_N_M, SKIN_GROUP)
-    touch = FOREARM_TOUCH if forearm else FLESH_TOUCH
+    touch = FOREARM_TOUCH if forearm else FLESH_TOUCH if touched else dict(zip(TOUCHES, palette.NO_TOUCH, strict=True))
     seen = {"group": skin[1]} if hidden else {"material": material}
     body.add_geom(**shape, mass=mass_kg, **{**touch, **seen})
     _add_skin(body, shape, *skin)

@@ -31,6 +31,7 @@ PALM_RADIUS_M = 0.0115
 THUMB_RADII_M = (0.0145, 0.0120, 0.0105, 0.0080)  # root, knuckle, joint, tip
 FINGER_RADII_M = (0.0104, 0.0091, 0.0079, 0.0066)
 FINGER_SIZES = (1.0, 1.03, 0.97, 0.87)
+PAD_BEGINS = 0.5  # of the last phalanx: from there on its pad touches
 FLAT_TIP = 0.86  # thickness of a finger's end against its width
 NAIL_M, NAIL_OUT = (0.0055, 0.0046, 0.0012), 0.80
 FOREARM_ALONG = (0.93, 0.22, 0.24)  # from the wrist to the elbow, in the hand frame
@@ -39,7 +40,10 @@ SLEEVE_RADIUS_M, SLEEVE_END_M = 0.031, 0.55
 TEXTURE_PX, BLOTCHES_PX, BLOTCHY = 32, 3.0, 0.16
 FLESH_RED = np.array([1.0, 0.97, 0.95])
 REST = human.posture(np.array([1.0, 0.0, 0.0]), human.HALF_GAPS_M[1], human.HALF_GAPS_M[1])
-GRASP_USER, FIT_NUMERIC = len(human.GRASPS), "hand_fit"  # numbers in mjData.userdata: weights of the grasps; scale and mirror
+GRASP_USER, FIT_NUMERIC = (
+    len(human.GRASPS),
+    "hand_fit",
+)  # numbers in mjData.userdata: weights of the grasps; scale and mirror
 
 
 def pieces(gloved: bool) -> list[tuple[int, Balls]]:
@@ -260,16 +264,20 @@ class Fingers:
 
 
 def capsules(values: Array) -> dict[str, list[Segment]]:
-    """What is touched, by the body that it moves with: hand, thumb, index, and fingers (ring and little finger)."""
+    """What is touched, by the body that it moves with: hand, thumb, index, and fingers (ends of ring and little finger).
+
+    The ends of the fingers that do not grip give way to parts: only the robot touches them.
+    """
     bones = human.skeleton(values)
     root_r, knuckle_r, joint_r, _ = THUMB_RADII_M
     wrist_m, joints = bones.places_m[human.PALM], [_point(joint) for joint in bones.joints_m]
     palm = [(_point(wrist_m), joints[5 + 4 * finger], PALM_RADIUS_M) for finger in range(4)]
     palm += [(joints[1], joints[2], root_r), (joints[5], joints[6], FINGER_RADII_M[0])]
-    palm += [(joints[9], joints[10], FINGER_RADII_M[0]), (joints[10], joints[11], FINGER_RADII_M[1])]
-    bent = [(joints[j], joints[j + 1], FINGER_RADII_M[1] * 0.9) for first in (13, 17) for j in range(first, first + 3)]
-    thumb = [(joints[2], joints[3], knuckle_r), (joints[3], joints[4], joint_r * 0.75)]
-    index = [(joints[6], joints[7], FINGER_RADII_M[1]), (joints[7], joints[8], FINGER_RADII_M[2] * 0.85)]
+    palm += [(joints[first], joints[first + 1], FINGER_RADII_M[0] * 0.9) for first in (9, 13, 17)]
+    bent = [(joints[j], joints[j + 1], FINGER_RADII_M[1] * 0.9) for first in (14, 18) for j in (first, first + 1)]
+    ends = [_point(bones.joints_m[j] + PAD_BEGINS * (bones.joints_m[j + 1] - bones.joints_m[j])) for j in (3, 7)]
+    thumb = [(joints[2], joints[3], knuckle_r), (joints[3], ends[0], joint_r * 0.75)]
+    index = [(joints[6], joints[7], FINGER_RADII_M[1]), (joints[7], ends[1], FINGER_RADII_M[2] * 0.85)]
     back = {"thumb": (0.0, human.HALF_GAPS_M[1], 0.0), "index": (0.0, -human.HALF_GAPS_M[1], 0.0)}
     slid = {name: [_shifted(one, back[name]) for one in own] for name, own in (("thumb", thumb), ("index", index))}
     return {"hand": palm, "fingers": bent, **slid}

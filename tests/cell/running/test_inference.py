@@ -22,8 +22,8 @@ PATIENCE_S = 30.0
 SHAPE = 12, 16, 3
 
 
-def frame(number: int, shape: tuple[int, int] = SHAPE) -> Frame:
-    return Frame("overhead", number, 0.0, np.full((*shape, 3), number, np.uint8), Pose((0.0, 0.0, 1.0)))
+def frame(number: int, shape: tuple[int, ...] = SHAPE) -> Frame:
+    return Frame("overhead", number, 0.0, np.full(shape, number, np.uint8), Pose((0.0, 0.0, 1.0)))
 
 
 def look(seen: Frame) -> BenchView:

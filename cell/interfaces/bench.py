@@ -164,3 +164,9 @@ class Bench(Model):
                 [(("overhead", "triggered"), "nothing asks the overhead camera for frames: it must be false")]
             )
         return self
+
+    @model_validator(mode="after")
+    def _only_the_overhead_camera_has_depth(self) -> Bench:
+        if self.wrist.depth:
+            raise Disagreement([(("wrist", "depth"), "nobody reads depths of the wrist camera: it must be false")])
+        return self

@@ -1,4 +1,4 @@
-"""Camera frames as JPEG, and their depths as PNG, made and encoded beside the tick: OpenCV lets go of the interpreter meanwhile."""
+"""Camera frames as JPEG and PNG, made and encoded beside the tick: OpenCV lets go of the interpreter meanwhile."""
 
 from __future__ import annotations
 

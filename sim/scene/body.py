@@ -36,9 +36,8 @@ SLEEVE_M = 0.3  # what reaches further back than this is the sleeve; its end sta
 def add_onlooker(spec: mujoco.MjSpec, bench: Bench, person: Appearance) -> None:
     """Add what a look shows of the person beside the hand that works."""
     if person.second_hand and person.hand == "human":
-        body = spec.worldbody.add_body(
-            name="second_hand", pos=[SECOND_HAND_M[0] + FLAT_WRIST_M, *SECOND_HAND_M[1:], 0.0]
-        )
+        x, y = SECOND_HAND_M
+        body = spec.worldbody.add_body(name="second_hand", pos=[x + FLAT_WRIST_M, y, 0.0])
         lying = np.array((*FLAT_PALM, *human.FLAT))
         human_skin.add_skin(spec, body, person, lying, left=not person.left_hand, gloved=False)
     elif person.second_hand:

@@ -40,10 +40,8 @@ SLEEVE_RADIUS_M, SLEEVE_END_M = 0.031, 0.55
 TEXTURE_PX, BLOTCHES_PX, BLOTCHY = 32, 3.0, 0.16
 FLESH_RED = np.array([1.0, 0.97, 0.95])
 REST = human.posture(np.array([1.0, 0.0, 0.0]), human.HALF_GAPS_M[1], human.HALF_GAPS_M[1])
-GRASP_USER, FIT_NUMERIC = (
-    len(human.GRASPS),
-    "hand_fit",
-)  # numbers in mjData.userdata: weights of the grasps; scale and mirror
+GRASP_USER = len(human.GRASPS)  # numbers in mjData.userdata: weights of the grasps
+FIT_NUMERIC = "hand_fit"  # scale and mirror
 
 
 def pieces(gloved: bool) -> list[tuple[int, Balls]]:
@@ -264,7 +262,7 @@ class Fingers:
 
 
 def capsules(values: Array) -> dict[str, list[Segment]]:
-    """What is touched, by the body that it moves with: hand, thumb, index, and fingers (ends of ring and little finger).
+    """What is touched, by the body that it moves with: hand, thumb, index, and fingers (the ends of the last two).
 
     The ends of the fingers that do not grip give way to parts: only the robot touches them.
     """

@@ -135,7 +135,7 @@ class Appearance(Model):
         glove_hsv: the glove's hue, saturation and value.
         sleeve_rgb: colour of the sleeve.
         cuff_m: from the wrist to the sleeve, of a human hand.
-        hand_size: of all lengths of the hand.
+        hand_size: of all lengths of the hand; 0.88 is a small woman's, 1.13 a large man's.
         left_hand: the left hand works.
         second_hand: the other hand rests on the table.
         lean_m: how far the head reaches into the overhead view; 0: head and shoulders are out of sight.

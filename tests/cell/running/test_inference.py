@@ -111,7 +111,7 @@ def test_answers_come_in_the_order_of_their_jobs(case: Case) -> None:
 
 
 def test_an_image_of_another_size_is_seen_too(case: Case) -> None:
-    case.executor.submit(frame(7, (4, 6)))
+    case.executor.submit(frame(7, (4, 6, 3)))
     assert case.next_answer() == (7, 7)
 
 

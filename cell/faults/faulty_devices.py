@@ -152,7 +152,8 @@ class FaultyCamera:
             if fault.signal == "frame":
                 frame = self._last if fault.kind == "lost" else fault.told(frame, now_s)
             elif frame is not None:
-                true = Frame(frame.camera, frame.sequence, frame.time_s, frame.image, frame.world_from_camera)
+                seen = frame.camera, frame.sequence, frame.time_s, frame.image
+                true = Frame(*seen, frame.world_from_camera, depth_mm=frame.depth_mm)
                 frame = told(true, [fault], now_s)
                 new = self._last is None or frame.sequence > self._last.sequence
                 if new and self._injection.first_frame is None:

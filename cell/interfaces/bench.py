@@ -77,6 +77,7 @@ class CameraSetup(Model):
         distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady); 0 for undistorted images.
         rate_hz: frames per second.
         triggered: it sends a frame only when asked.
+        depth: it sends a depth image with each frame, as stereo cameras do; of the overhead camera only.
         mount: where it is: world_from_camera of a fixed camera, tool_from_camera of one on the wrist (tool: the TCP
             between the fingertips). Camera frame: x right, y down, z forward.
     """
@@ -88,6 +89,7 @@ class CameraSetup(Model):
     distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
+    depth: bool = False
     mount: Mount
     _drawn: CameraSetup | None = PrivateAttr(default=None)
 
@@ -248,4 +250,10 @@ class Bench(Model):
             what = "there are two obstacles of the name {!r}; give each its own"
             places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]
             raise Disagreement(places)
+        return self
+
+    @model_validator(mode="after")
+    def _only_the_overhead_camera_has_depth(self) -> Bench:
+        if self.wrist.depth:
+            raise Disagreement([(("wrist", "depth"), "nobody reads depths of the wrist camera: it must be false")])
         return self

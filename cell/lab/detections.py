@@ -81,14 +81,26 @@ def drawn_bench(frame: Frame, view: BenchView, bench: Bench, product: Product) -
     trouble = view.health or view.hand_unknown
     if trouble:
         canvas.words(trouble, (8, 38), RED)
-    return canvas.image
+    return beside_depth(canvas.image, frame)
 
 
 def drawn_hands(frame: Frame, bench: Bench, hand: HandSample | None, others: Sequence[HandSample]) -> Image:
     """A frame with hands alone."""
     canvas = Canvas(frame, bench.overhead.model)
     draw_hands(canvas, hand, others)
-    return canvas.image
+    return beside_depth(canvas.image, frame)
+
+
+def beside_depth(image: Image, frame: Frame) -> Image:
+    """An image with the frame's depths to its right: near is red, what the camera does not know is black."""
+    if frame.depth_mm is None:
+        return image
+    near_mm, far_mm = (float(np.percentile(frame.depth_mm[frame.depth_mm > 0], share)) for share in (1, 99))
+    shares = np.clip((far_mm - frame.depth_mm) / max(far_mm - near_mm, 1.0), 0, 1)
+    coloured = cv2.applyColorMap(np.rint(255 * shares).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
+    coloured = np.where((frame.depth_mm > 0)[..., np.newaxis], coloured, 0).astype(np.uint8)
+    size = image.shape[1], image.shape[0]
+    return np.hstack([image, np.asarray(cv2.resize(coloured, size, interpolation=cv2.INTER_NEAREST), np.uint8)])
 
 
 def drawn_parts(frame: Frame, view: PartsView, bench: Bench, product: Product) -> Image:

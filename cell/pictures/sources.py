@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +157,12 @@ def _log(path: Path, camera: str, pose: Pose) -> Source:
             image = None if found is None else cv2.imdecode(np.frombuffer(found.jpeg, np.uint8), cv2.IMREAD_COLOR)
             if image is None:
                 raise LogError(path, f"the image of camera {camera} at {time_s:.3f} s cannot be decoded")
-            yield _frame(camera, number, time_s, image, pose)
+            png = stored.depth_at(camera, time_s)
+            depth = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+            yield replace(
+                _frame(camera, number, time_s, image, pose),
+                depth_mm=None if depth is None else np.asarray(depth, np.uint16),
+            )
 
     lasting_s = times_s[-1] - times_s[0]
     return Source(path.stem, False, True, (len(times_s) - 1) / lasting_s if lasting_s > 0 else 15.0, frames())

@@ -1,4 +1,4 @@
-"""Camera frames as JPEG, made and encoded beside the tick: OpenCV lets go of the interpreter meanwhile."""
+"""Camera frames as JPEG and PNG, made and encoded beside the tick: OpenCV lets go of the interpreter meanwhile."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import cv2
 from cell.errors import DeviceFault, InputError
 from cell.interfaces.perception import Frame
 
-Encoding = tuple[Frame, Future[bytes | None]]
+Files = tuple[bytes, bytes]  # a JPEG of the image and a PNG of the depth, empty where there is none
+Encoding = tuple[Frame, Future[Files | None]]
 CALLS_LATER = 3  # ticks of 40 ms: a simulated frame may be rendered as late as its answer is due
 MOST_WAITING = 45  # frames that wait for an encoder which does not keep up: three seconds of one camera
 
@@ -116,15 +117,15 @@ class ImageEncoder:
         encoding = frame, self._thread.submit(self._encode, frame)
         self._waiting.append((self._calls + CALLS_LATER, encoding))
 
-    def take(self) -> list[tuple[Frame, bytes]]:
-        """Frames that are due, with their JPEG files."""
+    def take(self) -> list[tuple[Frame, Files]]:
+        """Frames that are due, with their files."""
         taken = []
         while self._waiting and self._due(*self._waiting[0]):
             taken.append(self._waiting.popleft()[1])
         self._calls += 1
         return self._encoded(taken)
 
-    def take_all(self) -> list[tuple[Frame, bytes]]:
+    def take_all(self) -> list[tuple[Frame, Files]]:
         """All that is left, however long it takes."""
         left = [encoding for _, encoding in self._waiting]
         self._waiting.clear()
@@ -133,19 +134,22 @@ class ImageEncoder:
     def _due(self, call: int, encoding: Encoding) -> bool:
         return self._calls >= call if self._in_step else encoding[1].done()
 
-    def _encoded(self, taken: list[Encoding]) -> list[tuple[Frame, bytes]]:
+    def _encoded(self, taken: list[Encoding]) -> list[tuple[Frame, Files]]:
         ready = [(frame, encoded.result()) for frame, encoded in taken]
-        self.failed += sum(jpeg is None for _, jpeg in ready)
-        return [(frame, jpeg) for frame, jpeg in ready if jpeg is not None]
+        self.failed += sum(files is None for _, files in ready)
+        return [(frame, files) for frame, files in ready if files is not None]
 
     def close(self) -> None:
         """End the thread."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _encode(self, frame: Frame) -> bytes | None:
+    def _encode(self, frame: Frame) -> Files | None:
         try:
-            image = frame.image
+            image, depth_mm = frame.image, frame.depth_mm
         except DeviceFault:  # who drives the cell is told by the camera
             return None
         _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), self._options)
-        return jpeg.tobytes()
+        if depth_mm is None:
+            return jpeg.tobytes(), b""
+        _, png = cv2.imencode(".png", depth_mm, (cv2.IMWRITE_PNG_COMPRESSION, 1))
+        return jpeg.tobytes(), png.tobytes()

@@ -17,7 +17,7 @@ from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.recording import identity as digest
 from cell.recording import joint_samples
-from cell.recording.images import ImageEncoder
+from cell.recording.images import Files, ImageEncoder
 from cell.recording.json_schema import without_nulls
 from cell.recording.rotation import Heading as Heading  # who opens a recorder needs it
 from cell.recording.rotation import LogFiles, Snapshot
@@ -96,7 +96,8 @@ class McapRecorder(Observer):
             joint_samples.TOPIC, schema=joint_samples.schema(), message_encoding="protobuf", context=self.context
         )
         self.scene = None if cell is None else SceneLog(self.context, cell)
-        self._images = {camera: CompressedImageChannel(f"/camera/{camera}", context=self.context) for camera in CAMERAS}
+        topics = [f"/camera/{camera}" for camera in CAMERAS]
+        self._images = {topic: CompressedImageChannel(topic, context=self.context) for topic in topics}
         self._encoder = ImageEncoder(settings.jpeg_quality, in_step)
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
@@ -290,7 +291,7 @@ class McapRecorder(Observer):
         }
         self._write("/command", stamp_ns, values)
 
-    def _write_collected(self, images: list[tuple[Frame, bytes]]) -> None:
+    def _write_collected(self, images: list[tuple[Frame, Files]]) -> None:
         """CAN frames and truth since the last tick, and images of earlier ticks: they have been encoded meanwhile."""
         for can in self._can:
             values = {"id": can.identifier, "sent": can.sent, "data_hex": can.data.hex()}
@@ -298,14 +299,19 @@ class McapRecorder(Observer):
         self._can.clear()
         for event in self._truth():
             self._write("/truth", _nanoseconds(event.time_s), {"kind": event.kind, **plain(event.fields)})
-        for frame, jpeg in images:
-            if frame.camera not in self._images:
-                self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
-            stamp_ns = _nanoseconds(frame.time_s)
-            image = messages.CompressedImage(
-                timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg, format="jpeg"
-            )
-            self._images[frame.camera].log(image, log_time=stamp_ns)
+        for frame, (jpeg, png) in images:
+            self._write_image(f"/camera/{frame.camera}", frame, jpeg, "jpeg")
+            if png:
+                self._write_image(f"/depth/{frame.camera}", frame, png, "png")
+
+    def _write_image(self, topic: str, frame: Frame, data: bytes, kind: str) -> None:
+        if topic not in self._images:
+            self._images[topic] = CompressedImageChannel(topic, context=self.context)
+        stamp_ns = _nanoseconds(frame.time_s)
+        image = messages.CompressedImage(
+            timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=data, format=kind
+        )
+        self._images[topic].log(image, log_time=stamp_ns)
 
     def _saw(self, topic: str, stamp_ns: int, values: dict[str, Any]) -> None:
         self._digest.add(topic, self._write(topic, stamp_ns, values))

@@ -5,6 +5,7 @@ A place in the memory is used again only when everybody who reads it has done so
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import select
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
-from cell.interfaces.perception import BenchView, Frame, PartsView, Preparing
+from cell.interfaces.bench import CameraSetup
+from cell.interfaces.perception import PIXEL_BYTES, BenchView, Frame, PartsView, Preparing, apart
 from cell.interfaces.pose import Array, Pose
 from cell.remote.channel import Message
 from cell.remote.child import nameless_file
@@ -34,7 +36,7 @@ class Look(Message, frozen=True):
     """Answer a frame.
 
     Attributes:
-        image: None where it lies in the shared memory, or will.
+        image: as `Frame.pixels`; None where it lies in the shared memory, or will.
         lies: its number there.
     """
 
@@ -82,11 +84,11 @@ class SharedImages:
     """Memory for PLACES images of each camera; each place says which one lies there.
 
     Args:
-        shapes: (height, width) by camera.
+        shapes: (height, width, bytes of a pixel) by camera, see `Frame.pixels`.
         handles: of the memory, and of the two ends of a pipe that tells of each image; new ones by default.
     """
 
-    def __init__(self, shapes: Mapping[str, tuple[int, int]], handles: tuple[int, ...] | None = None) -> None:
+    def __init__(self, shapes: Mapping[str, tuple[int, int, int]], handles: tuple[int, ...] | None = None) -> None:
         if handles is None:
             with nameless_file() as file:
                 file.truncate(sum(map(_size, shapes.values())))
@@ -99,8 +101,8 @@ class SharedImages:
         self._images: dict[str, Image] = {}
         for camera, shape in shapes.items():
             self._numbers[camera] = np.frombuffer(memory, np.int64, PLACES, begin)
-            images = np.frombuffer(memory, np.uint8, PLACES * shape[0] * shape[1] * 3, begin + 8 * PLACES)
-            self._images[camera] = images.reshape(PLACES, *shape, 3)
+            images = np.frombuffer(memory, np.uint8, PLACES * math.prod(shape), begin + 8 * PLACES)
+            self._images[camera] = images.reshape(PLACES, *shape)
             begin += _size(shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -108,7 +110,7 @@ class SharedImages:
 
     def fits(self, camera: str, image: Image) -> bool:
         """Whether there is room for an image: it is of the camera's size."""
-        return image.dtype == np.uint8 and image.shape == (*self._shapes[camera], 3)
+        return image.dtype == np.uint8 and image.shape == self._shapes[camera]
 
     def put(self, camera: str, number: int, image: Image) -> None:
         """Keep an image, and tell who waits for it."""
@@ -138,9 +140,14 @@ class SharedImages:
         self.handles = ()
 
 
-def _size(shape: tuple[int, int]) -> int:
+def pixel_shape(setup: CameraSetup) -> tuple[int, int, int]:
+    """Of a camera's `Frame.pixels`."""
+    return setup.height_px, setup.width_px, PIXEL_BYTES if setup.depth else 3
+
+
+def _size(shape: tuple[int, int, int]) -> int:
     """Bytes of a camera's places, rounded up to whole numbers of frames."""
-    return PLACES * (8 + -(-shape[0] * shape[1] * 3 // 8) * 8)
+    return PLACES * (8 + -(-math.prod(shape) // 8) * 8)
 
 
 class DetectorProcess(Worker[Look | Prepare, Seen | Done]):
@@ -159,7 +166,7 @@ class DetectorProcess(Worker[Look | Prepare, Seen | Done]):
     def begin(self, frame: Frame, lies: int | None, limit_s: float = PATIENCE_S) -> Pending[Seen | Done]:
         """Begin to answer a frame, whose image lies in the shared memory or is sent along."""
         told = frame.camera, frame.sequence, frame.time_s, frame.world_from_camera, frame.robot_m
-        return self.send(Look(*told, frame.image) if lies is None else Look(*told, lies=lies), limit_s)
+        return self.send(Look(*told, frame.pixels) if lies is None else Look(*told, lies=lies), limit_s)
 
 
 def _detecting(detect: Callable[[], DetectByCamera], images: SharedImages) -> Callable[[Look | Prepare], Seen | Done]:
@@ -169,7 +176,8 @@ def _detecting(detect: Callable[[], DetectByCamera], images: SharedImages) -> Ca
     def look(job: Look) -> Seen:
         image = prepared.pop((job.camera, job.sequence), None) if job.image is None else job.image
         image = images.copy(job.camera, job.lies) if image is None else image
-        frame = Frame(job.camera, job.sequence, job.time_s, image, job.world_from_camera, job.robot_m)
+        (colours, depth_mm), told = apart(image), (job.camera, job.sequence, job.time_s)
+        frame = Frame(*told, colours, job.world_from_camera, job.robot_m, depth_mm)
         return seen(detectors[job.camera](frame))
 
     def prepare(job: Prepare) -> Done:
@@ -177,7 +185,7 @@ def _detecting(detect: Callable[[], DetectByCamera], images: SharedImages) -> Ca
         if isinstance(detector, Preparing):
             prepared.pop((job.camera, job.sequence - PLACES), None)  # nobody asked
             image = prepared[job.camera, job.sequence] = images.copy(job.camera, job.sequence)
-            detector.prepare(image)
+            detector.prepare(apart(image)[0])
         return Done()
 
     return lambda job: look(job) if isinstance(job, Look) else prepare(job)

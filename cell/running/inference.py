@@ -91,13 +91,13 @@ class DetectorExecutor(Generic[Answer_co]):
 
     Args:
         name: for faults.
-        shape: (height, width) of the camera's images; others are sent as they are, which takes longer.
+        shape: of the camera's pixels, see `pixel_shape`; others are sent as they are, which takes longer.
         detect: makes the detector there.
         silent_s: so long it may take over what it does.
     """
 
     def __init__(
-        self, name: str, camera: str, shape: tuple[int, int], detect: Callable[[], DetectByCamera], silent_s: float
+        self, name: str, camera: str, shape: tuple[int, int, int], detect: Callable[[], DetectByCamera], silent_s: float
     ) -> None:
         self._camera, self._silent_s = camera, silent_s
         self._images = SharedImages({camera: shape})
@@ -109,9 +109,9 @@ class DetectorExecutor(Generic[Answer_co]):
         if len(self._waiting) >= BACKLOG:
             return False
         lies = None
-        if self._images.fits(self._camera, job.image):
+        if self._images.fits(self._camera, pixels := job.pixels):
             lies = self._number = self._number + 1
-            self._images.put(self._camera, lies, job.image)
+            self._images.put(self._camera, lies, pixels)
         self._waiting.append(self.process.begin(job, lies, SEND_S))
         return True
 

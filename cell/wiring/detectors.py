@@ -26,7 +26,7 @@ from cell.interfaces.perception import (
     PartsView,
 )
 from cell.interfaces.product import Product
-from cell.remote.detecting import Detect, DetectByCamera
+from cell.remote.detecting import Detect, DetectByCamera, pixel_shape
 from cell.remote.worker import await_ready
 from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
 from cell.settings import LEARNED_KINDS, Perception
@@ -286,8 +286,7 @@ def worker_processes(
 
     def executor(name: str, camera: str, setup: CameraSetup) -> DetectorExecutor[Any]:
         detect = partial(detectors_of, bench, product, perception, (camera,))
-        shape = setup.height_px, setup.width_px
-        return DetectorExecutor(name, camera, shape, detect, SILENT_S[camera])
+        return DetectorExecutor(name, camera, pixel_shape(setup), detect, SILENT_S[camera])
 
     with (
         closing(executor("bench watcher", "overhead", bench.overhead)) as watcher,

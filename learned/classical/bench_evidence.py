@@ -20,9 +20,11 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel, Rectangle
 from learned.classical.box_model import LEAST_DEPTH_M, View, obstacle_mask, outline
+from learned.classical.depth_evidence import COVERED, DepthEvidence
 
 Mask = NDArray[np.uint8]
 
+RISES = "something stands over the bench that is not seen as a hand"
 NO_HAND = "something reaches into the view that is not seen as a hand"
 GRID = 4  # pixels of the image in one of the small image, along both axes
 LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how long something must be wrong
@@ -132,6 +134,7 @@ class BenchEvidence:
         self._frames = np.zeros(shape, np.float32)  # that it was made of
         self._edge = person_edge(bench)
         self._rim, self._persons = _rims(shape, self._edge)
+        self._depth = DepthEvidence(bench) if bench.overhead.depth else None
         self._looked_s = self._compared_s = -np.inf
         self._astray = 0  # groups of landmarks that are not where they were
         self._wrong, self._wrong_s = "", 0.0  # what is wrong, and for how long more than not
@@ -155,12 +158,20 @@ class BenchEvidence:
         if now_s >= self._looked_s + LOOK_EVERY_S:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
+        wrong = wrong or self._by_depth(frame, hidden)
         doubtful = self._astray == 1 and not self._missing  # shadows and parts hide edges, too
         step_s = min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
         self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
         self._wrong = wrong or self._wrong
         told = self._wrong if self._wrong_s >= LASTS_S else ""
-        self.unexplained, self.unseen = (told, "") if told == NO_HAND else ("", told)
+        self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
+
+    def _by_depth(self, frame: Frame, hidden: NDArray[np.bool_]) -> str:
+        """What stands over the bench that colours do not show, in words."""
+        if self._depth is None:
+            return ""
+        risen = None if frame.depth_mm is None else self._depth.risen(frame.depth_mm, hidden)
+        return COVERED if risen is None else RISES if risen.any() else ""
 
     def _look(self, small: Mask, grey: Mask, hidden: NDArray[np.bool_]) -> int:
         """How many groups of landmarks are not where the calibration has them; at first, bins without contrast, too."""

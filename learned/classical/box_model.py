@@ -73,6 +73,10 @@ def check_image(model: CameraModel, frame: Frame) -> None:
     height, width = image.shape[:2]
     if (width, height) != (model.width_px, model.height_px):
         raise DeviceFault(device, f"image is {width} x {height}, must be {model.width_px} x {model.height_px}")
+    depth = frame.depth_mm
+    if depth is not None and (depth.dtype != np.uint16 or depth.shape != (height, width)):
+        wanted = f"must be uint16, {width} x {height}, in [mm]"
+        raise DeviceFault(device, f"depth image is {depth.dtype} of shape {depth.shape}, {wanted}")
 
 
 def body_corners(size_m: Sequence[float], x_m: float, y_m: float, yaw_rad: float, bottom_m: float) -> Array:

@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, Preparing
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
+from learned.hands.depth import heights_by_depth
 from learned.hands.height import PalmLength, heights_m, learn_length
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
@@ -157,7 +158,10 @@ class HandTracks:
         if self._works is not None and self._works.seen_s == now_s:
             # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.
             learn_length(self._works.reading, view, self._palm_length)
-        samples = {id(one): _sample(one, view, frame, heights_m(one.reading, view, self._palm_length)) for one in seen}
+        samples = {}
+        for one in seen:
+            by_colour = heights_m(one.reading, view, self._palm_length)
+            samples[id(one)] = _sample(one, view, frame, heights_by_depth(frame, view, one.reading, by_colour))
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
         return samples.get(id(self._works))
 

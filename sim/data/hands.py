@@ -18,7 +18,15 @@ from cell.interfaces.perception import Frame, Side
 from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment, Source
-from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
+from sim.data.sight import (
+    CAMERA_POSITIONS,
+    GEOM_POSITIONS,
+    GEOM_TURNS,
+    SITE_POSITIONS,
+    Box,
+    Projection,
+    fingertip,
+)
 from sim.data.working_arm import TurnedHand, WorkingArm
 from sim.rendering.studio import ScenePoses, show_poses
 from sim.scene.furniture import AIM_M
@@ -30,6 +38,8 @@ RAISED_SHARE = 0.5  # of them are drawn evenly over the palm's height, the other
 HEIGHT_STEP_M = 0.03
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")  # radial: the thumb's edge of the palm
+THUMB_TIP, INDEX_KNUCKLE, INDEX_TIP, LITTLE_KNUCKLE = 4, 5, 8, 17  # of a human hand's joints
+HALF_PALM = 0.62  # of the way between the outer knuckles: with the flesh beside them
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
 SHOWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 
@@ -44,6 +54,7 @@ class HandTruth:
         visible: share of its shapes whose middles are in the image and hidden by nothing.
         points_m: (x, y, z) by name in POINTS; `held` only where something is held.
         points_px: (column, row) of the same, by the camera's true lens and place.
+        joints_px: (column, row) of a human hand's 21 joints, in the order of MediaPipe's landmarks.
     """
 
     acting: bool
@@ -53,6 +64,7 @@ class HandTruth:
     visible: float
     points_m: dict[str, tuple[float, float, float]]
     points_px: dict[str, tuple[float, float]]
+    joints_px: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,6 +180,7 @@ class _HandModel:
     Attributes:
         geoms: all but the sleeve.
         palm, thumb, index, wrist: geom ids; the tips are the far ends of theirs.
+        joints: sites of a human hand's 21 joints and its palm; they tell better than shapes.
     """
 
     world: World
@@ -178,6 +191,7 @@ class _HandModel:
     thumb: int
     index: int
     wrist: int
+    joints: NDArray[np.int64]
 
     def truth(
         self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
@@ -189,17 +203,16 @@ class _HandModel:
         if box is None:
             return None
         centres = poses[GEOM_POSITIONS]
-        palm_m = centres[self.palm]
-        thumb, index = (fingertip(self.world.model, poses, bone, palm_m) for bone in (self.thumb, self.index))
-        across = self._across(poses, thumb)
+        joints_m = poses[SITE_POSITIONS][self.joints]
+        palm_m, wrist_m, thumb, index, across = self._landmarks(poses, joints_m)
         points = {
-            "palm": centres[self.palm],
+            "palm": palm_m,
             "pinch": moment.fingertips_m if self.acting else (thumb + index) / 2,
             "thumb": thumb,
             "index": index,
-            "wrist": centres[self.wrist],
-            "radial": centres[self.palm] + across,
-            "ulnar": centres[self.palm] - across,
+            "wrist": wrist_m,
+            "radial": palm_m + across,
+            "ulnar": palm_m - across,
         } | ({"held": centres[part].mean(axis=0)} if len(part) else {})
         pixels = projection.pixels(poses, np.array(list(points.values())))
         return HandTruth(
@@ -210,7 +223,18 @@ class _HandModel:
             visible=self._visible(poses, geoms, projection, data),
             points_m={name: _rounded(value, 5) for name, value in points.items()},  # type: ignore[misc]
             points_px={name: _rounded(px, 2) for name, px in zip(points, pixels, strict=True)},  # type: ignore[misc]
+            joints_px=tuple(_rounded(px, 2) for px in projection.pixels(poses, joints_m[:-1])),  # type: ignore[misc]
         )
+
+    def _landmarks(self, poses: ScenePoses, joints_m: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Palm, wrist, tips of thumb and index finger, and the way from the palm to its edge at the thumb's side."""
+        if len(joints_m):
+            edge = (joints_m[INDEX_KNUCKLE] - joints_m[LITTLE_KNUCKLE]) * HALF_PALM
+            return joints_m[-1], joints_m[0], joints_m[THUMB_TIP], joints_m[INDEX_TIP], edge
+        centres = poses[GEOM_POSITIONS]
+        palm_m = centres[self.palm]
+        thumb, index = (fingertip(self.world.model, poses, bone, palm_m) for bone in (self.thumb, self.index))
+        return palm_m, centres[self.wrist], thumb, index, self._across(poses, thumb)
 
     def shown(
         self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
@@ -254,15 +278,21 @@ def _hands_of(source: Source) -> list[_HandModel]:
     def shown(body: str) -> list[int]:
         return [int(i) for i in np.flatnonzero((model.geom_bodyid == model.body(body).id) & (model.geom_group < 3))]
 
+    def joints(body: str) -> NDArray[np.int64]:
+        names = [model.site(index).name for index in range(model.nsite)]
+        return np.array([i for i, name in enumerate(names) if name.startswith(f"{body}_joint_")], np.int64)
+
     sides: tuple[Side, Side] = ("left", "right") if person.left_hand else ("right", "left")
     palm, *_, wrist, _ = hand = shown("hand")  # the sleeve is the last
-    thumb, index = shown("hand_thumb"), shown("hand_index")
+    thumb, index = shown("hand_thumb") or [palm], shown("hand_index") or [palm]
     bends = "hand_fingers" in {model.body(body).name for body in range(model.nbody)}
-    geoms = np.array(hand[:-1] + thumb + index + (shown("hand_fingers") if bends else []))
-    found = [_HandModel(world, True, sides[0], geoms, palm, thumb[0], index[0], wrist)]
+    moving = [one for body in ("hand_thumb", "hand_index") for one in shown(body)]
+    geoms = np.array(hand[:-1] + moving + (shown("hand_fingers") if bends else []))
+    found = [_HandModel(world, True, sides[0], geoms, palm, thumb[0], index[0], wrist, joints("hand"))]
     if person.second_hand:
         palm, first, *_, last, wrist, _ = rest = shown("second_hand")
-        found.append(_HandModel(world, False, sides[1], np.array(rest[:-1]), palm, last, first, wrist))
+        at = joints("second_hand")
+        found.append(_HandModel(world, False, sides[1], np.array(rest[:-1]), palm, last, first, wrist, at))
     return found
 
 

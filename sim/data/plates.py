@@ -253,6 +253,7 @@ def write_plates(
     hiding = [body for body in range(model.nbody) if model.body(body).name.startswith(COVERED_BY)]
     for number in range(stills):
         still = plate.shuffle()
+        world.pose_hand()
         exposure = Exposure(CAMERA, number, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
         taken = [photographer.take(exposure) for _ in range(frames)]
         hidden = masks.of(masks.bodies(exposure.moments[0]), [*hiding, *(part.body for part in still.held)])

@@ -142,6 +142,7 @@ class Film:
     def expose(self, time_s: float) -> None:
         """Take the world as it is now."""
         pose = self._world.camera_pose(CAMERA)
+        self._world.pose_hand()
         self.keep(Exposure(CAMERA, len(self._moments), time_s, pose, (visible_poses(self._world.data),)))
 
     def keep(self, exposure: Exposure) -> Frame:

@@ -19,6 +19,7 @@ from sim.scene.world import CAMERA_FROM_MUJOCO, World
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 GEOM_POSITIONS, GEOM_TURNS = VISIBLE.index("geom_xpos"), VISIBLE.index("geom_xmat")
+SITE_POSITIONS = VISIBLE.index("site_xpos")
 CAMERA_POSITIONS, CAMERA_TURNS = VISIBLE.index("cam_xpos"), VISIBLE.index("cam_xmat")
 
 Box = tuple[int, int, int, int]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from sim.data.recording import Moment
-from sim.data.sight import GEOM_POSITIONS, GEOM_TURNS
+from sim.data.sight import GEOM_POSITIONS, GEOM_TURNS, SITE_POSITIONS
 from sim.rendering.studio import ScenePoses
 from sim.scene.world import World, WorldPart
 
@@ -158,6 +158,7 @@ class TurnedHand:
         model = world.model
         self._rng = rng
         self._geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == model.body("hand").id)
+        self._sites = np.flatnonzero(model.body_rootid[model.site_bodyid] == model.body("hand").id)
 
     def draw(self) -> float:
         """An angle [rad] from x to y; mostly 0."""
@@ -176,8 +177,9 @@ class TurnedHand:
         cos, sin = math.cos(turn_rad), math.sin(turn_rad)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         changed = list(poses)
-        for field in (GEOM_POSITIONS, GEOM_TURNS):
+        for field in (GEOM_POSITIONS, GEOM_TURNS, SITE_POSITIONS):
             changed[field] = poses[field].copy()
-        changed[GEOM_POSITIONS][geoms] = fingertips_m + (poses[GEOM_POSITIONS][geoms] - fingertips_m) @ turn.T
+        for field, moved in ((GEOM_POSITIONS, geoms), (SITE_POSITIONS, self._sites)):
+            changed[field][moved] = fingertips_m + (poses[field][moved] - fingertips_m) @ turn.T
         changed[GEOM_TURNS][geoms] = (turn @ poses[GEOM_TURNS][geoms].reshape(-1, 3, 3)).reshape(-1, 9)
         return tuple(changed)

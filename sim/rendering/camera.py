@@ -83,6 +83,7 @@ class SimCamera:
         if self._triggered and self._closes_s is None:
             self._triggered, self._closes_s = False, time_s + exposure_s
         if self._closes_s is not None and time_s >= self._closes_s - exposure_s - SLACK_S:
+            self._world.pose_hand()
             self._moments.append(visible_poses(self._world.data))
             if time_s >= self._closes_s - SLACK_S:
                 self._expose(time_s)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
+from sim.rendering.stereo import Stereo
 from sim.rendering.studio import ScenePoses, Stage, Studio, show_poses
 from sim.scene.lens import Lens
 from sim.scene.look import Camera
@@ -121,13 +122,22 @@ class Photographer:
         self._data = mujoco.MjData(model)
         self._studio = Studio(Stage(model, self._data))
         self._sensors = {name: Sensor(setup.setup, setup.look, setup.rng) for name, setup in sensors.items()}
+        self._stereo = {
+            name: Stereo(setup.setup, setup.look, setup.rng.spawn(1)[0])  # so that colours are the same without depths
+            for name, setup in sensors.items()
+            if setup.setup.depth
+        }
 
     def take(self, exposure: Exposure) -> Frame:
         """The frame of an exposure."""
         sensor = self._sensors[exposure.camera]
         clean = [self._clean(exposure.camera, sensor, poses) for poses in exposure.moments]
         image = sensor.spoil(clean)
-        return Frame(exposure.camera, exposure.sequence, exposure.time_s, image, exposure.world_from_camera)
+        stereo, depth_mm = self._stereo.get(exposure.camera), None
+        if stereo is not None:
+            depth_mm = stereo.spoil(self._studio.depths_m(exposure.camera, sensor.width_px, sensor.height_px))
+        told = exposure.camera, exposure.sequence, exposure.time_s
+        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
 
     def _clean(self, camera: str, sensor: Sensor, poses: ScenePoses) -> Image:
         show_poses(self._data, poses)

@@ -26,6 +26,7 @@ from cell.remote.detecting import (
     Prepare,
     SharedImages,
     Tray,
+    pixel_shape,
 )
 from cell.remote.worker import Pending, Worker, await_ready
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
@@ -73,7 +74,7 @@ class RenderProcess:
         detect: Callable[[], DetectByCamera] | None = None,
     ) -> None:
         copied = may_copy()
-        shapes = {camera: (sensor.setup.height_px, sensor.setup.width_px) for camera, sensor in sensors.items()}
+        shapes = {camera: pixel_shape(sensor.setup) for camera, sensor in sensors.items()}
         self._images = images = SharedImages(shapes)
         self.hurried = False
         self._taken: dict[tuple[str, int], tuple[int, Pending[Drawn]]] = {}  # number of the frame by camera and place
@@ -175,7 +176,7 @@ def _drawing(
 
     def draw(job: Draw) -> Drawn:
         frame = photographer.take(job.exposure)
-        images.put(frame.camera, frame.sequence, frame.image)
+        images.put(frame.camera, frame.sequence, frame.pixels)
         return Drawn(frame.camera, frame.sequence)
 
     return draw

@@ -67,13 +67,24 @@ class Studio:
 
     def render(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> NDArray[np.uint8]:
         """One clean image (height, width, 3), RGB."""
+        image: NDArray[np.uint8] = self._ready(camera, width_px, height_px).render()
+        return image
+
+    def depths_m(self, camera: str, width_px: int, height_px: int) -> NDArray[np.float32]:
+        """Distances (height, width) from the image plane."""
+        renderer = self._ready(camera, width_px, height_px)
+        renderer.enable_depth_rendering()
+        depths: NDArray[np.float32] = renderer.render()
+        renderer.disable_depth_rendering()
+        return depths
+
+    def _ready(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> mujoco.Renderer:
         renderer = self._renderers.get((width_px, height_px))
         if renderer is None:
             renderer = self._renderers[width_px, height_px] = self._renderer(width_px, height_px)
         self._options.geomgroup[FLOOR_GROUP] = self._past_table(camera, width_px / height_px)
         renderer.update_scene(self._scene.data, camera, self._options)
-        image: NDArray[np.uint8] = renderer.render()
-        return image
+        return renderer
 
     def _past_table(self, camera: str | mujoco.MjvCamera, aspect: float) -> bool:
         """Whether a camera may see more than the table's top and what is above; if not, the floor need not be drawn."""

@@ -9,10 +9,14 @@ import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
+from sim.scene import human_hand as human
+from sim.scene import human_skin
 from sim.scene.look import Appearance
 from sim.scene.palette import NO_TOUCH, Rgb
 
 SECOND_HAND_M = (1.13, -0.32)  # where its knuckles lie on the table
+FLAT_WRIST_M = 0.05
+FLAT_PALM = (4.0, 0.0, 0.0, 0.0, 0.0, 0.022)  # as in human_hand.py, the wrist over the body's origin
 PALM_M = (0.045, 0.040, 0.013)  # half axes
 PALM_HEIGHT_M = 0.016
 FINGERS = ((-0.030, 0.070), (-0.010, 0.082), (0.011, 0.076), (0.030, 0.058))  # (aside, length), index finger first
@@ -31,7 +35,12 @@ SLEEVE_M = 0.3  # what reaches further back than this is the sleeve; its end sta
 
 def add_onlooker(spec: mujoco.MjSpec, bench: Bench, person: Appearance) -> None:
     """Add what a look shows of the person beside the hand that works."""
-    if person.second_hand:
+    if person.second_hand and person.hand == "human":
+        x, y = SECOND_HAND_M
+        body = spec.worldbody.add_body(name="second_hand", pos=[x + FLAT_WRIST_M, y, 0.0])
+        lying = np.array((*FLAT_PALM, *human.FLAT))
+        human_skin.add_skin(spec, body, person, lying, left=not person.left_hand, gloved=False)
+    elif person.second_hand:
         _add_second_hand(spec.worldbody, person)
     if person.lean_m > 0:
         _add_head(spec.worldbody, bench, person)

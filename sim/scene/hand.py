@@ -14,7 +14,8 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from sim.scene import hand as shapes
-from sim.scene import palette
+from sim.scene import human_skin, palette
+from sim.scene.human_hand import GRASPS, Grasp
 from sim.scene.look import NOMINAL, Appearance
 from sim.scene.person import PERSONS, Person
 
@@ -74,6 +75,7 @@ DIGITS = ("hand_thumb", "hand_index")
 GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
 DIGIT_KP = 2500.0
 CURL_KP, CURL_NM = 5.0, 2.0
+GRASPS_N, GRASP_SHARE = len(GRASPS), 0.06  # of the way to another grasp that is gone in a control period
 CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
 FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever it holds
     "contype": CONTYPE,
@@ -82,6 +84,7 @@ FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever i
     "friction": (1.2, 0.01, 0.0001),
     "priority": 1,
 }
+TOUCHES = ("contype", "conaffinity")
 FOREARM_TOUCH = {**FLESH_TOUCH, "group": FOREARM_GROUP}
 TOOL_AWAY_M = 1.6
 TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
@@ -104,8 +107,6 @@ def thumb(length_m: float) -> tuple[Segment, ...]:
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:
     """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
-    for name, rgb in (("hand_skin", person.hand_rgb), ("hand_sleeve", person.sleeve_rgb)):
-        spec.add_material(name=name, rgba=(*rgb, 1.0), specular=SPECULAR, shininess=SPECULAR)
     rest_m = hand_rest_m(bench)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
@@ -114,18 +115,7 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
     if habits.grip.tilts:
         for name, axis in zip(WRIST_JOINTS, ((0, -1, 0), (1, 0, 0)), strict=True):
             hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=0.004)
-    _add_ellipsoid(hand, shapes.PALM_M, shapes.PALM_RADII_M, mass_kg=0.3)
-    for segment in shapes.BACK:
-        _add_capsule(hand, segment, mass_kg=0.02)
-    _add_fingers(hand, habits.grip.curls)
-    _add_capsule(hand, shapes.WRIST, mass_kg=0.2, forearm=True)
-    _add_capsule(hand, shapes.SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
-    for name, outwards, segments in ((DIGITS[0], -1, shapes.thumb(habits.grip.thumb_m)), (DIGITS[1], 1, shapes.INDEX)):
-        digit = hand.add_body(name=name, gravcomp=1)
-        limits = {"limited": True, "range": DIGIT_RANGE_M, "solref_limit": DIGIT_LIMIT}
-        digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0), **limits)
-        for segment in segments:
-            _add_capsule(digit, segment, mass_kg=0.03)
+    (_add_human if person.hand == "human" else _add_drawn)(spec, hand, person, habits)
     forces = (PUSH_N,) * 3 + (TWIST_NM, PINCH_N, PINCH_N)
     motors = [*zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), forces, strict=True)]
     motors += [(name, GANTRY_KP[3], TWIST_NM) for name in WRIST_JOINTS if habits.grip.tilts]
@@ -138,15 +128,60 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
         _add_tool(spec, hand)
 
 
-def _add_fingers(hand: mujoco.MjsBody, curls: bool) -> None:
-    """Ring and little finger, on a joint of their own where they bend and stretch."""
-    body = hand
-    if curls:
-        body = hand.add_body(name="hand_fingers", gravcomp=1)
-        axis = {"axis": (0, -1, 0), "pos": shapes.CURL_AXIS_M, "armature": 0.001}
-        body.add_joint(name=CURL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, **axis)
+def _add_drawn(spec: mujoco.MjSpec, hand: mujoco.MjsBody, person: Appearance, habits: Person) -> None:
+    """A hand of few capsules, that are seen and touched."""
+    for name, rgb in (("hand_skin", person.hand_rgb), ("hand_sleeve", person.sleeve_rgb)):
+        spec.add_material(name=name, rgba=(*rgb, 1.0), specular=SPECULAR, shininess=SPECULAR)
+    _add_ellipsoid(hand, shapes.PALM_M, shapes.PALM_RADII_M, mass_kg=0.3)
+    for segment in shapes.BACK:
+        _add_capsule(hand, segment, mass_kg=0.02)
+    fingers = _finger_body(hand, shapes.CURL_AXIS_M, habits.grip.curls)
     for segment in shapes.FINGERS:
-        _add_capsule(body, segment, mass_kg=0.02)
+        _add_capsule(fingers, segment, mass_kg=0.02)
+    _add_capsule(hand, shapes.WRIST, mass_kg=0.2, forearm=True)
+    _add_capsule(hand, shapes.SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
+    for digit, segments in zip(_digits(hand), (shapes.thumb(habits.grip.thumb_m), shapes.INDEX), strict=True):
+        for segment in segments:
+            _add_capsule(digit, segment, mass_kg=0.03)
+
+
+def _add_human(spec: mujoco.MjSpec, hand: mujoco.MjsBody, person: Appearance, habits: Person) -> None:
+    """A human hand: what is seen has no contacts, and hidden capsules about its bones have."""
+    human_skin.add_skin(spec, hand, person, human_skin.REST, left=person.left_hand, gloved=person.glove)
+    spec.nuserdata = max(spec.nuserdata, human_skin.GRASP_USER)
+    spec.add_numeric(name=human_skin.FIT_NUMERIC, size=2, data=[person.hand_size, -1.0 if person.left_hand else 1.0])
+    capsules = human_skin.capsules(human_skin.REST)
+    digits = dict(zip(("thumb", "index"), _digits(hand), strict=True))
+    bodies = {"hand": hand, "fingers": _finger_body(hand, capsules["fingers"][0][0], habits.grip.curls), **digits}
+    for name, segments in capsules.items():
+        for segment in segments:
+            mass_kg, touched = 0.4 / len(segments) if name == "hand" else 0.02, name != "fingers"
+            _add_capsule(bodies[name], segment, mass_kg=mass_kg, hidden=True, touched=touched)
+    for digit, pad in zip(digits.values(), (THUMB[0], INDEX[0]), strict=True):
+        _add_capsule(digit, pad, mass_kg=0.05, hidden=True)
+    for segment in human_skin.arm_capsules(human_skin.REST):
+        _add_capsule(hand, segment, mass_kg=0.2, forearm=True, hidden=True)
+
+
+def _digits(hand: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """Bodies of thumb and index finger, which slide apart."""
+    bodies = []
+    for name, outwards in zip(DIGITS, (-1, 1), strict=True):
+        digit = hand.add_body(name=name, gravcomp=1)
+        limits = {"limited": True, "range": DIGIT_RANGE_M, "solref_limit": DIGIT_LIMIT}
+        digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0), **limits)
+        bodies.append(digit)
+    return bodies
+
+
+def _finger_body(hand: mujoco.MjsBody, knuckles_m: tuple[float, float, float], curls: bool) -> mujoco.MjsBody:
+    """Of ring and little finger, on a joint of their own where they bend and stretch."""
+    if not curls:
+        return hand
+    body = hand.add_body(name="hand_fingers", gravcomp=1)
+    axis = {"axis": (0, -1, 0), "pos": knuckles_m, "armature": 0.001}
+    body.add_joint(name=CURL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, **axis)
+    return body
 
 
 def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
@@ -220,6 +255,7 @@ class Hand:
         curl_rad: float = 0.0,
         *,
         tool: bool = False,
+        grasp: Grasp = "tripod",
     ) -> None:
         """Where to go; a gap smaller than what is held squeezes it with 1.25 N for each millimetre.
 
@@ -227,7 +263,12 @@ class Hand:
             tilt_rad, roll_rad: fingers down, and leaning to the right; a hand without such a wrist ignores them.
             curl_rad: ring and little finger bent by so much more than usual, or stretched; may be ignored, too.
             tool: hold the tool, if the person has one.
+            grasp: how a human hand looks when it grasps; the hand turns to it within some periods.
         """
+        if len(self._data.userdata) >= GRASPS_N:
+            wanted = np.eye(GRASPS_N)[GRASPS.index(grasp)]
+            weights = self._data.userdata[:GRASPS_N]
+            weights += GRASP_SHARE * (wanted - weights) if weights.any() else wanted
         if self._tool is not None:
             self._data.ctrl[self._tool] = -TOOL_AWAY_M if tool else 0.0
         if self._wrist:
@@ -239,15 +280,22 @@ class Hand:
 
 
 def _add_capsule(
-    body: mujoco.MjsBody, segment: shapes.Segment, *, mass_kg: float, forearm: bool = False, material: str = "hand_skin"
+    body: mujoco.MjsBody,
+    segment: shapes.Segment,
+    *,
+    mass_kg: float,
+    forearm: bool = False,
+    material: str = "hand_skin",
+    hidden: bool = False,
+    touched: bool = True,
 ) -> None:
     start, end, radius_m = segment
     shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}
-    body.add_geom(**shape, mass=mass_kg, material=material, **(FOREARM_TOUCH if forearm else FLESH_TOUCH))
-    if forearm:
-        _add_skin(body, shape, FOREARM_N_M, FOREARM_SKIN_GROUP)
-    else:
-        _add_skin(body, shape, HAND_N_M)
+    skin = (FOREARM_N_M, FOREARM_SKIN_GROUP) if forearm else (HAND_N_M, SKIN_GROUP)
+    touch = FOREARM_TOUCH if forearm else FLESH_TOUCH if touched else dict(zip(TOUCHES, palette.NO_TOUCH, strict=True))
+    seen = {"group": skin[1]} if hidden else {"material": material}
+    body.add_geom(**shape, mass=mass_kg, **{**touch, **seen})
+    _add_skin(body, shape, *skin)
 
 
 def _add_ellipsoid(

@@ -42,6 +42,14 @@ class Lens:
         bent = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return bent.astype(np.uint8, copy=False)
 
+    def bend_nearest(self, depths: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same of values between which there is nothing."""
+        if self.plain:
+            return depths
+        columns, rows = self._sources[..., 0], self._sources[..., 1]
+        bent = cv2.remap(depths, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        return bent.astype(np.float32, copy=False)
+
 
 def _straightened(bent: Array, k1: float, k2: float) -> Array:
     """Undistorted coordinates of distorted ones (..., 2), by fixed-point iteration."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -129,21 +129,25 @@ class Appearance(Model):
     """The person, as far as cameras see them.
 
     Attributes:
+        hand: one of human shape, or one drawn of few capsules, which the shipped weights are trained on.
         skin_tone: from the palest (0) to the darkest (1).
         glove: the hand that works wears one.
         glove_hsv: the glove's hue, saturation and value.
         sleeve_rgb: colour of the sleeve.
-        hand_size: of all lengths of the hand.
+        cuff_m: from the wrist to the sleeve, of a human hand.
+        hand_size: of all lengths of the hand; 0.88 is a small woman's, 1.13 a large man's.
         left_hand: the left hand works.
         second_hand: the other hand rests on the table.
         lean_m: how far the head reaches into the overhead view; 0: head and shoulders are out of sight.
         lean_side_m: how far the head is to the person's right of the bracket's middle.
     """
 
+    hand: Literal["drawn", "human"] = "drawn"
     skin_tone: float = knob(0.2, 0, 1, "share")
     glove: bool = False
     glove_hsv: Hsv = (0.6, 0.7, 0.5)
     sleeve_rgb: Rgb = (0.20, 0.20, 0.21)
+    cuff_m: float = knob(0.05, 0.02, 0.25, "m")
     hand_size: float = knob(1, 0.7, 1.3, "factor")
     left_hand: bool = False
     second_hand: bool = False

@@ -182,6 +182,8 @@ def _drawn(seed: int, location: Location, low: Any, high: Any) -> Any:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, name)))
     if isinstance(low, bool):
         return bool(rng.integers(2))
+    if isinstance(low, str):
+        return (low, high)[int(rng.integers(2))]
     if isinstance(low, int):
         return int(rng.integers(low, high, endpoint=True))
     return float(rng.uniform(low, high))

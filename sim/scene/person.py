@@ -13,6 +13,7 @@ from cell.errors import InputError
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from sim.scene.hand_motion import MotionSettings
+from sim.scene.human_hand import Grasp
 
 NEVER_S = 1e6  # a pause that outlasts every run
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -69,7 +70,9 @@ class Grip(Model):
         from_middle_m: where along the part it is gripped, from its middle towards the person; null for near its end.
         curl_rad: how much more than usual ring and little finger are bent, least and most; negative is stretched.
         open_m: how much wider than the part the fingers open.
-        thumb_m: length of the thumb.
+        thumb_m: length of the drawn hand's thumb.
+        grasps: how a human hand grasps, drawn for each grasp: thumb against index and middle finger (tripod), against
+            the index finger (pinch), or against its side (lateral).
     """
 
     tilt_rad: Span = (0.0, 0.0)
@@ -78,6 +81,7 @@ class Grip(Model):
     curl_rad: SignedSpan = (0.0, 0.0)
     open_m: Span = (0.014, 0.014)
     thumb_m: float = Field(default=0.127, ge=0.08, le=0.15)
+    grasps: tuple[Grasp, ...] = Field(default=("tripod", "pinch", "lateral"), min_length=1)
 
     @property
     def tilts(self) -> bool:

@@ -16,6 +16,7 @@ from cell.interfaces.robot import RobotModel, default_robot
 from sim.scene.body import add_onlooker, fit_hand
 from sim.scene.clutter_objects import add_things
 from sim.scene.furniture import add_furniture, add_lights, fit_shadows, set_physics
+from sim.scene.human_skin import Fingers
 from sim.scene.lens import Lens
 from sim.scene.look import NOMINAL, Camera, Look, MountError
 from sim.scene.parts import Owner, ScenePart, add_part, add_unknown_object, simplify_cylinders
@@ -85,6 +86,7 @@ class World:
         self._steps_per_sample = physics.steps_per_sample
         self._opening_ctrl = self.model.actuator("opening").id
         self._tool = self.model.body("tool").id
+        self._hand = Fingers(self.model)
         self.set_arm(bench.arm_park_rad)
         self.set_opening(STROKE_M)
         mujoco.mj_forward(self.model, self.data)
@@ -178,6 +180,10 @@ class World:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+
+    def pose_hand(self) -> None:
+        """Put what is seen of a human hand where its digits ask for: cameras look after this, it has no physics."""
+        self._hand.pose(self.data)
 
     def set_opening(self, opening_m: float) -> None:
         """Put the fingers somewhere at rest, for building scenes."""

@@ -39,7 +39,7 @@ class GroundTruthPerception:
 
     Args:
         hand: a person is at the bench.
-        still: the image of every frame but for noise, (height, width, 3).
+        still: the frame whose depths and, but for noise, whose image all frames have.
         assumed_height_m: for which a tracker works out where a hand is.
 
     Attributes:
@@ -47,12 +47,13 @@ class GroundTruthPerception:
         spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
-    def __init__(self, world: World, *, hand: bool, still: NDArray[np.uint8], assumed_height_m: float = 0.10) -> None:
+    def __init__(self, world: World, *, hand: bool, still: Frame, assumed_height_m: float = 0.10) -> None:
         self._world, self._height_m = world, assumed_height_m
         self._hand_body = int(world.model.body("hand").id) if hand else -1
-        height, width, channels = still.shape
+        height, width, channels = still.image.shape
         noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
-        self._noise, self._still = np.rint(noise).astype(np.int16), still.astype(np.int16)
+        self._noise, self._still = np.rint(noise).astype(np.int16), still.image.astype(np.int16)
+        self._depth_mm = still.depth_mm
         self._holes: dict[str, HoleView] = {}
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
@@ -61,13 +62,16 @@ class GroundTruthPerception:
 
     def take(self, exposure: Exposure) -> Frame:
         """Look at the world now, as the shutter closes."""
+        self._world.pose_hand()
         if exposure.camera == "wrist":
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:
             self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
         image = self._image(exposure.sequence)
-        return Frame(exposure.camera, exposure.sequence, exposure.time_s, image, exposure.world_from_camera)
+        told = exposure.camera, exposure.sequence, exposure.time_s
+        depth_mm = self._depth_mm if exposure.camera == "overhead" else None
+        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
 
     def _image(self, sequence: int) -> NDArray[np.uint8]:
         """The still one, with other noise in each frame."""
@@ -164,7 +168,7 @@ def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *,
     """One that shows the bench as it is at the beginning in every frame; renders once."""
     photographer = Photographer(world.model, sensors)
     exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
-    still = photographer.take(exposure).image
+    still = photographer.take(exposure)
     photographer.close()
     return GroundTruthPerception(world, hand=hand, still=still)
 

@@ -12,6 +12,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from cell.interfaces.solid import span_m
 from sim.scene.hand import Hand
+from sim.scene.human_hand import Grasp
 from sim.scene.person import Grip, drawn
 from sim.worker.worker_sight import SeenPart
 
@@ -79,6 +80,7 @@ class GripStyle:
     curl_rad: float
     from_middle_m: float | None
     open_m: float
+    grasp: Grasp
 
 
 class Gripping:
@@ -95,6 +97,7 @@ class Gripping:
     def __init__(self, hand: Hand, product: Product, habits: Grip, chance: np.random.Generator) -> None:
         self._hand, self._product = hand, product
         self._habits, self._chance = habits, chance
+        self._grasps = chance.spawn(1)[0]  # of its own: what else is drawn is the same for a hand of any shape
         self.style = self._drawn_style()
 
     def another(self) -> None:
@@ -152,6 +155,7 @@ class Gripping:
             curl_rad=drawn(habits.curl_rad, self._chance),
             from_middle_m=None if habits.from_middle_m is None else drawn(habits.from_middle_m, self._chance),
             open_m=drawn(habits.open_m, self._chance),
+            grasp=habits.grasps[int(self._grasps.integers(len(habits.grasps)))],
         )
 
     def hand_for(self, pose: Pose, target_m: Array) -> tuple[Array, float]:

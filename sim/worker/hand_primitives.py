@@ -94,7 +94,8 @@ class HandPrimitives:
 
     def send(self) -> None:
         """Command the hand."""
-        self._hand.command(self.position_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out)
+        grasp = self._gripping.style.grasp
+        self._hand.command(self.position_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out, grasp=grasp)
 
     def wait(self, duration_s: float) -> Script:
         """Stay for a while."""

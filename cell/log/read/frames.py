@@ -18,7 +18,7 @@ from cell.log.read.mcap_file import Message
 from cell.log.read.reader import Log
 
 IMAGE, LINE = messages.CompressedImage, messages.Log
-CAMERA = "/camera/"
+CAMERA, DEPTH = "/camera/", "/depth/"
 
 
 def decoded(path: Path, message: Message, kind: Any) -> Any:
@@ -62,9 +62,12 @@ class Frames:
     def __init__(self, log: Log) -> None:
         self._path = log.path
         self._messages: dict[str, list[Message]] = defaultdict(list)
+        self._depths: dict[str, dict[int, Message]] = defaultdict(dict)  # by camera and time
         for message in log.messages:
             if message.topic.startswith(CAMERA) and "/" not in message.topic.removeprefix(CAMERA):
                 self._messages[message.topic.removeprefix(CAMERA)].append(message)
+            elif message.topic.startswith(DEPTH):
+                self._depths[message.topic.removeprefix(DEPTH)][message.time_ns] = message
 
     def newest(self, time_s: float) -> list[LoggedFrame]:
         """The newest image of every camera at a time."""
@@ -87,6 +90,11 @@ class Frames:
         if at == len(written) or written[at].time_ns != time_ns:
             return None
         return LoggedFrame(camera, time_s, self._jpeg(written[at]))
+
+    def depth_at(self, camera: str, time_s: float) -> bytes | None:
+        """The depths of `at`, a PNG file of [mm]; None where they are not in the log."""
+        message = self._depths.get(camera, {}).get(round(time_s * 1e9))
+        return None if message is None else self._jpeg(message)
 
     def save(self, time_s: float, folder: Path, stem: str) -> list[Path]:
         """Write the newest image of every camera as `stem`-camera.jpg."""

@@ -26,6 +26,7 @@ from cell.interfaces.observation import ArmState, GripperState, JointSamples, Ob
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Pose
+from cell.log.read.frames import Frames
 from cell.log.read.reader import read_log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
@@ -151,6 +152,16 @@ def test_camera_frames_are_jpeg_images(tmp_path: Path) -> None:
     image = cv2.imdecode(np.frombuffer(content[begin:], np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert np.abs(image.astype(int) - 128).max() < 4
+
+
+def test_depths_are_kept_to_the_millimetre(tmp_path: Path) -> None:
+    depth_mm = np.random.default_rng(0).integers(0, 2000, frame(0, 0.2).image.shape[:2]).astype(np.uint16)
+    recorder = McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading())
+    recorder.frame(replace(frame(0, 0.2), depth_mm=depth_mm))
+    recorder.close(OUTCOME)
+    png = Frames(read_log(tmp_path / "log.mcap")).depth_at("overhead", 0.2)
+    assert png is not None
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED), depth_mm)
 
 
 def test_can_frames_are_in_the_log(tmp_path: Path) -> None:

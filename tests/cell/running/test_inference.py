@@ -19,11 +19,11 @@ from cell.remote.worker import NotAnswering, await_ready
 from cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
 
 PATIENCE_S = 30.0
-SHAPE = 12, 16
+SHAPE = 12, 16, 3
 
 
-def frame(number: int, shape: tuple[int, int] = SHAPE) -> Frame:
-    return Frame("overhead", number, 0.0, np.full((*shape, 3), number, np.uint8), Pose((0.0, 0.0, 1.0)))
+def frame(number: int, shape: tuple[int, ...] = SHAPE) -> Frame:
+    return Frame("overhead", number, 0.0, np.full(shape, number, np.uint8), Pose((0.0, 0.0, 1.0)))
 
 
 def look(seen: Frame) -> BenchView:
@@ -111,7 +111,7 @@ def test_answers_come_in_the_order_of_their_jobs(case: Case) -> None:
 
 
 def test_an_image_of_another_size_is_seen_too(case: Case) -> None:
-    case.executor.submit(frame(7, (4, 6)))
+    case.executor.submit(frame(7, (4, 6, 3)))
     assert case.next_answer() == (7, 7)
 
 

@@ -140,13 +140,13 @@ def parts(asked: Training, weights: Path) -> Scores:
     if asked.data:
         scenes, kept = split(scenes, OWN_SHARE, asked.seed)
     if asked.kind == "rcnn":
-        from learned.parts.rcnn import train_rcnn, write_rcnn
+        from learned.parts.rcnn import train_rcnn
         from learned.parts.settings import RcnnTraining
+        from learned.training.recipe import Task
 
         of_rcnn = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
-        checkpoint = weights.with_name(f"{weights.name}.checkpoint")
-        network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
-        return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
+        task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
+        return train_rcnn(scenes, product, weights, of_rcnn, task)
     floor_m = configuration.bench.tray.centre_m[2]
     if asked.kind == "stacked":
         return stacks(asked, scenes, product, floor_m, centre_net(weights), weights)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -65,7 +66,9 @@ def train_holes(
     rng = np.random.default_rng(0)
     samples = [{"crops": rng.uniform(-0.5, 0.5, (n, 3, CROP_PX, CROP_PX)).astype(np.float32)} for n in (6, 1, 9)]
     written = replace(recipe, more=told, data_sha256=data_hash(plates))
-    return written.write(task, OUTPUTS, samples, lambda: scores, answer=HoleAnswer(network, temperature), any_rows=True)
+    return written.write(
+        task, OUTPUTS, samples, lambda: scores, answer=HoleAnswer(cast(HoleNet, network), temperature), any_rows=True
+    )
 
 
 def validation_scores(said: NDArray[np.bool_], right: NDArray[np.bool_]) -> dict[str, float]:

@@ -146,10 +146,9 @@ def _write(recipe: Recipe, out: Path, scenes: Sequence[Scene], task: Task) -> di
         found = first.run(image)
         surest = np.argsort(-found["scores"])[:REGIONS]
         seen.append({"features": found["features"], "regions": found["boxes"][surest]})
-    how = {"tolerance": TOLERANCE}
-    recipe.write(task, OUTPUTS, images[:2], lambda: facts, answer=regions, met_with=images, **how)
+    recipe.write(task, OUTPUTS, images[:2], lambda: facts, answer=regions, tolerance=TOLERANCE, met_with=images)
     second, beside = replace(recipe, kind=HEAD_KIND), task.beside(head_file(out))
-    second.write(beside, HEAD_OUTPUTS, seen[:2], lambda: facts, answer=head, met_with=seen, **how)
+    second.write(beside, HEAD_OUTPUTS, seen[:2], lambda: facts, answer=head, tolerance=TOLERANCE, met_with=seen)
     return facts
 
 

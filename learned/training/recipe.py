@@ -100,7 +100,7 @@ class Recipe:
             checkpoint=kept,
             quiet=task.quiet,
         )
-        self.network.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
+        self.network.to(memory_format=torch.contiguous_format)
         self.network.eval()
 
     def card(self, task: Task, scores: Mapping[str, float] | None = None) -> ModelCard:

@@ -30,6 +30,7 @@ def figure10(
     from learned.actions.data import load_segments
     from learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from learned.actions.train import Task
+    from learned.lab.paper import actions
     from learned.lab.paper.actions import FOLDS, KINDS, measure_folds, page, summary
 
     kinds, out, seeds = shared.kind or list(KINDS), shared.out, shared.numbers

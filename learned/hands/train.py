@@ -84,6 +84,8 @@ def train_hands(
     types = tuple(product.parts)
     training = Training(load_hands(folders, setup, types, seed, apart), types, seed, epochs)
     data, rng = training.data, partial(np.random.default_rng, seed)
+    if len(_rows_of_sizes(data)) < BATCH:  # before minutes go into the finder
+        raise InputError("hands: heights are learned from hands whose size is known: add --simulated")
     reading, finding, refining = (
         Task(out=path, seed=seed, command=command, quiet=quiet) for path in (out, finder_file(out), refiner_file(out))
     )

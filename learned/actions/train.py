@@ -21,11 +21,12 @@ from learned.actions.evaluate import answers, class_scores, confusion, times_s
 from learned.actions.network import ActionNet, Lrcn, build
 from learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
 from learned.actions.settings import TRAINABLE, ActionTraining, Classes
-from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
+from learned.inference.onnx_model import Inputs, OnnxModel
 from learned.inference.scores import latencies
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit
+from learned.training.recipe import Losses, Recipe
+from learned.training.recipe import Task as Training
 
+OUTPUTS = ("logits", "released")
 SPEED_STEPS = 5  # after which the time of a step is known
 
 
@@ -68,95 +69,69 @@ def train_actions(
     """
     if kind not in TRAINABLE:
         raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
-    classes, reader = task.classes, SegmentReader(task.bench, task.product)
-    network, settings = fit_actions(
-        task,
-        learned,
-        kind,
-        settings or ActionTraining(),
-        budget_s=budget_s,
-        seed=seed,
-        checkpoint=out.with_name(out.name + ".training"),
-        quiet=quiet,
-    )
-    model = _model(task, network, kind, settings, learned.sha256, command, seed)
+    settings, reader = settings or ActionTraining(), SegmentReader(task.bench, task.product)
+    recipe = action_recipe(task, learned, kind, settings, budget_s=budget_s, seed=seed)
+    asked_for = Training(out=out, seed=seed, command=command, quiet=quiet)
+    recipe.fit(asked_for)
     some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
     samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
 
     told: dict[str, JsonValue] = {}
 
     def score() -> dict[str, float]:
-        written = OnnxModel.load(out, model.card.kind)
+        written = OnnxModel.load(out, recipe.kind)
         posterior, _ = answers(written, validation, reader, noise_seed=0)
-        told["confusion"] = {
-            "classes": list(classes.names),
-            "counts": confusion(validation, posterior, classes).tolist(),
-        }
-        return class_scores(validation, posterior, classes) | latencies(times_s(written, validation, reader))
+        counts = confusion(validation, posterior, task.classes).tolist()
+        told["confusion"] = {"classes": list(task.classes.names), "counts": counts}
+        return class_scores(validation, posterior, task.classes) | latencies(times_s(written, validation, reader))
 
-    return write_weights(model, out, samples, score, any_rows=True, told=told)
+    return recipe.write(asked_for, OUTPUTS, samples, score, any_rows=True, told=told)
 
 
 def write_untrained(task: Task, kind: str, out: Path) -> None:
     """Weights by chance, from which only the time of an answer can be learned; at the paper's size for `paper`."""
-    torch.manual_seed(0)
-    settings = ActionTraining()
-    network = build(kind, len(task.classes.parts), len(task.classes.positions), settings.share).eval()
-    model = _model(task, network, kind, settings, "", "", 0)
+    recipe = action_recipe(task, None, kind, ActionTraining())
     track = np.zeros((2, TRACK_FEATURES, SEGMENT_FRAMES), np.float32)
     crops = np.zeros((2, 2, CROP_PX, CROP_PX, 3), np.uint8)
-    write_weights(model, out, [{"track": track, "crops": crops}], dict, any_rows=True)
+    recipe.write(Training(out=out), OUTPUTS, [{"track": track, "crops": crops}], dict, any_rows=True)
 
 
-def _model(
-    task: Task, network: nn.Module, kind: str, settings: ActionTraining, data_sha256: str, command: str, seed: int
-) -> TorchModel:
-    """A network with its card."""
-    card = ModelCard(
-        kind=f"actions.{kind}",
-        config={"network": kind, "track_features": TRACK_FEATURES, **settings.model_dump(mode="json")},
-        vocabulary={"parts": task.classes.parts, "positions": task.classes.positions},
-        data_sha256=data_sha256,
-        command=command,
-        seed=seed,
-    )
-    return TorchModel(network, ("logits", "released"), card)
-
-
-def fit_actions(
+def action_recipe(
     task: Task,
-    learned: Segments,
+    learned: Segments | None,
     kind: str,
     settings: ActionTraining,
     *,
     budget_s: float | None = None,
     seed: int = 0,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
-) -> tuple[ActionNet | Lrcn, ActionTraining]:
-    """A network that has learned, ready to answer, and the settings with the epochs that there was time for."""
+) -> Recipe:
+    """An untrained network, with the epochs that there is time for; without segments it learns nothing."""
     torch.manual_seed(seed)
     network = build(kind, len(task.classes.parts), len(task.classes.positions), settings.share)
-    reader = SegmentReader(task.bench, task.product)
-    learner = _Learner(kind, network, learned, reader, settings, np.random.default_rng([seed, 1]))
-    if budget_s is not None:
-        affordable = int(budget_s / (learner.step_s() * learner.batches))
-        settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
-    optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
-    identity = f"{kind} {settings.model_dump_json()} {seed} {learned.sha256}"
-    fit(
-        network,
-        optimiser,
-        learner.losses,
-        settings.epochs,
-        learner.batches,
-        largest_gradient=1.0,
-        rng=learner.rng,
-        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, identity),
-        quiet=quiet,
+    rng, batches = np.random.default_rng([seed, 1]), 1
+    losses: Losses = lambda _: ()  # noqa: E731
+    if learned is not None:
+        reader = SegmentReader(task.bench, task.product)
+        learner = _Learner(kind, network, learned, reader, settings, rng)
+        if budget_s is not None:
+            affordable = int(budget_s / (learner.step_s() * learner.batches))
+            settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
+        losses, batches = learner.losses, learner.batches
+    return Recipe(
+        kind=f"actions.{kind}",
+        network=network,
+        losses=losses,
+        epochs=settings.epochs,
+        batches=batches,
+        rate=settings.learning_rate,
+        decay=settings.weight_decay,
+        settings=settings,
+        vocabulary={"parts": task.classes.parts, "positions": task.classes.positions},
+        data_sha256="" if learned is None else learned.sha256,
+        rng=rng,
+        gradient=1.0,
+        more={"network": kind, "track_features": TRACK_FEATURES},
     )
-    network.eval()
-    return network, settings
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -31,8 +32,8 @@ from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, PairwiseSettings, PaperSettings, TrainingSettings
 from learned.inference.onnx_model import ModelCard, Network
+from learned.training.recipe import Recipe, Task
 from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit
 
 OUTPUTS = {"pairwise": ("logits",), "paper": ("verdict", "words")}
 _LOOSE_SEED = 500_000  # apart from the seeds of the other scenes
@@ -78,11 +79,13 @@ def train_grasp(
     else:
         catalogue, (learned, test) = product, split_by_run(scenes, seed)
         split = f"{len(learned)} given scenes; scores on {len(test)} others of them, of other runs"
-    checkpoint = out.with_name(out.name + ".checkpoint")
-    network = train_network(learned, catalogue, seed, settings, camera=camera, checkpoint=checkpoint, quiet=quiet)
-    command = command or f"train_grasp(kind={kind!r}, seed={seed})"
-    identity = {"data_sha256": data_hash(learned), "command": command, "config": {"split": split}}
-    card = model_card(kind, product, settings, seed, **identity)
+    told = command or f"train_grasp(kind={kind!r}, seed={seed})"
+    task = Task(out=out, seed=seed, command=told, quiet=quiet)
+    recipe = replace(grasp_recipe(learned, catalogue, settings, task, camera=camera), more={"split": split})
+    recipe = replace(recipe, vocabulary=vocabulary_of(product))
+    recipe.fit(task)
+    _footprints_of(out).unlink(missing_ok=True)
+    network, card = recipe.network, recipe.card(task)
 
     look: Look = list
     if isinstance(network, PaperNet) and network.crops is not None:
@@ -96,8 +99,7 @@ def train_grasp(
             return evaluate_scenes(planner, look(test), seed)
         return evaluate_grasp(planner, product, seed, settings.test_scenes, settings.data, look=look)
 
-    model = TorchModel(network, OUTPUTS[kind], card)
-    return write_weights(model, out, _samples(settings, product), score, any_rows=True)
+    return recipe.write(task, OUTPUTS[kind], _samples(settings, product), score, any_rows=True)
 
 
 def _write_crops(network: nn.Module, out: Path, card: ModelCard) -> Network:
@@ -133,37 +135,67 @@ def train_network(
     camera: TrayCamera | None = None,
     footprints: FootprintNet | None = None,
     untrained: Untrained | None = None,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
 ) -> nn.Module:
-    """A trained network of the kind that the settings are of; the same arguments give the same weights.
+    """A trained network that is not written; the same arguments give the same weights."""
+    task = Task(seed=seed)
+    recipe = grasp_recipe(scenes, product, settings, task, camera=camera, footprints=footprints, untrained=untrained)
+    recipe.fit(task)
+    return recipe.network
+
+
+def grasp_recipe(
+    scenes: Sequence[Scene],
+    product: Product,
+    settings: TrainingSettings,
+    task: Task,
+    *,
+    camera: TrayCamera | None = None,
+    footprints: FootprintNet | None = None,
+    untrained: Untrained | None = None,
+) -> Recipe:
+    """An untrained network of the kind that the settings are of, but for what tells it footprints.
 
     Args:
         camera: takes the images of the scenes, where a network learns from them.
         footprints: trained on such scenes before; trained on these where None.
         untrained: a network of another kind, and its samples.
-        checkpoint: file that keeps the fit; where it is of the same scenes, settings and seed, the fit goes on from it.
     """
+    seed = task.seed
     torch.manual_seed(seed)
-    begun = None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}.footprints")
+    begun = None if task.out is None else _footprints_of(task.out)
     seen = list(observed_again(scenes, seed, settings))
-    told = partial(fit_footprints, checkpoint=begun, quiet=quiet) if footprints is None else lambda *_: footprints
-    task = partial(_task, seed=seed, camera=camera, footprints=told) if untrained is None else untrained
-    network, data = task(seen, product, settings)
-    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
+    told = partial(fit_footprints, checkpoint=begun, quiet=task.quiet) if footprints is None else lambda *_: footprints
+    made = partial(_task, seed=seed, camera=camera, footprints=told) if untrained is None else untrained
+    network, data = made(seen, product, settings)
 
     def losses(epoch: int) -> Iterator[Tensor]:
         torch.manual_seed(seed * 100_003 + epoch)
         for chosen in torch.split(torch.randperm(len(data)), settings.batch):
             yield data.loss(network, chosen)
 
-    identity = f"{data_hash(scenes)} {type(settings).__name__} {settings.model_dump_json()} {seed}"
-    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    batches = -(-len(data) // settings.batch)
-    fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=1.0, checkpoint=kept, quiet=quiet)
-    if begun is not None:
-        begun.unlink(missing_ok=True)
-    return network
+    return Recipe(
+        kind="grasp.pairwise" if isinstance(settings, PairwiseSettings) else "grasp.paper",
+        network=network,
+        losses=losses,
+        epochs=settings.epochs,
+        batches=-(-len(data) // settings.batch),
+        rate=settings.peak_rate,
+        decay=settings.weight_decay,
+        settings=settings,
+        vocabulary=vocabulary_of(product),
+        data_sha256=data_hash(scenes),
+        gradient=1.0,
+    )
+
+
+def _footprints_of(out: Path) -> Path:
+    """Where the unfinished fit of footprints is kept."""
+    return out.with_name(f"{out.name}.checkpoint.footprints")
+
+
+def vocabulary_of(product: Product) -> dict[str, tuple[str, ...]]:
+    """Words of a network for a product."""
+    return {"parts": tuple(product.parts), "words": words_of(tuple(product.parts))}
 
 
 class TrainingData(Protocol):
@@ -211,8 +243,7 @@ def _task(
 def model_card(kind: str, product: Product, settings: TrainingSettings, seed: int, **more: Any) -> ModelCard:
     """What a network is; `more` are further fields, those of `config` added to the settings."""
     config = settings.model_dump(mode="json") | more.pop("config", {})
-    words = {"parts": tuple(product.parts), "words": words_of(tuple(product.parts))}
-    return ModelCard(kind=f"grasp.{kind}", config=config, vocabulary=words, seed=seed, **more)
+    return ModelCard(kind=f"grasp.{kind}", config=config, vocabulary=vocabulary_of(product), seed=seed, **more)
 
 
 def _samples(settings: TrainingSettings, product: Product) -> list[dict[str, NDArray[Any]]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from cell.errors import ModelError
+from cell.errors import InputError, ModelError
+from cell.files.model import Model
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.product import Product
 from learned.hands.augment import drawn_turns, turned_images, varied
@@ -23,8 +25,8 @@ from learned.hands.network import Finder, Found, Read, Reader
 from learned.hands.refiner import Refined, Refiner
 from learned.hands.regions import planes
 from learned.inference.onnx_model import ModelCard, OnnxModel
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit, short_numbers
+from learned.training.recipe import Losses, Recipe, Task
+from learned.training.training_loop import short_numbers
 
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 1.0  # of the reader's epochs
@@ -32,7 +34,6 @@ REFINER_EPOCHS_SHARE = 2.85  # and the refiner later: it is to be exact
 BATCH = 32
 NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
-LARGEST_GRADIENT = 5.0
 TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
 PALM_SPREAD = 0.1  # standard deviation of the logarithm of a palm's length, among people and not only in training
 
@@ -42,9 +43,16 @@ class Training:
     """What is trained on, and how long."""
 
     data: HandData
+    types: tuple[str, ...]
     seed: int
     epochs: int = EPOCHS
-    quiet: bool = False
+
+
+class HandTraining(Model):
+    """What the cards say of it."""
+
+    epochs: int
+    batch: int = BATCH
 
 
 def train_hands(
@@ -74,40 +82,29 @@ def train_hands(
         InputError: a folder cannot be used.
     """
     types = tuple(product.parts)
-    training = Training(load_hands(folders, setup, types, seed, apart), seed, epochs, quiet)
-    card = ModelCard(
-        kind=FINDER_KIND,
-        config={
-            "epochs": epochs,
-            "batch": BATCH,
-            "frames": len(training.data.small),
-            "hands": len(_rows_of_hands(training.data)),
-            "palm_length_m": round(float(np.median(training.data.palm_lengths_m)), 4),
-            "palm_spread": PALM_SPREAD,
-        },
-        vocabulary={"parts": types},
-        data_sha256=training.data.sha256,
-        command=command,
-        seed=seed,
+    training = Training(load_hands(folders, setup, types, seed, apart), types, seed, epochs)
+    data, rng = training.data, partial(np.random.default_rng, seed)
+    if len(_rows_of_sizes(data)) < BATCH:  # before minutes go into the finder
+        raise InputError("hands: heights are learned from hands whose size is known: add --simulated")
+    reading, finding, refining = (
+        Task(out=path, seed=seed, command=command, quiet=quiet) for path in (out, finder_file(out), refiner_file(out))
     )
-    reading = card.model_copy(update={"kind": READER_KIND})
-    begun = not _is_made(out, reading)  # interrupted, it goes on after what is made; the reader is the last
-    if not (begun and _is_made(finder_file(out), card)):
-        finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
-        small = {"image": planes(training.data.small[:1])}
-        write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
-    closer = card.model_copy(update={"kind": REFINER_KIND})
-    if not (begun and _is_made(refiner_file(out), closer)):
-        refiner = fit_refiner(training, out.with_suffix(".refiner.checkpoint"))
-        few = refiner_batch(training.data, _rows_of_sizes(training.data)[:2], np.random.default_rng(seed))
-        closeups = {name: few[name].numpy() for name in ("closeup", "place")}
-        model = TorchModel(refiner, Refined._fields, closer)
-        write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE, short=True)
-    reader = fit_reader(training, len(types), out.with_suffix(".checkpoint"))
-    batch = reader_batch(training.data, np.arange(2), np.random.default_rng(seed))
+    begun = not _is_made(out, reader_recipe(training).card(reading))  # interrupted, it goes on after what is made
+    finder = finder_recipe(training)
+    if not (begun and _is_made(finder_file(out), finder.card(finding))):
+        finder.fit(finding)
+        finder.write(finding, Found._fields, [{"image": planes(data.small[:1])}], dict, tolerance=TOLERANCE)
+    refiner = refiner_recipe(training)
+    if not (begun and _is_made(refiner_file(out), refiner.card(refining))):
+        refiner.fit(refining)
+        few = refiner_batch(data, _rows_of_sizes(data)[:2], rng())
+        seen = {name: few[name].numpy() for name in ("closeup", "place")}
+        refiner.write(refining, Refined._fields, [seen], dict, any_rows=True, tolerance=TOLERANCE, short=True)
+    reader = reader_recipe(training)
+    reader.fit(reading)
+    batch = reader_batch(data, np.arange(2), rng())
     region = {name: batch[name].numpy() for name in ("region", "around", "place")}
-    model = TorchModel(reader, Read._fields, reading)
-    return write_weights(model, out, [region], score, any_rows=True, tolerance=TOLERANCE)
+    return reader.write(reading, Read._fields, [region], score, any_rows=True, tolerance=TOLERANCE)
 
 
 def _is_made(path: Path, wanted: ModelCard) -> bool:
@@ -126,8 +123,8 @@ def _is_made(path: Path, wanted: ModelCard) -> bool:
     )
 
 
-def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
-    """Train the network that finds hands in whole images."""
+def finder_recipe(training: Training) -> Recipe:
+    """The network that finds hands in whole images."""
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 6])
     data, network = training.data, Finder().to(memory_format=torch.channels_last)
@@ -147,15 +144,14 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
             yield finder_loss(logits.float(), *wanted)
 
     epochs = max(1, round(FINDER_EPOCHS_SHARE * training.epochs))
-    _fit(network, losses, len(data.small), replace(training, epochs=epochs), rng, checkpoint)
-    return network.to(memory_format=torch.contiguous_format)
+    return _recipe(FINDER_KIND, training, network, losses, len(data.small), epochs, rng)
 
 
-def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -> Reader:
-    """Train the network that reads one hand."""
+def reader_recipe(training: Training) -> Recipe:
+    """The network that reads one hand."""
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 7])
-    data, network = training.data, Reader(types).to(memory_format=torch.channels_last)
+    data, network = training.data, Reader(len(training.types)).to(memory_format=torch.channels_last)
     hands, empty = _rows_of_hands(data), np.flatnonzero(data.facts[:, 0] == 0)
     most = min(len(empty), round(NO_HANDS_SHARE * len(hands)))
 
@@ -164,12 +160,11 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
         for rows in _batches(chosen, rng):
             yield reader_loss(network, reader_batch(data, rows, rng))
 
-    _fit(network, losses, len(hands) + most, training, rng, checkpoint)
-    return network.to(memory_format=torch.contiguous_format)
+    return _recipe(READER_KIND, training, network, losses, len(hands) + most, training.epochs, rng)
 
 
-def fit_refiner(training: Training, checkpoint: Path | None = None) -> Refiner:
-    """Train the network that looks at one hand once more."""
+def refiner_recipe(training: Training) -> Recipe:
+    """The network that looks at one hand once more."""
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 8])
     data, network = training.data, Refiner().to(memory_format=torch.channels_last)
@@ -180,30 +175,39 @@ def fit_refiner(training: Training, checkpoint: Path | None = None) -> Refiner:
             yield refiner_loss(network, refiner_batch(data, rows, rng))
 
     epochs = round(REFINER_EPOCHS_SHARE * training.epochs)
-    _fit(network, losses, len(hands), replace(training, epochs=epochs), rng, checkpoint)
-    return network.to(memory_format=torch.contiguous_format)
+    return _recipe(REFINER_KIND, training, network, losses, len(hands), epochs, rng)
 
 
-def _fit(
-    network: nn.Module,
-    losses: Callable[[int], Iterator[Tensor]],
-    rows: int,
+def _recipe(
+    kind: str,
     training: Training,
+    network: nn.Module,
+    losses: Losses,
+    rows: int,
+    epochs: int,
     rng: np.random.Generator,
-    checkpoint: Path | None,
-) -> None:
-    optimiser = torch.optim.AdamW(network.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-    identity = f"{type(network).__name__} {training.data.sha256} {training.seed} {training.epochs}"
-    fit(
-        network,
-        optimiser,
-        losses,
-        training.epochs,
-        len(range(0, rows - BATCH + 1, BATCH)),
-        largest_gradient=LARGEST_GRADIENT,
+) -> Recipe:
+    data = training.data
+    if (batches := len(range(0, rows - BATCH + 1, BATCH))) == 0:
+        raise InputError(f"{kind}: {rows} examples are too few to learn from; {BATCH} are needed, or --simulated")
+    return Recipe(
+        kind=kind,
+        network=network,
+        losses=losses,
+        epochs=epochs,
+        batches=batches,
+        rate=LEARNING_RATE,
+        decay=WEIGHT_DECAY,
+        settings=HandTraining(epochs=training.epochs),
+        vocabulary={"parts": training.types},
+        data_sha256=data.sha256,
         rng=rng,
-        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, identity),
-        quiet=training.quiet,
+        more={
+            "frames": len(data.small),
+            "hands": len(_rows_of_hands(data)),
+            "palm_length_m": round(float(np.median(data.palm_lengths_m)), 4),
+            "palm_spread": PALM_SPREAD,
+        },
     )
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -19,10 +21,8 @@ from learned.holes.model import CROP_PX, KIND, LEAST_EMPTY, LEAST_FILLED, LEAST_
 from learned.holes.network import HoleAnswer, HoleNet
 from learned.holes.settings import HoleTraining
 from learned.inference.exposure import SOFT, levelled, mean_level, spoiled
-from learned.inference.onnx_model import ModelCard
+from learned.training.recipe import Recipe, Task, on_examples
 from learned.training.still_dataset import data_hash, split
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit_examples
 
 OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
@@ -48,34 +48,27 @@ def train_holes(
     Returns:
         Scores on those recordings, the same as on the model card.
     """
-    settings = settings or HoleTraining()
+    settings, task = settings or HoleTraining(), Task(out=out, seed=seed, command=command, quiet=quiet)
     learned, kept = split(plates, settings.validation_share, seed)
-    checkpoint = out.with_name(out.name + ".checkpoint")
-    network = _trained(learned, bench, product, seed, settings, checkpoint, quiet)
+    recipe = hole_recipe(learned, bench, product, seed, settings)
+    recipe.fit(task)
+    network = recipe.network
     logits, truth, bare, seated = _answers(network, kept, bench, product)
     temperature = _temperature(logits, truth)
     shares = torch.softmax(logits / temperature, dim=1).numpy()
     weights = as_met_with(truth.numpy(), seated.numpy(), settings.astray_share)
     least = least_sure(shares, truth.numpy(), bare.numpy(), weights, settings)
     straight = least_upright(plates, settings.astray_share)
-    config = settings.model_dump(mode="json") | least | {LEAST_UPRIGHT: straight, "temperature": temperature}
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
     said = (shares.max(axis=1) >= wanted)[bare]
-    right = (shares.argmax(axis=1) == truth.numpy())[bare]
-    scores = validation_scores(said, right)
-    card = ModelCard(
-        kind=KIND,
-        config=config,
-        vocabulary={"parts": tuple(product.parts)},
-        data_sha256=data_hash(plates),
-        scores=scores,
-        command=command or "train_holes",
-        seed=seed,
-    )
-    model = TorchModel(HoleAnswer(network, temperature).eval(), OUTPUTS, card)
+    scores = validation_scores(said, (shares.argmax(axis=1) == truth.numpy())[bare])
+    told = {**least, LEAST_UPRIGHT: straight, "temperature": temperature}
     rng = np.random.default_rng(0)
     samples = [{"crops": rng.uniform(-0.5, 0.5, (n, 3, CROP_PX, CROP_PX)).astype(np.float32)} for n in (6, 1, 9)]
-    return write_weights(model, out, samples, lambda: scores, any_rows=True)
+    written = replace(recipe, more=told, data_sha256=data_hash(plates))
+    return written.write(
+        task, OUTPUTS, samples, lambda: scores, answer=HoleAnswer(cast(HoleNet, network), temperature), any_rows=True
+    )
 
 
 def validation_scores(said: NDArray[np.bool_], right: NDArray[np.bool_]) -> dict[str, float]:
@@ -142,15 +135,8 @@ def least_sure(
     }
 
 
-def _trained(
-    plates: Sequence[Plate],
-    bench: Bench,
-    product: Product,
-    seed: int,
-    settings: HoleTraining,
-    checkpoint: Path,
-    quiet: bool,
-) -> HoleNet:
+def hole_recipe(plates: Sequence[Plate], bench: Bench, product: Product, seed: int, settings: HoleTraining) -> Recipe:
+    """The network that reads holes, untrained."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
     network = HoleNet(len(types), settings.widths, settings.hidden)
@@ -160,9 +146,14 @@ def _trained(
     def loss(chosen: list[Plate]) -> Tensor:
         return _loss(network, chosen, squares, types, settings, rng)
 
-    kept = Checkpoint(checkpoint, f"{data_hash(plates)} {settings.model_dump_json()} {seed}")
-    fit_examples(network, plates, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    return network
+    return Recipe(
+        kind=KIND,
+        network=network,
+        settings=settings,
+        vocabulary={"parts": types},
+        data_sha256=data_hash(plates),
+        **on_examples(plates, loss, settings, rng),
+    )
 
 
 def _loss(
@@ -209,7 +200,7 @@ def _truth(plates: Sequence[Plate], types: tuple[str, ...]) -> tuple[Tensor, Ten
 
 
 def _answers(
-    network: HoleNet, plates: Sequence[Plate], bench: Bench, product: Product
+    network: nn.Module, plates: Sequence[Plate], bench: Bench, product: Product
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Of the holes that the network does not call covered: logits, truth, nothing hides them, the part is seated."""
     squares, types = squares_m(bench, product), tuple(product.parts)

@@ -13,7 +13,7 @@ from learned.grasp.evaluate import REQUIRED_TYPES, SCENE_SIZES, evaluate_scenes,
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import PAPER_SCENES, TRAY_SCENES, DetectionNoise, SceneSettings
 from learned.lab.experiments import Cell, Cells, Values, markdown, number, shown_share
-from learned.lab.grasp_baselines import BASELINES, SEEDS, USUAL_SCENES, TrainedBaseline, trained_baseline
+from learned.lab.paper.grasp import BASELINES, SEEDS, USUAL_SCENES, TrainedBaseline, trained_baseline
 
 HEAD = (
     "planner",

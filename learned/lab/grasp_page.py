@@ -9,7 +9,6 @@ from typing import Any
 from learned.grasp.crops import TrayCamera
 from learned.grasp.evaluate import REQUIRED_TYPES, SCENE_SIZES
 from learned.lab.experiments import Cells, Experiment, markdown, number, score_of, shown, shown_share, values_of
-from learned.lab.grasp_baselines import BASELINES, USUAL_SCENES
 from learned.lab.grasp_cells import (
     CURVE,
     ITERATIVE_SCENES,
@@ -25,6 +24,7 @@ from learned.lab.grasp_cells import (
     table2_cells,
     table3_cells,
 )
+from learned.lab.paper.grasp import BASELINES, USUAL_SCENES
 
 TYPE, PART = "by_type_1", "object_accuracy_1"
 DEPARTURES_HEAD = ("the paper", "here", "effect, whole answers, 1 type")

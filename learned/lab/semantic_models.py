@@ -10,8 +10,8 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard
 from learned.lab.experiments import Values
-from learned.lab.semantic_and_or import AndOrGraph, AndOrPlanner
-from learned.lab.semantic_htn import HtnPlanner
+from learned.lab.paper.and_or import AndOrGraph, AndOrPlanner
+from learned.lab.paper.htn import HtnPlanner
 from learned.lab.semantic_optimum import Joint, best_coverage, trade_off
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
 from learned.semantic.graph import Bools, Floats, Layout

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +26,15 @@ from torchvision.ops import MultiScaleRoIAlign
 
 from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, levelled, spoiled
-from learned.inference.onnx_model import ModelCard
+from learned.inference.onnx_model import Inputs
 from learned.parts.boxes import HEAD_KIND, KIND, REGIONS, head_file
 from learned.parts.data import UNKNOWN, Scene
 from learned.parts.evaluate import LEAST_SHOWN
 from learned.parts.maps import INPUT_PX, network_input
 from learned.parts.settings import NARROW, RcnnTraining
+from learned.training.recipe import Recipe, Task
 from learned.training.still_dataset import data_hash
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit
+from learned.training.torch_model import TorchModel
 
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
 FINEST = "0"  # level of the pyramid
@@ -42,6 +43,7 @@ RESNET18, PYRAMID, HIDDEN = (64, 128, 256, 512), 256, 1024  # channels of its st
 LEARNED_REGIONS = {"rpn_pre_nms_top_n_train": 500, "rpn_post_nms_top_n_train": 200, "box_batch_size_per_image": 64}
 ROUNDS = 20  # of a training, after each of which it can be interrupted
 SHOWN = 48  # scenes that tell the range of every layer's 8-bit numbers
+TOLERANCE = 2e-3  # in pixels of boxes that may reach over the whole image
 OUTPUTS, HEAD_OUTPUTS = ("scores", "boxes", "features"), ("shares", "boxes")
 
 
@@ -91,20 +93,22 @@ def _part(channels: int, share: float) -> int:
 
 
 def train_rcnn(
-    scenes: Sequence[Scene],
-    product: Product,
-    seed: int,
-    settings: RcnnTraining,
-    *,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
-) -> FasterRCNN:
-    """A trained network; interrupted and begun again it goes on from its checkpoint."""
-    torch.manual_seed(seed)
-    rng, types = np.random.default_rng([seed, 4]), tuple(product.parts)
+    scenes: Sequence[Scene], product: Product, out: Path, settings: RcnnTraining, task: Task
+) -> dict[str, float]:
+    """Train the network and write both stages, each compared with torch and then made to compute with 8-bit numbers.
+
+    Interrupted and begun again it goes on from its checkpoint.
+
+    Returns:
+        What was learned from; `cell lab eval parts` scores detectors, as that takes images.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    torch.manual_seed(task.seed)
+    rng, types = np.random.default_rng([task.seed, 4]), tuple(product.parts)
     network = rcnn(settings.backbone, len(types), settings.share)
     network.train()
-    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
     rounds = max(1, min(ROUNDS, settings.steps))
     batches = max(1, settings.steps // rounds)
 
@@ -113,10 +117,39 @@ def train_rcnn(
             chosen = [scenes[int(index)] for index in rng.integers(len(scenes), size=settings.batch)]
             yield sum(network(*_batch(chosen, types, rng)).values())
 
-    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(network, optimiser, losses, rounds, batches, largest_gradient=10.0, rng=rng, checkpoint=kept, quiet=quiet)
-    return network
+    recipe = Recipe(
+        kind=KIND,
+        network=network,
+        losses=losses,
+        epochs=rounds,
+        batches=batches,
+        rate=settings.peak_rate,
+        decay=settings.weight_decay,
+        settings=settings,
+        vocabulary={"parts": types},
+        data_sha256=data_hash(scenes),
+        rng=rng,
+        gradient=10.0,
+    )
+    recipe.fit(task)
+    return _write(recipe, out, scenes, task)
+
+
+def _write(recipe: Recipe, out: Path, scenes: Sequence[Scene], task: Task) -> dict[str, float]:
+    """Both stages as ONNX."""
+    facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
+    shown = scenes[:: max(1, len(scenes) // SHOWN)]
+    images: list[Inputs] = [{"image": network_input(levelled(scene.image))} for scene in shown]
+    regions, head = Regions(recipe.network).eval(), Head(recipe.network)
+    first, seen = TorchModel(regions, OUTPUTS, recipe.card(task)), list[Inputs]()
+    for image in images:
+        found = first.run(image)
+        surest = np.argsort(-found["scores"])[:REGIONS]
+        seen.append({"features": found["features"], "regions": found["boxes"][surest]})
+    recipe.write(task, OUTPUTS, images[:2], lambda: facts, answer=regions, tolerance=TOLERANCE, met_with=images)
+    second, beside = replace(recipe, kind=HEAD_KIND), task.beside(head_file(out))
+    second.write(beside, HEAD_OUTPUTS, seen[:2], lambda: facts, answer=head, tolerance=TOLERANCE, met_with=seen)
+    return facts
 
 
 def _batch(
@@ -155,7 +188,7 @@ class Regions(nn.Module):
     deviation: Tensor
     anchors: Tensor
 
-    def __init__(self, network: FasterRCNN) -> None:
+    def __init__(self, network: Any) -> None:
         super().__init__()
         self.backbone, self.head, self.coder = network.backbone, network.rpn.head, network.rpn.box_coder
         normal = network.transform
@@ -176,7 +209,7 @@ class Regions(nn.Module):
 class Head(nn.Module):
     """The second stage, for export: features and boxes (REGIONS, 4) to shares of classes and the boxes of each."""
 
-    def __init__(self, network: FasterRCNN) -> None:
+    def __init__(self, network: Any) -> None:
         super().__init__()
         heads = network.roi_heads
         self.head, self.predictor, self.coder = heads.box_head, heads.box_predictor, heads.box_coder
@@ -189,51 +222,3 @@ class Head(nn.Module):
         classes = logits.shape[1]
         found = self.coder.decode_single(deltas, regions).reshape(len(regions), classes, 4)
         return torch.softmax(logits, dim=1), found
-
-
-def write_rcnn(
-    network: FasterRCNN,
-    out: Path,
-    product: Product,
-    scenes: Sequence[Scene],
-    settings: RcnnTraining,
-    seed: int,
-    command: str,
-) -> dict[str, float]:
-    """Both stages as ONNX, each compared with torch and then made to compute with 8-bit numbers.
-
-    Returns:
-        What was learned from; `cell lab eval parts` scores detectors, as that takes images.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
-
-    def card(kind: str) -> ModelCard:
-        return ModelCard(
-            kind=kind,
-            config=settings.model_dump(mode="json"),
-            vocabulary={"parts": tuple(product.parts)},
-            data_sha256=data_hash(scenes),
-            scores=facts,
-            command=command,
-            seed=seed,
-        )
-
-    network.eval()
-    shown = scenes[:: max(1, len(scenes) // SHOWN)]
-    images = [{"image": network_input(levelled(scene.image))} for scene in shown]
-    first = TorchModel(Regions(network).eval(), OUTPUTS, card(KIND))
-    second = TorchModel(Head(network).eval(), HEAD_OUTPUTS, card(HEAD_KIND))
-    seen = []
-    for image in images:
-        found = first.run(image)
-        surest = np.argsort(-found["scores"])[:REGIONS]
-        seen.append({"features": found["features"], "regions": found["boxes"][surest]})
-    write_weights(first, out, images[:2], lambda: facts, tolerance=TOLERANCE, met_with=images)
-    write_weights(second, head_file(out), seen[:2], lambda: facts, tolerance=TOLERANCE, met_with=seen)
-    return facts
-
-
-TOLERANCE = 2e-3  # in pixels of boxes that may reach over the whole image

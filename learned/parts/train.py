@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -14,17 +15,16 @@ from cell.errors import InputError
 from cell.files.files import write_whole
 from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, mean_level, spoiled
-from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
+from learned.inference.onnx_model import Inputs, OnnxModel
 from learned.parts.augment import sample
 from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
 from learned.parts.model import CENTRE_KIND, POSE_KIND, pose_file
 from learned.parts.network import CentreAnswer, CentreNet, PoseNet
 from learned.parts.settings import CentreTraining, PoseTraining
-from learned.training.schedule import Schedule
+from learned.training.recipe import Recipe, Task, checkpoint_of, on_examples
 from learned.training.still_dataset import data_hash
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit_examples, short_numbers
+from learned.training.training_loop import short_numbers
 
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0
@@ -49,17 +49,10 @@ def centre_loss(answer: tuple[Tensor, Tensor, Tensor], heat: Tensor, further: Te
     return total + lengths + (unsure * weights[:, UPRIGHT]).sum() / scale
 
 
-def train_centre(
-    scenes: Sequence[Scene],
-    product: Product,
-    floor_m: float,
-    seed: int,
-    settings: CentreTraining,
-    *,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
-) -> CentreNet:
-    """A trained centre net; the same arguments give the same weights. Its checkpoint stays."""
+def centre_recipe(
+    scenes: Sequence[Scene], product: Product, floor_m: float, seed: int, settings: CentreTraining
+) -> Recipe:
+    """The centre net, untrained."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
     network = CentreNet(len(types), settings.widths, settings.features).to(memory_format=torch.channels_last)
@@ -74,42 +67,36 @@ def train_centre(
             logits, said, features = network(image)
         return centre_loss((logits.float(), said.float(), features), heat, further, weights)
 
-    kept = _checkpoint(checkpoint, scenes, settings, seed, stays=True)
-    fit_examples(network, scenes, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    return network.to(memory_format=torch.contiguous_format)
+    return Recipe(
+        kind=CENTRE_KIND,
+        network=network,
+        settings=settings,
+        vocabulary={"parts": types},
+        data_sha256=data_hash(scenes),
+        stays=True,
+        **on_examples(scenes, loss, settings, rng),
+    )
 
 
-def train_pose(
-    scenes: Sequence[Scene],
-    product: Product,
-    floor_m: float,
-    seed: int,
-    settings: PoseTraining,
-    *,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
-) -> PoseNet:
-    """A trained pose net; the same arguments give the same weights."""
+def pose_recipe(scenes: Sequence[Scene], product: Product, floor_m: float, seed: int, settings: PoseTraining) -> Recipe:
+    """The pose net, untrained."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 2]), tuple(product.parts)
     network = PoseNet(len(types), settings.widths, settings.hidden)
     network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
     network.to(memory_format=torch.channels_last)
-    things = posed_things(scenes)
 
     def loss(chosen: list[tuple[Scene, Label]]) -> Tensor:
         return _pose_loss(network, [pose_sample(thing, product, floor_m, settings, rng) for thing in chosen])
 
-    kept = _checkpoint(checkpoint, scenes, settings, seed)
-    fit_examples(network, things, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    return network.to(memory_format=torch.contiguous_format)
-
-
-def _checkpoint(
-    path: Path | None, scenes: Sequence[Scene], settings: Schedule, seed: int, *, stays: bool = False
-) -> Checkpoint | None:
-    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    return None if path is None else Checkpoint(path, identity, stays)
+    return Recipe(
+        kind=POSE_KIND,
+        network=network,
+        settings=settings,
+        vocabulary={"parts": types},
+        data_sha256=data_hash(scenes),
+        **on_examples(posed_things(scenes), loss, settings, rng),
+    )
 
 
 def posed_things(scenes: Sequence[Scene]) -> list[tuple[Scene, Label]]:
@@ -174,25 +161,6 @@ def _pose_loss(network: PoseNet, samples: Sequence[PoseSample]) -> Tensor:
     return total
 
 
-def write_centre(network: CentreNet, out: Path, card: ModelCard, met_with: Sequence[Inputs]) -> None:
-    """Export; the file is compared with torch, and then made to compute with 8-bit numbers."""
-    model = TorchModel(CentreAnswer(network).eval(), CENTRE_OUTPUTS, card)
-    width, height = INPUT_PX
-    rng = np.random.default_rng(0)
-    samples = [{"image": rng.uniform(-0.5, 0.5, (1, 3, height, width)).astype(np.float32)} for _ in range(2)]
-    write_weights(model, out, samples, lambda: dict(card.scores), met_with=met_with)
-
-
-def write_pose(network: PoseNet, out: Path, card: ModelCard, met_with: Sequence[Inputs]) -> None:
-    """As `write_centre`."""
-    model = TorchModel(network.eval(), POSE_OUTPUTS, card)
-    width, height = CROP_PX
-    rng = np.random.default_rng(0)
-    shapes = [(count, PLANES, height, width) for count in (2, 1, 5)]
-    samples = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
-    write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True, met_with=met_with)
-
-
 def seen_by_centre(scenes: Sequence[Scene], product: Product, floor_m: float) -> list[Inputs]:
     """The images of some scenes, each as the centre net takes it."""
     types = tuple(product.parts)
@@ -231,29 +199,26 @@ def train_parts(
     if epochs is not None:
         centre, pose = CentreTraining(epochs=epochs), PoseTraining(epochs=epochs)
     facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
-
-    def card(kind: str, settings: CentreTraining | PoseTraining) -> ModelCard:
-        return ModelCard(
-            kind=kind,
-            config=settings.model_dump(mode="json"),
-            vocabulary={"parts": tuple(product.parts)},
-            data_sha256=data_hash(scenes),
-            scores=facts,
-            command=command or "train_parts",
-            seed=seed,
-        )
-
-    shown = scenes[:: max(1, len(scenes) // SHOWN)]
-    begun = [path.with_name(path.name + ".checkpoint") for path in (out, pose_file(out))]
-    network = train_centre(scenes, product, floor_m, seed, centre, checkpoint=begun[0], quiet=quiet)
-    write_centre(network, out, card(CENTRE_KIND, centre), seen_by_centre(shown, product, floor_m))
-    begun[0].unlink(missing_ok=True)
-    if not posed_things(scenes):
-        if pose_net is None:
-            raise InputError("no pose of any part is known: learn from simulated trays, too (--simulated)")
+    shown, rng = scenes[:: max(1, len(scenes) // SHOWN)], np.random.default_rng(0)
+    task = Task(out=out, seed=seed, command=command, quiet=quiet)
+    first = centre_recipe(scenes, product, floor_m, seed, centre)
+    first.fit(task)
+    images = [{"image": rng.uniform(-0.5, 0.5, (1, 3, *reversed(INPUT_PX))).astype(np.float32)} for _ in range(2)]
+    answer = CentreAnswer(cast(CentreNet, first.network))
+    met_with = seen_by_centre(shown, product, floor_m)
+    first.write(task, CENTRE_OUTPUTS, images, lambda: facts, answer=answer, met_with=met_with)
+    beside = task.beside(pose_file(out))
+    if posed_things(scenes):
+        second, rng = pose_recipe(scenes, product, floor_m, seed, pose), np.random.default_rng(0)
+        second.fit(beside)
+        shapes = [(count, PLANES, *reversed(CROP_PX)) for count in (2, 1, 5)]
+        crops = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
+        seen = seen_by_pose(shown, product, floor_m, pose)
+        second.write(beside, POSE_OUTPUTS, crops, lambda: facts, any_rows=True, met_with=seen)
+    elif pose_net is None:
+        raise InputError("no pose of any part is known: learn from simulated trays, too (--simulated)")
+    else:
         OnnxModel.load(pose_net, POSE_KIND).require_vocabulary("parts", tuple(product.parts))
         write_whole(pose_file(out), pose_net.read_bytes())
-        return facts
-    refiner = train_pose(scenes, product, floor_m, seed, pose, checkpoint=begun[1], quiet=quiet)
-    write_pose(refiner, pose_file(out), card(POSE_KIND, pose), seen_by_pose(shown, product, floor_m, pose))
+    checkpoint_of(out).unlink(missing_ok=True)
     return facts

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, mean_level, spoiled
-from learned.inference.onnx_model import Inputs, ModelCard, Network
+from learned.inference.onnx_model import Inputs, Network
 from learned.parts.augment import turned
 from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import INPUT_PX, PLANES, Peak, overlap, peaks
@@ -22,9 +22,9 @@ from learned.parts.model import AXIS_PX, LEAST_SCORE
 from learned.parts.network import StackNet
 from learned.parts.settings import StackTraining
 from learned.parts.stacked import CROP_PX, STACKED_KIND, stack_crops
+from learned.training.recipe import Recipe, Task, on_examples
 from learned.training.still_dataset import data_hash
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit_examples, short_numbers
+from learned.training.training_loop import short_numbers
 
 SAME_BOX = 0.5  # intersection over union, from which a peak is a label's
 WORTH = 0.25  # of the right type, where two labels may be a peak's
@@ -110,23 +110,21 @@ def train_stacked(
     def loss(some: list[Thing]) -> Tensor:
         return _loss(network, [stack_sample(one, product, settings, rng) for one in some], alike)
 
-    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    kept = Checkpoint(out.with_name(out.name + ".checkpoint"), identity)
-    fit_examples(network, things, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    card = ModelCard(
+    task = Task(out=out, seed=seed, command=command, quiet=quiet)
+    recipe = Recipe(
         kind=STACKED_KIND,
-        config=settings.model_dump(mode="json"),
+        network=network,
+        settings=settings,
         vocabulary={"parts": tuple(product.parts)},
         data_sha256=data_hash(scenes),
-        scores=facts,
-        command=command or "train_stacked",
-        seed=seed,
+        **on_examples(things, loss, settings, rng),
     )
+    recipe.fit(task)
     shown = [stack_sample(one, product, settings, rng).crop for one in things[:: max(1, len(things) // SHOWN)]]
     samples: list[Inputs] = [{"crops": np.stack(shown[:count])} for count in (2, 1, 5)]
     met_with: list[Inputs] = [{"crops": one[np.newaxis]} for one in shown]
-    model = TorchModel(network.to(memory_format=torch.contiguous_format).eval(), ("lies", "stacked"), card)
-    return write_weights(model, out, samples, lambda: facts, any_rows=True, tolerance=1e-4, met_with=met_with)
+    outputs = ("lies", "stacked")
+    return recipe.write(task, outputs, samples, lambda: facts, any_rows=True, tolerance=1e-4, met_with=met_with)
 
 
 def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.random.Generator | None) -> Sample:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from cell.errors import InputError
 from cell.interfaces.product import Product
-from learned.inference.onnx_model import ModelCard
 from learned.semantic.data import load_demonstrations, states_of
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import EMPTY, Layout, one_hot
@@ -23,8 +22,7 @@ from learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, fa
 from learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
 from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, misdetect, scenarios, split, sub_demonstrations
 from learned.semantic.settings import FactoredSettings, PaperSettings
-from learned.training.torch_model import TorchModel, write_weights
-from learned.training.training_loop import Checkpoint, fit
+from learned.training.recipe import Recipe, Task
 
 Settings = PaperSettings | FactoredSettings
 OUTPUTS = {"paper": PaperAnswer._fields, "factored": FactoredAnswer._fields}
@@ -105,47 +103,45 @@ def train_semantic(
     train = sub_demonstrations(layout, some.train) if augment else some.train
     chosen = settings or (PaperSettings() if kind == "paper" else FactoredSettings())
     config: dict[str, JsonValue] = {"ratio": ratio, "augment": augment, "states": len(train), "data": some.source}
-    card = ModelCard(
-        kind=f"semantic.{kind}",
-        config={**config, **chosen.model_dump()},
-        vocabulary=layout.vocabulary,
-        data_sha256=some.sha256,
-        command=_command(kind, seed, ratio, augment, data),
-        seed=seed,
-    )
 
     def score() -> dict[str, float]:
         held_out = some.held_out if some.source else None
         return evaluate_semantic(load_semantic_planner(kind, out, product), product, seed, held_out)
 
-    checkpoint = out.with_name(out.name + ".checkpoint")
-    network = train_network(layout, train, chosen, seed, checkpoint=checkpoint, quiet=quiet)
+    task = Task(out=out, seed=seed, command=_command(kind, seed, ratio, augment, data), quiet=quiet)
+    recipe = replace(semantic_recipe(layout, train, chosen, seed), more=config, data_sha256=some.sha256)
+    recipe.fit(task)
     samples = [{"edges": edges} for edges in one_hot(train.seen[:CHECKED_STATES], len(layout.parts))]
-    return write_weights(TorchModel(network, OUTPUTS[kind], card), out, samples, score)
+    return recipe.write(task, OUTPUTS[kind], samples, score)
 
 
-def train_network(
-    layout: Layout,
-    train: Scenarios,
-    settings: Settings,
-    seed: int,
-    *,
-    checkpoint: Path | None = None,
-    quiet: bool = True,
-) -> nn.Module:
-    """A new network, trained on full batches; the paper's with fresh noise in every step.
-
-    Args:
-        checkpoint: file that keeps the fit; where it is of the same data, settings and seed, the fit goes on from it.
-    """
+def semantic_recipe(layout: Layout, train: Scenarios, settings: Settings, seed: int) -> Recipe:
+    """A new network, to be trained on full batches; the paper's with fresh noise in every step."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     network, loss = _task(layout, train, settings, rng)
-    optimiser = torch.optim.Adam(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
-    identity = f"{layout.vocabulary} {train.sha256} {type(settings).__name__} {settings.model_dump_json()} {seed}"
-    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(network, optimiser, lambda _: [loss()], settings.steps, rng=rng, checkpoint=kept, quiet=quiet)
-    return network
+    return Recipe(
+        kind="semantic.paper" if isinstance(settings, PaperSettings) else "semantic.factored",
+        network=network,
+        losses=lambda _: [loss()],
+        epochs=settings.steps,
+        batches=1,
+        rate=settings.learning_rate,
+        decay=settings.weight_decay,
+        settings=settings,
+        vocabulary=layout.vocabulary,
+        data_sha256=train.sha256,
+        rng=rng,
+        gradient=None,
+        optimiser=torch.optim.Adam,
+    )
+
+
+def train_network(layout: Layout, train: Scenarios, settings: Settings, seed: int) -> nn.Module:
+    """A trained network that is not written."""
+    recipe = semantic_recipe(layout, train, settings, seed)
+    recipe.fit(Task(seed=seed))
+    return recipe.network
 
 
 def _task(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -16,12 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from torch import Tensor, nn
 
 from cell.files.files import write_whole
-from learned.training.schedule import Schedule
 
 CHECKPOINTS = 20  # in the course of a fit
 LARGEST_GRADIENT = 5.0
 
-Example = TypeVar("Example")
 _Stateful = nn.Module | torch.optim.Optimizer | torch.optim.lr_scheduler.LRScheduler
 
 
@@ -99,43 +96,6 @@ def short_numbers() -> torch.autocast:
     """
     has_them = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
     return torch.autocast("cpu", torch.bfloat16, enabled=has_them)
-
-
-def fit_examples(
-    network: nn.Module,
-    examples: Sequence[Example],
-    loss: Callable[[list[Example]], Tensor],
-    schedule: Schedule,
-    rng: np.random.Generator,
-    *,
-    checkpoint: Checkpoint | None = None,
-    quiet: bool = True,
-) -> None:
-    """Train a network in place on batches of examples, in another order in every epoch.
-
-    Args:
-        loss: of some examples.
-        rng: orders the examples; the loss may draw from it, too.
-    """
-    optimiser = torch.optim.AdamW(network.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
-    batches = max(1, len(examples) // schedule.batch)
-
-    def losses(_: int) -> Iterator[Tensor]:
-        order = rng.permutation(len(examples))[: batches * schedule.batch]
-        for chosen in np.array_split(order, batches):
-            yield loss([examples[index] for index in chosen])
-
-    fit(
-        network,
-        optimiser,
-        losses,
-        schedule.epochs,
-        batches,
-        largest_gradient=LARGEST_GRADIENT,
-        rng=rng,
-        checkpoint=checkpoint,
-        quiet=quiet,
-    )
 
 
 @dataclass(frozen=True)

@@ -104,3 +104,22 @@ def test_auto_is_the_learned_planner_where_its_weights_fit_and_exact_inference_e
     assert isinstance(load_semantic_planner("auto", weights, DEFAULT), FactoredPlanner)
     assert isinstance(load_semantic_planner("auto", weights, HARDER), BayesPlanner)
     assert isinstance(load_semantic_planner("auto", None, DEFAULT), BayesPlanner)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["holes"], "learns from your own pictures, --data DIR of `cell label`"),
+        (["feet", "--data", "own"], "legal: hands, holes, parts, actions"),
+        (["grasp"], "cell train --only grasp"),
+        (["--data", "own"], "name the network to train"),
+        (["holes", "--data", "own", "--plan"], "do not go with --data"),
+        (["holes", "--data", "own", "--epochs", "1"], "plates.jsonl: cannot be read"),
+    ],
+)
+def test_what_own_pictures_need_is_told(
+    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", *words]) == 2
+    assert told in capsys.readouterr().err

@@ -30,8 +30,8 @@ def figure10(
     from learned.actions.data import load_segments
     from learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from learned.actions.train import Task
-    from learned.lab import action_baselines
-    from learned.lab.action_baselines import FOLDS, KINDS, measure_folds, page, summary
+    from learned.lab.paper import actions
+    from learned.lab.paper.actions import FOLDS, KINDS, measure_folds, page, summary
 
     kinds, out, seeds = shared.kind or list(KINDS), shared.out, shared.numbers
     if unknown := [one for one in kinds if one not in KINDS]:
@@ -39,7 +39,7 @@ def figure10(
     if out is None or len(seeds) < FOLDS:
         raise InputError(f"figure10 needs --out FILE, and at least {FOLDS} --seeds, as 600000:600030")
     told = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
-    kept = shared.rows(["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed}, action_baselines)
+    kept = shared.rows(["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed}, actions)
     wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in kept]
     status = 0
     if wanted:

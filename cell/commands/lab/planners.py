@@ -37,9 +37,9 @@ from learned.grasp.evaluate import embedded, evaluate_grasp
 from learned.grasp.model import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import TRAY_SCENES, SceneSettings
+from learned.lab.paper.htn import HtnPlanner
 from learned.lab.semantic_certify import case_of, certificate, least_limit
 from learned.lab.semantic_demonstrators import generated_demonstrations, scenario_demonstrations
-from learned.lab.semantic_htn import HtnPlanner
 from learned.semantic.data import save_demonstrations
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Layout

@@ -77,15 +77,15 @@ def hands(asked: Training, weights: Path) -> Scores:
     configuration, product = asked.cell()
     setup, types = configuration.bench.overhead, tuple(product.parts)
     own = [one for folder in asked.data or () for one in frames_of(folder, types)]
-    validation = 0 if own else max(2, int(HAND_VALIDATION * count))
+    validation = 0 if own and not asked.simulated else max(2, int(HAND_VALIDATION * count))
     logs = apart({one.row.log for one in own}, OWN_SHARE, asked.seed) if own else set()
     folders, unseen = made(asked, weights, "hands", HANDS, count, validation=validation)
     kept = [one for one in own if one.row.log in logs]
 
     def score() -> dict[str, float]:
-        if kept:
-            return Scorer(configuration, product, "hands", "slim", weights).scores(kept)
-        return score_readings(SlimReader(setup, types, weights), configuration.bench, unseen)
+        scorer = Scorer(configuration, product, "hands", "slim", weights)
+        told = score_readings(SlimReader(setup, types, weights), configuration.bench, unseen) if validation else {}
+        return told | scorer.scores((kept or frames_of(unseen))[:MOST_COMPARED])
 
     return train_hands(
         folders,
@@ -140,13 +140,13 @@ def parts(asked: Training, weights: Path) -> Scores:
     if asked.data:
         scenes, kept = split(scenes, OWN_SHARE, asked.seed)
     if asked.kind == "rcnn":
-        from learned.parts.rcnn import train_rcnn, write_rcnn
+        from learned.parts.rcnn import train_rcnn
         from learned.parts.settings import RcnnTraining
+        from learned.training.recipe import Task
 
         of_rcnn = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
-        checkpoint = weights.with_name(f"{weights.name}.checkpoint")
-        network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
-        return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
+        task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
+        return train_rcnn(scenes, product, weights, of_rcnn, task)
     floor_m = configuration.bench.tray.centre_m[2]
     if asked.kind == "stacked":
         return stacks(asked, scenes, product, floor_m, centre_net(weights), weights)
@@ -168,15 +168,24 @@ def parts(asked: Training, weights: Path) -> Scores:
         quiet=False,
     )
     facts = {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
-    return {**facts, **(beside(asked, "parts", weights, kept) if kept else {})}
+    return {**facts, **beside(asked, "parts", weights, kept, scenes)}
 
 
-def beside(asked: Training, task: str, weights: Path, kept: Sequence[Any]) -> dict[str, float]:
-    """The measure of a task, by the new weights and by the classical detector, on pictures that were kept apart."""
+def beside(
+    asked: Training, task: str, weights: Path, kept: Sequence[Any], learned: Sequence[Any] = ()
+) -> dict[str, float]:
+    """The measure of a task, by the new weights and by the classical detector, on pictures that were kept apart.
+
+    Args:
+        learned: where none were kept, these tell whether the weights are worth anything, and no figure stands on the
+            card.
+    """
     configuration, product = asked.cell()
-    found = Scorer(configuration, product, task, asked.kind, weights).scores(kept[:MOST_COMPARED])
+    some = kept or learned[:: max(1, len(learned) // MOST_COMPARED)]
+    found = Scorer(configuration, product, task, asked.kind, weights).scores(some[:MOST_COMPARED])
     told = {name: found[name] for name in (MEASURES[task], f"{MEASURES[task]}{CLASSICAL}")}
-    note_scores(weights, told)
+    if kept:
+        note_scores(weights, told)
     return told
 
 

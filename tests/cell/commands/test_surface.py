@@ -1,4 +1,4 @@
-"""What the command line has: eighteen commands in four panels, few options, and a word for each name of before."""
+"""What the command line has: twenty commands in four panels, few options, and a word for each name of before."""
 
 from __future__ import annotations
 

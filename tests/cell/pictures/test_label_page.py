@@ -117,32 +117,40 @@ def label_tray(person: Person, number: int, drawn: Drawn) -> None:
     person.press("Enter")
 
 
-def test_photographs_are_labelled_trained_scored_and_run(
-    browser: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    plates = [photograph_plate(tmp_path / "plates" / f"{seed:02d}.png", seed) for seed in range(PLATES)]
-    trays = [photograph_tray(tmp_path / "trays" / f"{seed:02d}.png", seed) for seed in range(TRAYS)]
+def labelled(browser: Any, folder: Path, plates: int, trays: int) -> tuple[list[Drawn], list[Drawn]]:
+    """Photographs are taken, recorded, and labelled in the browser; the rows are what was drawn."""
+    of_plates = [photograph_plate(folder / "plates" / f"{seed:02d}.png", seed) for seed in range(plates)]
+    of_trays = [photograph_tray(folder / "trays" / f"{seed:02d}.png", seed) for seed in range(trays)]
     for camera, name, label, drawn in (
-        ("overhead", "plates", label_plate, plates),
-        ("wrist", "trays", label_tray, trays),
+        ("overhead", "plates", label_plate, of_plates),
+        ("wrist", "trays", label_tray, of_trays),
     ):
-        own = str(tmp_path / "own" / name)
-        assert main(["record", str(tmp_path / name), "--camera", camera, "--out", own]) == 0
-        person = Person(browser, Path(own))
+        own = folder / "own" / name
+        assert main(["record", str(folder / name), "--camera", camera, "--out", str(own)]) == 0
+        person = Person(browser, own)
         for number, one in enumerate(drawn):
             label(person, number, one)
         person.until("all are labelled")
         person.close()
-    own = str(tmp_path / "own" / "plates")
-    read = load_plates([Path(own)], PRODUCT)
-    assert [{hole.position: hole.part for hole in one.holes} for one in read] == [one.holes for one in plates]
-    hands = [len(one.row.hands) for one in frames_of(Path(own), TYPES)]
-    assert hands == [int(one.hand is not None) for one in plates]
-    labelled = load_scenes([tmp_path / "own" / "trays"], PRODUCT)
-    assert [[label.part for label in one.labels] for one in labelled] == [
-        [name for name, _ in one.parts] for one in trays
-    ]
+    read = load_plates([folder / "own" / "plates"], PRODUCT)
+    assert [{hole.position: hole.part for hole in one.holes} for one in read] == [one.holes for one in of_plates]
+    frames = frames_of(folder / "own" / "plates", TYPES)
+    assert [len(one.row.hands) for one in frames] == [int(one.hand is not None) for one in of_plates]
+    scenes = load_scenes([folder / "own" / "trays"], PRODUCT)
+    types = [[part.part for part in one.labels] for one in scenes]
+    assert types == [[name for name, _ in one.parts] for one in of_trays]
+    return of_plates, of_trays
 
+
+def test_what_a_person_says_on_the_page_is_what_the_rows_say(browser: Any, tmp_path: Path) -> None:
+    labelled(browser, tmp_path, 2, 1)
+
+
+@pytest.mark.slow
+def test_photographs_are_labelled_trained_scored_and_run(
+    browser: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labelled(browser, tmp_path, PLATES, TRAYS)
     for network, folder, name in (("holes", "plates", "holes_plate"), ("parts", "trays", "parts_centre")):
         data, out = str(tmp_path / "own" / folder), tmp_path / f"{name}.onnx"
         assert main(["train", network, "--data", data, "--epochs", "2", "--out", str(out)]) == 0

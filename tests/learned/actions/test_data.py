@@ -73,6 +73,17 @@ def test_a_label_by_hand_is_what_is_learned(tmp_path: Path) -> None:
         labelled(tmp_path / "empty", confirmed={"part": None, "position": "p2"})
 
 
+def test_segments_of_another_pace_are_refused(tmp_path: Path) -> None:
+    path = write_folder(tmp_path / "fast", 3, 3) / "segments.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    for row in rows[2:]:
+        for hand in row["hands"]:
+            hand["time_s"] /= 2  # a camera of 30 frames a second
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    with pytest.raises(InputError, match=r"segments\.jsonl:3: .*30 frames a second; the camera takes 15\n.*:4: "):
+        load_segments([path.parent], CLASSES)
+
+
 def test_a_key_that_is_missing_is_named_as_such(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"segments\.jsonl:2: confirmed\.position: Field required"):
         labelled(tmp_path / "some", confirmed={"part": "o1"})

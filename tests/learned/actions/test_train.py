@@ -88,7 +88,7 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
     from learned.actions.data import load_segments
     from learned.actions.settings import ActionTraining
     from learned.actions.train import Task
-    from learned.lab.action_baselines import KINDS, measure_folds, page, summary
+    from learned.lab.paper.actions import KINDS, measure_folds, page, summary
 
     segments = load_segments([write_folder(tmp_path / "data", 40, 1, whole=True)], CLASSES)
     apart = [segments.without(fold, 2) for fold in range(2)]

@@ -22,7 +22,7 @@ def no_camera(views: Sequence[View]) -> list[Crops]:
 
 
 def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab.grasp_baselines import BASELINES, trained_baseline
+    from learned.lab.paper.grasp import BASELINES, trained_baseline
 
     for name, baseline in BASELINES.items():
         if baseline.settings is not None:
@@ -72,8 +72,8 @@ def test_another_seed_gives_other_test_scenes(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.lab.experiments import kept, write_page
-    from learned.lab.grasp_baselines import BASELINES
     from learned.lab.grasp_page import HEAD, experiments
+    from learned.lab.paper.grasp import BASELINES
 
     names = [f"{score}_{count}" for score in ("object_accuracy", "by_type") for count in (1, 2, 3)]
     names += ["iterative_success", "steps", "needless_moves", "graspability_accuracy"]

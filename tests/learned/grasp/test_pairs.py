@@ -85,7 +85,7 @@ def test_more_noise_makes_the_planner_less_sure() -> None:
 
 @pytest.mark.torch
 def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
-    from learned.lab.grasp_baselines import AveragingPlanner
+    from learned.lab.paper.grasp import AveragingPlanner
 
     noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
     planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))

@@ -147,6 +147,7 @@ def test_an_interrupted_training_keeps_what_tells_footprints(
     tmp_path: Path, paper: Trained, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from learned.grasp import footprints, train
+    from learned.training import recipe
     from learned.training.training_loop import fit
 
     flipped_crops = footprints.flipped_crops
@@ -163,12 +164,12 @@ def test_an_interrupted_training_keeps_what_tells_footprints(
         train.train_grasp(PRODUCT, tmp_path / "grasp.onnx", SEED, "paper", settings=SHORT_PAPER, camera=noisy_camera)
 
     monkeypatch.setattr(footprints, "flipped_crops", counted)
-    monkeypatch.setattr(train, "fit", stopped)
+    monkeypatch.setattr(recipe, "fit", stopped)
     with pytest.raises(KeyboardInterrupt):
         again()
     assert learned
     learned.clear()
-    monkeypatch.setattr(train, "fit", fit)
+    monkeypatch.setattr(recipe, "fit", fit)
     again()
     assert not learned
     assert not list(tmp_path.glob("*checkpoint*"))

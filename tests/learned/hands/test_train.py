@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,18 +13,25 @@ torch = pytest.importorskip("torch")
 
 from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.errors import InputError  # noqa: E402
-from learned.hands import train as training  # noqa: E402
 from learned.hands.augment import turned_images, varied  # noqa: E402
 from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
 from learned.hands.evaluate import score_readings  # noqa: E402
 from learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
 from learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
-from learned.hands.model import SlimReader, finder_file, refiner_file  # noqa: E402
+from learned.hands.model import (  # noqa: E402
+    FINDER_KIND,
+    READER_KIND,
+    REFINER_KIND,
+    SlimReader,
+    finder_file,
+    refiner_file,
+)
 from learned.hands.network import HEAT_PX, Reader, soft_argmax  # noqa: E402
 from learned.hands.refinement import CLOSE_PX  # noqa: E402
 from learned.hands.refiner import Refiner  # noqa: E402
 from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.train import train_hands  # noqa: E402
+from learned.training.recipe import Recipe, Task  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
@@ -244,17 +251,20 @@ def test_a_training_that_was_interrupted_goes_on_after_the_networks_that_are_mad
     def train(again: Path) -> None:
         train_hands([folder], SETUP, PRODUCT, again, seed=0, score=dict, epochs=1, quiet=True)
 
-    def interrupted(*_: object) -> NoReturn:
-        raise InterruptedError
-
     out = tmp_path / "hands_slim.onnx"
-    for fit in ("fit_refiner", "fit_reader"):  # before the first checkpoint of either
-        with monkeypatch.context() as patch:
-            patch.setattr(training, fit, interrupted)
-            with pytest.raises(InterruptedError):
-                train(out)
-    for fit in ("fit_finder", "fit_refiner"):
-        monkeypatch.setattr(training, fit, interrupted)
+    fit, interrupted_at = Recipe.fit, [REFINER_KIND]
+
+    def fitted(recipe: Recipe, task: Task) -> None:
+        if recipe.kind in interrupted_at:
+            raise InterruptedError
+        fit(recipe, task)
+
+    monkeypatch.setattr(Recipe, "fit", fitted)
+    for kinds in ([REFINER_KIND], [READER_KIND]):  # before the first checkpoint of either
+        interrupted_at[:] = kinds
+        with pytest.raises(InterruptedError):
+            train(out)
+    interrupted_at[:] = [FINDER_KIND, REFINER_KIND]
     train(out)
     assert out.exists()
     with pytest.raises(InterruptedError):  # whole: it is trained anew
@@ -285,6 +295,20 @@ def test_what_looks_like_a_hand_is_shown_as_none_unless_one_is_there(tmp_path: P
     ]
     assert np.mean(shown) > 0.4  # of four kinds of places two are shown
     assert empty.sum() <= NO_HANDS * len(data.small)
+
+
+def test_what_nobody_knows_of_a_hand_is_not_learned(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "data", frames=6)
+    rows = [json.loads(line) for line in (folder / "hands.jsonl").read_text().splitlines()]
+    for row in rows[1:]:
+        row["hands"] = [{"box_px": one["box_px"], "known": False} for one in row["hands"]]
+    (folder / "hands.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    data = load_hands([folder], SETUP, TYPES, 0)
+    shown = np.flatnonzero(data.facts[:, 0] == 1)
+    assert np.isnan(data.heights_m[shown]).all()
+    assert np.isnan(data.points[shown]).all()
+    loss = reader_loss(Reader(len(TYPES)), reader_batch(data, np.arange(len(data.facts)), np.random.default_rng(0)))
+    assert torch.isfinite(loss)
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:

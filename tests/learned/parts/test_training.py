@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,30 +63,28 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.parts import train
-    from learned.training.training_loop import fit_examples
 
-    fits: list[int] = []
+    lost: list[str] = []
+    of_centre, of_pose = train.centre_loss, train._pose_loss
 
-    def counted(network: object, examples: Sequence[object], loss: Callable[..., Any], *rest: Any, **more: Any) -> None:
-        def told(chosen: list[object]) -> Any:
-            fits.append(len(examples))
-            return loss(chosen)
+    def centre(*given: Any) -> Any:
+        lost.append("centre")
+        return of_centre(*given)
 
-        fit_examples(network, examples, told, *rest, **more)  # type: ignore[arg-type]
-
-    def stopped(*_: object, **__: object) -> None:
+    def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(train, "fit_examples", counted)
-    out, pose = tmp_path / "parts_centre.onnx", train.train_pose
-    monkeypatch.setattr(train, "train_pose", stopped)
+    monkeypatch.setattr(train, "centre_loss", centre)
+    monkeypatch.setattr(train, "_pose_loss", stopped)
+    out = tmp_path / "parts_centre.onnx"
     with pytest.raises(KeyboardInterrupt):
         train.train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
     first = out.read_bytes()
-    fits.clear()
-    monkeypatch.setattr(train, "train_pose", pose)
+    assert lost
+    lost.clear()
+    monkeypatch.setattr(train, "_pose_loss", of_pose)
     train.train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
-    assert set(fits) == {3 * len(SCENES)}  # things, for the pose net; nothing was learned again from the images
+    assert lost == []  # nothing was learned again from the images
     assert out.read_bytes() == first
     assert not list(tmp_path.glob("*checkpoint*"))
 
@@ -96,17 +93,24 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     import torch
 
     from learned.parts.settings import CentreTraining
-    from learned.parts.train import centre_loss, train_centre
+    from learned.parts.train import centre_loss, centre_recipe
+    from learned.training.recipe import Task
 
     settings = CentreTraining(epochs=6, batch=3, widths=(8, 12, 16, 24), features=16)
-    networks = [train_centre(SCENES, PRODUCT, FLOOR_M, 1, settings) for _ in range(2)]
+
+    def trained(settings: CentreTraining) -> Any:
+        recipe = centre_recipe(SCENES, PRODUCT, FLOOR_M, 1, settings)
+        recipe.fit(Task(seed=1))
+        return recipe.network
+
+    networks = [trained(settings) for _ in range(2)]
     for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
         assert torch.equal(one, other)
     from learned.parts.augment import sample
 
     drawn_one = sample(SCENES[0], tuple(PRODUCT.parts), FLOOR_M, None)
     parts = [torch.from_numpy(part[np.newaxis]) for part in (drawn_one.heat, drawn_one.further, drawn_one.weights)]
-    fresh = train_centre(SCENES, PRODUCT, FLOOR_M, 1, settings.model_copy(update={"peak_rate": 1e-9}))
+    fresh = trained(settings.model_copy(update={"peak_rate": 1e-9}))
     losses = [
         float(centre_loss(network(torch.from_numpy(drawn_one.image[np.newaxis])), *parts).detach())
         for network in (fresh, networks[0])
@@ -115,14 +119,14 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
 
 
 def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path: Path) -> None:
-    from learned.parts.rcnn import train_rcnn, write_rcnn
+    from learned.parts.rcnn import train_rcnn
     from learned.parts.settings import RcnnTraining
+    from learned.training.recipe import Task
 
-    checkpoint, out = tmp_path / "rcnn.checkpoint", tmp_path / "parts_rcnn.onnx"
+    out = tmp_path / "parts_rcnn.onnx"
     settings = RcnnTraining(backbone="resnet18", share=0.05, steps=2, batch=2)
-    network = train_rcnn(SCENES, PRODUCT, 0, settings, checkpoint=checkpoint)
-    assert not checkpoint.exists()  # it is for what was interrupted
-    write_rcnn(network, out, PRODUCT, SCENES[:2], settings, 0, "a test")
+    train_rcnn(SCENES, PRODUCT, out, settings, Task(out=out))
+    assert not list(tmp_path.glob("*checkpoint*"))  # it is for what was interrupted
     detector = BoxPartDetector.load(BENCH, PRODUCT, out)
     for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
         assert one.part in (*PRODUCT.parts, "unknown")
@@ -131,7 +135,7 @@ def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path:
     with pytest.raises(ModelError, match="damaged"):
         BoxPartDetector.load(BENCH, PRODUCT, out)
     with pytest.raises(InputError, match="cannot be written"):
-        write_rcnn(network, out / "below a file.onnx", PRODUCT, SCENES[:2], settings, 0, "a test")
+        train_rcnn(SCENES, PRODUCT, out / "below a file.onnx", settings, Task(out=out / "below a file.onnx"))
 
 
 def test_targets_are_whole_boxes_in_the_input_of_the_network() -> None:

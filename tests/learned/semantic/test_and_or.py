@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL
-from learned.lab.semantic_and_or import AndOrGraph, AndOrPlanner
+from learned.lab.paper.and_or import AndOrGraph, AndOrPlanner
 from learned.semantic.graph import EMPTY, Layout
 from learned.semantic.scenarios import Scenarios, consistent, scenarios, split, sub_demonstrations
 from tests.learned.products import DEFAULT

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
-from learned.lab.semantic_htn import HtnPlanner, methods_of
+from learned.lab.paper.htn import HtnPlanner, methods_of
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.graph import Layout
 from learned.semantic.scenarios import consistent, scenarios

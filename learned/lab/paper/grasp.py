@@ -34,7 +34,7 @@ from learned.grasp.settings import (
 )
 from learned.grasp.solution import Solution, nearest_first, solve, solves
 from learned.grasp.train import OUTPUTS, model_card, train_network, training_scenes
-from learned.lab.grasp_relations import RelationNet, RelationPlanner, RelationSettings, untrained_relations
+from learned.lab.paper.relations import RelationNet, RelationPlanner, RelationSettings, untrained_relations
 from learned.training.torch_model import TorchModel
 
 _TRIES_FOR_EACH = 8  # draws for each scene that is kept, the most possible ones

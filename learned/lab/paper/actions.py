@@ -10,11 +10,11 @@ import numpy as np
 
 from learned.actions.data import Segments
 from learned.actions.evaluate import answers
-from learned.actions.segments import TRACK_FEATURES, SegmentReader
+from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES, ActionTraining
-from learned.actions.train import Task, fit_actions
-from learned.inference.onnx_model import ModelCard
+from learned.actions.train import OUTPUTS, Task, action_recipe
 from learned.inference.scores import student
+from learned.training.recipe import Task as Training
 from learned.training.torch_model import TorchModel
 
 KINDS = ("slim", "paper", "cnn_lstm", "hand", "lrcn")
@@ -52,17 +52,10 @@ def measure_folds(
     for fold, kind in wanted:
         learned, kept = segments.without(fold, folds)
         began_s = time.process_time()
-        network, _ = fit_actions(task, learned, kind, settings, seed=seed + fold)
+        recipe, asked = action_recipe(task, learned, kind, settings, seed=seed + fold), Training(seed=seed + fold)
+        recipe.fit(asked)
         spent_s = time.process_time() - began_s
-        card = ModelCard(
-            kind=f"actions.{kind}",
-            config={"track_features": TRACK_FEATURES},
-            vocabulary={},
-            data_sha256=learned.sha256,
-            command="",
-            seed=seed,
-        )
-        model = TorchModel(network, ("logits", "released"), card)
+        model = TorchModel(recipe.network, OUTPUTS, recipe.card(asked))
         row: Row = {"fold": fold, "kind": kind, "processor_s": round(spent_s, 1), "learned": len(learned)}
         for control, changed in CONTROLS.items():
             if kind in WHOLE_FRAMES and "blank" in changed:

@@ -1,0 +1,1 @@
+"""The paper's baselines, rebuilt: what experiments compare with, and no cell runs."""

@@ -31,7 +31,7 @@ from cell.commands.log_terminal import (
 )
 from cell.commands.options import JsonOption, OverwriteOption, WithOption, own_files
 from cell.commands.terminal import console, table
-from cell.errors import InputError, LogError
+from cell.errors import CellError, InputError, LogError
 
 LOSSY = 3
 LONGEST_VALUE = 200
@@ -370,7 +370,11 @@ def to_test(
 
     case = out / f"{name or beside(log, '').name}.mcap"
     size = write_case(read(log), case, until_s)
-    differing = check_case(case)
+    try:
+        differing = check_case(case)
+    except CellError:
+        case.unlink()  # what cannot be replayed is no case
+        raise
     if as_json:
         first = vars(differing[0]) if differing else None
         tell_json({"case": str(case), "bytes": size, "differences": len(differing), "first": first})

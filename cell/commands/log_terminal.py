@@ -25,6 +25,7 @@ DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
 
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 _ADDRESS = re.compile(r"([a-z0-9]{2,}):/+")
 
 
@@ -211,5 +212,5 @@ def tell_json(answer: Mapping[str, object]) -> None:
 
 
 def say(*lines: str) -> None:
-    """Lines on standard output."""
-    sys.stdout.writelines(f"{line}\n" for line in lines)
+    """Lines on standard output; what a log holds moves no cursor and turns no text round."""
+    sys.stdout.writelines(f"{_CONTROLS.sub(lambda found: ascii(found[0])[1:-1], line)}\n" for line in lines)

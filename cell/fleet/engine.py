@@ -21,6 +21,7 @@ from cell.recording.identity import code_version, versions
 WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
 LOSSES = 20  # workers that may be lost over one run before it is given up
 COLD_S = 60.0  # how long a cluster may be without a worker that can do the work
+REFUSED_S = 10.0  # ... where all that are there were refused: others may be about to come
 CONNECT_S = 15.0
 POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
 # Asked of every worker before its first run; sent as source, as a worker may lack the package.
@@ -200,7 +201,8 @@ class _Crew:
             self.room = WAITING_PER_WORKER * sum(there[address]["nthreads"] for address in self.agreeing)
             if self.agreeing or not idle:
                 return
-            if time.monotonic() - self._since_s > COLD_S or (self._refused and there.keys() <= self._refused.keys()):
+            patience_s = REFUSED_S if self._refused and there.keys() <= self._refused.keys() else COLD_S
+            if time.monotonic() - self._since_s > patience_s:
                 raise InputError("; ".join(self._refused.values()) or f"no worker came within {COLD_S:g} s")
             time.sleep(POLL_S / 4)
 

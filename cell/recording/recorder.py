@@ -159,8 +159,8 @@ class McapRecorder(Observer):
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)
-        if turned or (begins and self._files.rotates):
-            self._json["/state"].log(json_bytes({"tick": tick, **self.state()}), log_time=stamp_ns)
+        if (turned or (begins and self._files.rotates)) and (state := self.state()):
+            self._json["/state"].log(json_bytes({"tick": tick, **state}), log_time=stamp_ns)
         self._write("/timing", stamp_ns, self._took(record))
         if record.joints is not None and len(record.joints.times_s) and self._settings.joint_samples:
             self._joints.log(joint_samples.encode(record.joints), log_time=stamp_ns)

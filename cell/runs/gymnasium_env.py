@@ -31,7 +31,7 @@ FINGERS_DOWN = (0.0, 1.0, 0.0, 0.0)
 
 def register() -> None:
     """Make the name known; called by Gymnasium, which finds it by the package's entry point."""
-    gymnasium.register(NAME, entry_point=AbovePart, max_episode_steps=MOST_STEPS)
+    gymnasium.register(NAME, entry_point=f"{__name__}:AbovePart", max_episode_steps=MOST_STEPS)
 
 
 class AbovePart(gymnasium.Env[dict[str, Array], Array]):
@@ -52,12 +52,12 @@ class AbovePart(gymnasium.Env[dict[str, Array], Array]):
         limits = np.array(self._motion.settings.robot.range_rad)
         opening = np.array([1.0])
         far = np.full(len(OF_ENVIRONMENT), FARTHEST_M)
-        box = gymnasium.spaces.Box
+        box, self._limits = gymnasium.spaces.Box, limits
         state = np.concatenate([limits + 0.1, opening])
-        self.observation_space = gymnasium.spaces.Dict(
+        self.observation_space: Any = gymnasium.spaces.Dict(
             {STATE: box(-state, state, (len(OF_STATE),), np.float64), ENVIRONMENT: box(-far, far, dtype=np.float64)}
         )
-        self.action_space = box(-limits, limits, dtype=np.float64)
+        self.action_space: Any = box(-limits, limits, dtype=np.float64)
         self._cell: SimCell | None = None
         self._part_m: tuple[float, ...] = ()
 
@@ -69,7 +69,7 @@ class AbovePart(gymnasium.Env[dict[str, Array], Array]):
         self.close()
         drawn, kind = int(self.np_random.integers(2**31)), (options or {}).get("part")
         self._cell = open_simulation(self._configuration, self._product, drawn, rendered=False)
-        rest = [one.fields for one in self._cell.devices.truth() if one.kind == "resting"]
+        rest: list[Any] = [one.fields for one in self._cell.devices.truth() if one.kind == "resting"]
         there = [one for one in rest if kind in (None, one["part"]) and not one["on"]]
         if not there:
             raise ValueError(
@@ -84,7 +84,7 @@ class AbovePart(gymnasium.Env[dict[str, Array], Array]):
         assert self._cell is not None, "reset comes first"
         arm, clock = self._cell.devices.arm, self._cell.devices.clock
         start = np.array(arm.state().positions_rad)
-        goal = np.clip(np.asarray(action, np.float64), self.action_space.low, self.action_space.high)
+        goal = np.clip(np.asarray(action, np.float64), -self._limits, self._limits)
         way = self._motion.free_move(start, goal, Load(0.085))
         if not isinstance(way, str) and way.duration_s > 0:
             arm.follow(way)

@@ -125,12 +125,13 @@ def _nodes(written: list[Any], tree: Tree, read: _Reader) -> list[str]:
     numbers = {id(one): number for number, one in enumerate(written, 1)}
     read.named |= {f"node {numbers[key]}": node for key, node in found.items()}
     for one in written:
-        if (node := found.get(id(one))) is None:
+        filled = found.get(id(one))
+        if filled is None:
             read.skip(one[2])
         else:
-            vars(node).update(read.fields(one[2], vars(node)))
-    filled = {node.uid for node, _ in pairs}
-    return [node.full_path for node in tree.nodes if node.uid not in filled]
+            vars(filled).update(read.fields(one[2], vars(filled)))
+    known = {node.uid for node, _ in pairs}
+    return [node.full_path for node in tree.nodes if node.uid not in known]
 
 
 def _entries(written: list[Any], tree: Tree, read: _Reader) -> list[str]:
@@ -193,7 +194,7 @@ class _Writer:
     """
 
     def __init__(self, named: Mapping[str, Any]) -> None:
-        self._names = {id(value): name for name, value in reversed(named.items())}
+        self._names = {id(value): name for name, value in reversed(list(named.items()))}
         self._named = named  # they live as long as their numbers are used
         self._known: dict[int, tuple[int, Any]] = {}
 
@@ -304,9 +305,9 @@ class _Reader:
                 items = [self(one, before) for one, before in zip(written[name], old, strict=False)]
                 return kind(one for one in items if one is not MISSING)
         if (pairs := written.get("dict", written.get("frozen"))) is not None:
-            old = was if isinstance(was, Mapping) else {}
-            made = defaultdict(was.default_factory) if isinstance(was, defaultdict) else {}
-            made.update({(key := self(one)): self(value, old.get(key, MISSING)) for one, value in pairs})
+            before: Mapping[Any, Any] = was if isinstance(was, Mapping) else {}
+            made: dict[Any, Any] = defaultdict(was.default_factory) if isinstance(was, defaultdict) else {}
+            made.update({(key := self(one)): self(value, before.get(key, MISSING)) for one, value in pairs})
             return MappingProxyType(made) if "frozen" in written else made
         if "array" in written:
             kind, shape, data = written["array"]
@@ -333,7 +334,7 @@ class _Reader:
         module = kind.__module__
         if not (module.startswith(FILLED) and not module.startswith(OPENING)) and module not in self._modules:
             raise StateError(f"a {kind.__name__} is no part of a run's state")
-        made = object.__new__(kind)
+        made: Any = object.__new__(kind)
         self._known[written["n"]] = made
         old = dict(_fields(was)) if type(was) is kind else {}
         for name, value in {**old, **self.fields(written["of"], old)}.items():
@@ -351,7 +352,7 @@ def _fields(value: Any) -> Iterator[tuple[str, Any]]:
                 yield name, getattr(value, name)
 
 
-def _class(kind: type) -> list[str]:
+def _class(kind: type | FunctionType) -> list[str]:
     return [kind.__module__, kind.__qualname__]
 
 
@@ -375,7 +376,7 @@ def _skills_function(module: str, name: str, column: list[int | None]) -> Functi
     found: Any = import_module(module)
     for part in outer.split("."):
         found = getattr(found, part)
-    if not inner:
+    if not inner and isinstance(found, FunctionType):
         return found
     within = [found.__code__]
     for part in inner:

@@ -98,8 +98,12 @@ class Salvage:
         """One more record."""
         if isinstance(record, records.Channel):
             self.channels.setdefault(record.id, record)
-        kinds = {records.Message: self.messages, records.Attachment: self.attachments, records.Metadata: self.metadata}
-        kinds.get(type(record), []).append(record)
+        elif isinstance(record, records.Message):
+            self.messages.append(record)
+        elif isinstance(record, records.Attachment):
+            self.attachments.append(record)
+        elif isinstance(record, records.Metadata):
+            self.metadata.append(record)
 
 
 def salvage(path: Path) -> Salvage:

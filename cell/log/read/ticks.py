@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ class LoggedTick:
     overrun: bool
     inputs: tuple[Note, ...] = ()
     judgement: Mapping[str, Any] | None = None
-    state: bytes | None = None
+    state: bytes | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

@@ -284,7 +284,7 @@ def _start(log: Log, bracket: int | None) -> int:
         return found
     place = _next_start(log.ticks, 0) if first else 0
     if place == len(log.ticks):
-        what = f"begins with tick {first}, and nodes remember what they saw; a replay needs tick 0"
+        what = f"begins with tick {first}; nodes remember what they saw, so a replay needs tick 0"
         raise LogError(log.path, f"{what}, or the beginning of a bracket: name the first part")
     return place
 

@@ -48,7 +48,7 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
             for name, path in (("one", str(ROOT)), ("two", str(ROOT)), ("odd", str(lacking)))
         ),
     ]  # fmt: skip
-    running = []
+    running: list[subprocess.Popen[bytes]] = []
     try:
         for command, environment in commands:
             with (folder / f"{len(running)}.log").open("wb") as log:

@@ -7,11 +7,13 @@ import shutil
 import sys
 from pathlib import Path
 
+import pyarrow as arrow
+import pyarrow.parquet
 import pytest
 
 from cell.commands.main import main
 from cell.errors import InputError
-from cell.fleet.index import FAILURES, add_run, ask, refresh, run_row
+from cell.fleet.index import FAILURES, add_run, ask, refresh, run_row, summaries, summary_lines
 from cell.log.read.reader import Log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
@@ -153,3 +155,21 @@ def test_a_question_leaves_no_word_about_the_program_that_answers(tmp_path: Path
     failed(tmp_path / "1.mcap", 1, "PickPart: x")
     asked = finished([sys.executable, "-m", "cell", "log", "list", str(tmp_path), "--sql", "from runs"])
     assert (asked.returncode, asked.stderr) == (0, "")
+
+
+def test_one_log_without_a_head_changes_no_type_and_what_is_empty_is_null(tmp_path: Path) -> None:
+    failed(tmp_path / "a.mcap", 2, "x")
+    failed(tmp_path / "b.mcap", 12, "x")
+    heading = Heading({"run_id": "bare"})
+    McapRecorder(tmp_path / "bare.mcap", LogSettings(), heading).close(Outcome("finished", "", 1, 0, 1.0, 1.0))
+    refresh(tmp_path)
+    old = {"run_id": "old", "seed": "", "site": "", "correct": "true", "sim_time_s": 3}
+    arrow.parquet.write_table(arrow.Table.from_pylist([old]), tmp_path / "rows" / "old.parquet")
+    assert ask(tmp_path, "select count(*) from runs where seed < 10")[1] == [(1,)]
+    assert ask(tmp_path, "select avg(seed) from runs")[1] == [(7.0,)]
+    assert ask(tmp_path, "select correct, seed, site from runs where run_id = 'old'")[1] == [(True, None, None)]
+    names, rows = ask(tmp_path, "select * from runs")
+    told_by_end = {one["end"]: one for one in summaries([dict(zip(names, row, strict=True)) for row in rows], "end")}
+    told = told_by_end["finished"]
+    assert (told["right"], told["wrong"], told["not_known"], told["share"]) == (0, 0, 1, None)
+    assert "none is known" in summary_lines(told, "end")[0]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,11 +16,14 @@ from typing import Any
 import psutil
 import pytest
 
+from cell.configuration import DEFAULT_CONFIGURATION
+from cell.errors import InputError
 from cell.fleet.one_run import run_here
-from cell.fleet.spec import Seeds, Sweep, count, load_sweep, tasks
+from cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, apart, count, load_sweep, tasks
 from cell.fleet.table import read_table
 
 WALL = ("peak", "wall", "took", "cpu", "real_time", "overruns", "late", "log", "contact_sheet")
+WORKER = re.compile(r"spawn_main|one_run import serve")
 SPEC = "seeds: {first: 3, count: 3}\nmax_duration_s: 0.3\ngoals: [g0, g1]\n"
 
 
@@ -33,7 +38,7 @@ def decided(row: dict[str, Any]) -> dict[str, Any]:
 
 def workers(of: int) -> list[psutil.Process]:
     """Processes of a sweep that run tasks, found by what they were started as."""
-    return [one for one in psutil.Process(of).children(recursive=True) if "spawn_main" in " ".join(one.cmdline())]
+    return [one for one in psutil.Process(of).children(recursive=True) if WORKER.search(" ".join(one.cmdline()))]
 
 
 @pytest.mark.slow
@@ -79,3 +84,44 @@ def test_every_combination_is_a_task_of_its_own() -> None:
         "config/products.yaml",
         "config/sim.yaml",
     } <= names
+
+
+def test_trees_of_one_name_are_told_apart_and_are_runs_of_their_own(tmp_path: Path) -> None:
+    trees = []
+    for name in ("a", "b"):
+        shutil.copytree(DEFAULT_CONFIGURATION.parent.parent / "trees", tmp_path / name, ignore=lambda *_: {"nodes"})
+        trees.append(tmp_path / name / "assemble.xml")
+    trees[1].write_text(trees[1].read_text().replace("<StartGraph", '<Sleep msec="1"/><StartGraph', 1))
+    assert list(apart(trees).values()) == ["a/assemble.xml", "b/assemble.xml"]
+    one, other = tasks(Sweep(trees=tuple(trees)))
+    assert (dict(one.label)["tree"], dict(other.label)["tree"]) == ("a/assemble.xml", "b/assemble.xml")
+    assert one.key != other.key
+
+
+def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) -> None:
+    shutil.copytree(DEFAULT_CONFIGURATION.parent, tmp_path / "config")
+    (tmp_path / "own").mkdir()
+    shipped = DEFAULT_CONFIGURATION.parent.parent / "learned" / "weights" / "grasp_pairwise.onnx"
+    weights = tmp_path / "own" / "grasp.onnx"
+    weights.write_bytes(shipped.read_bytes())
+    configuration, nodes = tmp_path / "config" / DEFAULT_CONFIGURATION.name, tmp_path / "mine.py"
+    text = configuration.read_text()
+    configuration.write_text(text.replace("  grasp:\n", f"  grasp:\n    weights: {weights}\n", 1))
+    nodes.write_text("")
+    keys = []
+    for content in (weights.read_bytes(), weights.read_bytes() + b"\0"):
+        weights.write_bytes(content)
+        [task] = tasks(Sweep(configurations=(configuration,)), None, [str(nodes)])
+        sent = dict(task.files)
+        [name] = [one for one in sent if one.endswith("grasp.onnx")]
+        assert sent[name] == content
+        assert name.removeprefix("config/") in sent[task.configuration].decode()
+        assert task.nodes == ("nodes/mine.py",)
+        keys.append(task.key)
+    assert keys[0] != keys[1]
+    weights.write_bytes(bytes(MOST_SENT_BYTES + 1))
+    with pytest.raises(InputError, match="legal: up to"):
+        list(tasks(Sweep(configurations=(configuration,))))
+    weights.unlink()
+    with pytest.raises(InputError, match="which are not there"):
+        list(tasks(Sweep(configurations=(configuration,))))

@@ -23,7 +23,7 @@ from learned.inference.policy import ACTION, ENVIRONMENT, STATE, Policy
 from tests.cell.conftest import changed_configuration
 
 ABOVE_M = 0.16
-DEMONSTRATED, TRIED = 9, 20  # runs to learn from, parts to move above
+DEMONSTRATED, TRIED = 6, 20  # runs to learn from, parts to move above
 NODES = '''
 from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Pose
@@ -156,7 +156,7 @@ def errors_m(log: Log) -> list[float]:
     return found
 
 
-@pytest.mark.slow  # 13 runs of the arm in physics: about 2 minutes on a quiet core
+@pytest.mark.slow  # 10 runs of the arm in physics: about a minute on a quiet core
 def test_a_policy_of_our_own_export_moves_above_parts(tmp_path: Path) -> None:
     shown = [recorded(tmp_path / f"shown{seed}", SHOWN, seed) for seed in range(DEMONSTRATED)]
     write_lerobot(shown, tmp_path / "data")

@@ -1,0 +1,62 @@
+"""Results go to any address: a folder here is copied there, and a sweep there goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cell.errors import InputError
+from cell.fleet.store import get, put, results_folder
+
+NAMES = ("runs.jsonl", "runs.parquet")
+
+
+@pytest.fixture(params=["memory", "s3"])
+def place(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """An address in memory, and one of an object store that runs beside the test."""
+    if request.param == "memory":
+        yield "memory://results/sweep"
+        return
+    pytest.importorskip("s3fs")
+    server = pytest.importorskip("moto.server")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "test")
+    running = server.ThreadedMotoServer(port=0)
+    running.start()
+    address = "http://{}:{}".format(*running.get_host_and_port())
+    monkeypatch.setenv("AWS_ENDPOINT_URL", address)
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
+    s3fs.S3FileSystem(endpoint_url=address).mkdir("results")
+    yield "s3://results/sweep"
+    running.stop()
+
+
+def test_what_is_written_is_there_next_time(place: str, tmp_path: Path) -> None:
+    with results_folder(place, NAMES) as (folder, more):
+        (folder / "runs.jsonl").write_text(json.dumps({"key": "a"}) + "\n")
+        more()
+    with results_folder(place, NAMES) as (folder, _):
+        assert (folder / "runs.jsonl").read_text() == '{"key": "a"}\n'
+        assert not (folder / "runs.parquet").exists()
+    (tmp_path / "run.mcap").write_bytes(b"a log")
+    put(tmp_path / "run.mcap", f"{place}/logs/run.mcap")
+    (tmp_path / "here").mkdir()
+    [found] = get(f"{place}/logs/run.mcap", tmp_path / "here")
+    assert found.read_bytes() == b"a log"
+
+
+@pytest.mark.parametrize("place", ["nosuch://bucket/x", "s3://bucket/x"])
+def test_a_store_that_cannot_be_used_is_told_in_one_line(
+    place: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    with pytest.raises(InputError, match="cannot be used"), results_folder(place, NAMES):
+        pass
+    assert not list(tmp_path.iterdir())

@@ -144,6 +144,7 @@ def test_what_waits_for_a_person_is_acknowledged_and_then_goes_on_by_a_second_or
     visitor.catch_up()
     visitor.page.keyboard.press("k")
     visitor.says(OperatorOrder("acknowledge"))
+    visitor.rig.tick()
     visitor.rig.judgement, visitor.rig.asks = Judgement(), False
     visitor.catch_up()
     visitor.page.click("#resume")
@@ -154,7 +155,7 @@ def test_stop_asks_once_more_on_the_button_itself(visitor: Visitor) -> None:
     visitor.page.keyboard.press("s")
     visitor.says()
     assert visitor.page.inner_text("#stop") == "Press again to stop"
-    visitor.page.click("#stop")
+    visitor.page.keyboard.press("s")
     visitor.says(OperatorOrder("stop"))
 
 

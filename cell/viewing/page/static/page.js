@@ -348,7 +348,7 @@ function showGoals({ belief, bracket }) {
 
 function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {
   planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
-  const waits = why || robot.doubt;
+  const waits = (why && (why.text ?? why)) || robot.doubt;
   $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits && !robot.next ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
   $("robot").title = $("robot").textContent;
   space?.show({ pose, bracket, tray, hand });

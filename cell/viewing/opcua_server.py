@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "urn:bracket-cell"
 EVERY_S = 0.5  # so often the values are renewed
-STARTS_S, STOPS_S = 20.0, 5.0
+STARTS_S, STOPS_S = 60.0, 5.0
 
 
 class OpcuaServer(Observer):

@@ -8,11 +8,16 @@ from pathlib import Path
 import pytest
 
 from cell.errors import InputError
+from cell.interfaces.command import Command
+from cell.interfaces.notes import Topic
+from cell.interfaces.observation import Observation
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.running.work_orders import LOOK_S, WorkOrders
-from tests.trees.nodes.rig import PRODUCT
+from cell.watching.observer import SentCommand, TickRecord
+from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 
 GOALS = tuple(PRODUCT.goals)
+Note = tuple[Topic, dict[str, object]]
 
 
 def written(path: Path, *lines: object) -> Path:
@@ -65,6 +70,17 @@ def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: ob
 def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         WorkOrders(GOALS, tmp_path / "none.jsonl")
+
+
+def test_a_finished_bracket_counts_once_for_its_order() -> None:
+    orders = WorkOrders(GOALS)
+    orders.put('{"id": "A", "variant": "g0", "amount": 2}')
+    begin: Note = ("bracket", {"number": 1, "edge": "begin", "order": "A"})
+    end: Note = ("bracket", {"number": 1, "edge": "end", "finished": True, "goal": "g0", "order": "A"})
+    taken: Note = ("bracket", {"number": 2, "edge": "end", "finished": False, "goal": None})
+    seen = Observation(0, 0.0, STANDING, EMPTY_GRIPPER)
+    orders.tick(TickRecord(seen, "RUNNING", (), (begin, end, taken), Command(), SentCommand(), 0.001, False))
+    assert [(order.id, order.done) for order in orders.open(0.0)] == [("A", 1)]
 
 
 def plan_of(belief: dict[str, float], state: AssemblyState) -> AssemblyPlan:

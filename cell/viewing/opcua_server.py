@@ -52,7 +52,7 @@ class OpcuaServer(Observer):
 
     async def _serve(self) -> None:
         from asyncua import ua
-        from asyncua.server import Server
+        from asyncua.server.server import Server
 
         server = Server()
         await server.init()

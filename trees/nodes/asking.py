@@ -197,7 +197,7 @@ class AskWhichGoal(Asks):
         ]
         answers.append(Answer(UNKNOWN_GOAL, "a new one"))
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        reason = Message(
+        reason: str = Message(
             "I am not sure that this is {goal}: a product that I do not know has probability {unknown}",
             goal=product.goal_title(plan.goal),
             unknown=f"{unknown:.2f}",

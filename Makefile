@@ -5,7 +5,7 @@ SHELL := /bin/bash
 , := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three help run test test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -84,6 +84,13 @@ bench: .venv/tests .venv/system
 
 pictures: .venv/tests .venv/system
 	$(BIN)/python -m tests.docs.pictures
+
+# The page's three-dimensional view: one file and its licence, as they are in the package.
+THREE = 0.170.0
+three:
+	cd cell/viewing/page/static/three && npm pack --silent three@$(THREE) && \
+	  tar -xzf three-$(THREE).tgz --strip-components=1 package/LICENSE && \
+	  tar -xzf three-$(THREE).tgz --strip-components=2 package/build/three.module.min.js && rm three-$(THREE).tgz
 
 train-deps: .venv/tests
 

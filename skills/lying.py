@@ -65,10 +65,8 @@ class SetUpright(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp from which the part can be put down better than it lies now."""
         planner, part = self._planner, self._part
-        kind, reason = (
-            planner.product.parts[part.part],
-            Message("cannot take {part} as it lies: no room for the fingers", part=part.part),
-        )
+        kind = planner.product.parts[part.part]
+        reason: str = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
         if part.lies is None:
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         if (full := why_not_empty(observation)) is not None:
@@ -149,7 +147,7 @@ class LayAside(PhasedSkill):
         if (full := why_not_empty(observation)) is not None:
             return Message("cannot take {part}: {full}", part=part.part, full=full)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
-        reason = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
+        reason: str = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
         for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
             hold, tool, joints = chosen
             take = take_lying(planner, part, self._others, chosen, carry_m)
@@ -293,7 +291,7 @@ def put_lying(
 ) -> list[Phase] | str:
     """Phases that put the held part down in the tray, with one of these sides up, the first that there is room for."""
     kind, tray = planner.product.parts[name], planner.bench.tray
-    reason = Message("no free spot in the tray for {name}", name=name)
+    reason: str = Message("no free spot in the tray for {name}", name=name)
     for up in sides:
         lies = laid_out(kind, up)
         if lies is None or hold.lean_rad(up) > MOST_LEAN_RAD:
@@ -323,7 +321,7 @@ def put_lying_down(
     """Phases that put a part down on a spot that is held as it lay: as near to standing as the hold allows."""
     hold = planner.lying
     assert hold is not None
-    reason = Message("cannot put {name} there", name=name)
+    reason: str = Message("cannot put {name} there", name=name)
     for up, turn in all_of(hold.sides, HEADINGS):
         found = laid_out(planner.product.parts[name], up)
         if found is None or hold.lean_rad(up) > MOST_LEAN_RAD:

@@ -57,7 +57,7 @@ class MoveAside(PhasedSkill):
         if isinstance(take, str):
             return take
         obstacles = tray_boxes(planner, self._others)
-        reason = Message("no free spot in the tray for {part}", part=part.part)
+        reason: str = Message("no free spot in the tray for {part}", part=part.part)
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
             put = put_phases(
                 planner, part.part, chosen[0].hold, target, obstacles, near, carry_m, slipped_m=slips_m(kind)

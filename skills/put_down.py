@@ -106,7 +106,7 @@ class PutBack(PhasedSkill):
         )
         held = PartDetection(self._part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
         hold = present_hold(planner, self._part, observation)
-        reason = Message("no free spot in the tray for {part}", part=self._part)
+        reason: str = Message("no free spot in the tray for {part}", part=self._part)
         for target in free_spots(held, kind, self._tray_parts, tray, planner.settings):
             phases = put_phases(
                 planner,

@@ -80,7 +80,7 @@ class WorkOrders(Observer):
 
     def tick(self, record: TickRecord) -> None:
         for topic, fields in record.notes:
-            if topic == "bracket" and fields.get("order"):
+            if topic == "bracket" and fields["edge"] == "end" and fields.get("order"):
                 order = self._orders.get(str(fields["order"]))
                 if order is not None:
                     self._orders[order.id], self._open = replace(order, done=order.done + 1), None

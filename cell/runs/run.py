@@ -42,6 +42,7 @@ from cell.running.work_orders import WorkOrders
 from cell.runs.heading import Counts, heading, log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
 from cell.runs.viewers import open_viewers
+from cell.viewing.gate import Address
 from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
@@ -101,6 +102,9 @@ def run(options: RunOptions, console: Console) -> RunResult:
 
 
 def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
+    for text, option in ((options.page, "--page"), (options.opcua, "--opcua")):
+        if text is not None:
+            Address.parse(text, option)  # before a file is touched
     configuration = load_configuration(options.configuration)
     options.refuse_simulated(configuration)
     configuration = simulated(configuration, options.look, options.person)

@@ -13,12 +13,11 @@ from cell.viewing.production import Production, Sample
 from cell.watching.observer import Observer, Outcome
 
 if TYPE_CHECKING:
-    from asyncua import Server
     from asyncua.common.node import Node
 
 NAMESPACE = "urn:bracket-cell"
 EVERY_S = 0.5  # so often the values are renewed
-STARTS_S, STOPS_S = 20.0, 5.0
+STARTS_S, STOPS_S = 60.0, 5.0
 
 
 class OpcuaServer(Observer):
@@ -52,7 +51,8 @@ class OpcuaServer(Observer):
         self._thread.join(STOPS_S)
 
     async def _serve(self) -> None:
-        from asyncua import Server, ua
+        from asyncua import ua
+        from asyncua.server.server import Server
 
         server = Server()
         await server.init()
@@ -64,16 +64,13 @@ class OpcuaServer(Observer):
         async with server:
             while not self._over.is_set():
                 for sample in self._production.samples:
-                    await self._show(server, folder, space, sample)
+                    await self._show(folder, space, sample)
                 self._ready.set()
                 await asyncio.sleep(EVERY_S)
 
-    async def _show(self, server: Server, folder: Node, space: int, sample: Sample) -> None:
-        from asyncua import ua
-
+    async def _show(self, folder: Node, space: int, sample: Sample) -> None:
         name, labels, value = sample
         full = ".".join((name, *labels.values()))
         if full not in self._nodes:
-            node = await folder.add_variable(ua.NodeId(full, space), full, float(value))
-            self._nodes[full] = node
-        await server.write_attribute_value(self._nodes[full].nodeid, ua.DataValue(float(value)))
+            self._nodes[full] = await folder.add_variable(f"ns={space};s={full}", full, float(value))
+        await self._nodes[full].write_value(float(value))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 from cell.interfaces.faults import USUAL, Action
 from cell.watching.observer import Observer, Outcome, TickRecord
@@ -41,7 +42,8 @@ class Production(Observer):
     def tick(self, record: TickRecord) -> None:
         self._last = record
         now_s, judged = record.observation.time_s, record.judgement
-        for topic, fields in record.notes:
+        notes: tuple[tuple[str, dict[str, Any]], ...] = record.notes
+        for topic, fields in notes:
             if topic == "help":
                 self._questions += 1
             elif topic == "belief" and fields.get("edge") and fields["edge"][0] is not None:

@@ -12,6 +12,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,7 +36,7 @@ def photograph(folder: Path, image: Image | None = None, language: str = "en") -
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=GL)
+        browser: Any = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=GL)
         for moment in MOMENTS:
             rig = PageRig(PageSettings(language=language))
             rig.image = image
@@ -69,7 +70,8 @@ def image_of(log: Path) -> Image:
     with log.open("rb") as file:
         for _, _, message in make_reader(file).iter_messages("/camera/overhead"):
             jpeg = message.data[message.data.find(JPEG) :]
-            return np.ascontiguousarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1)[..., ::-1])
+            image: Any = cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1)
+            return np.ascontiguousarray(image[..., ::-1])
     raise ValueError(f"{log} holds no images")
 
 

@@ -201,7 +201,7 @@ class AskWhichGoal(Asks):
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         goal = product.goal_title(plan.goal if state.told_goal is None else state.told_goal)
         doubt = "I am not sure that this is {goal}: a product that I do not know has probability {unknown:.2f}"
-        reason = Message(doubt, goal=goal, unknown=unknown)
+        reason: str = Message(doubt, goal=goal, unknown=unknown)
         job = services.now.observation.operator.job
         if job is not None and self.order.get() and against_order(services, state):
             title = product.goal_title

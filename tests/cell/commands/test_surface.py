@@ -27,7 +27,7 @@ PANELS = {
 }
 RUN = {
     *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
-    *("--resume", "--page", "--monitor", "--breakpoints", "--live", "--json"),
+    *("--resume", "--page", "--work-orders", "--opcua", "--monitor", "--breakpoints", "--live", "--json"),
 }
 
 
@@ -64,7 +64,7 @@ def test_the_list_says_of_a_command_what_its_help_begins_with() -> None:
                 assert told.startswith(one.help.rstrip(".")), name
 
 
-def test_a_run_has_sixteen_options_and_the_labs_six_more() -> None:
+def test_a_run_has_eighteen_options_and_the_labs_six_more() -> None:
     assert options("run") == RUN
     assert options("lab", "run") - RUN == {
         "--person",

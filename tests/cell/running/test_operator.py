@@ -8,11 +8,14 @@ import pytest
 
 from cell.errors import InputError
 from cell.interfaces.command import Display
-from cell.interfaces.faults import Action
-from cell.interfaces.operator import Answer, OperatorOrder, Question
+from cell.interfaces.faults import Action, Fault
+from cell.interfaces.observation import Observation
+from cell.interfaces.operator import Answer, OperatorOrder, Question, WorkOrder
+from cell.running.fault_checks import Detection
 from cell.running.operator import KEPT, WAITING, OperatorChannel
 from cell.running.supervisor import Supervisor
 from tests.cell.fakes import Rig
+from tests.trees.nodes.rig import EMPTY_GRIPPER, STANDING
 from trees.engine.status import Status
 
 ASKED = Question(3, "goal", "which one?", answers=(Answer("g0", "g0"), Answer("none of these", "a new one")))
@@ -120,3 +123,44 @@ def test_a_pause_holds_the_arm_and_clears_by_itself() -> None:
     assert judgement.words == "paused by the operator"
     assert supervisor.judge(seen).action is Action.RUN
     assert supervisor.judge(replace(seen, operator=replace(seen.operator, pause="after part"))).action is Action.RUN
+
+
+@pytest.mark.parametrize("value", ["9", "101", "fast", "", "5.5"])
+def test_a_speed_beyond_its_range_is_refused(value: str) -> None:
+    with pytest.raises(InputError, match="a speed is 10 to 100 percent"):
+        OperatorChannel().put(OperatorOrder("speed", value))
+
+
+def test_a_slower_speed_takes_from_what_separation_allows_and_never_adds() -> None:
+    made = OperatorChannel()
+    made.put(OperatorOrder("speed", "50"))
+    slow = replace(Observation(0, 0.0, STANDING, EMPTY_GRIPPER), operator=made.take(0.0))
+    near = Fault(signal="hand_near", action="slow", clear="itself")
+
+    def found(*_: object) -> Detection:
+        return Detection("near", 0.3)
+
+    assert Supervisor((), {}).judge(slow).share == 0.5
+    assert Supervisor((near,), {"hand_near": found}).judge(slow).share == 0.3
+
+
+@pytest.mark.parametrize(
+    ("order", "why"),
+    [
+        (OperatorOrder("resume"), "nothing is paused"),
+        (OperatorOrder("acknowledge"), "nothing waits to be acknowledged"),
+        (OperatorOrder("place"), "no part is asked for"),
+        (OperatorOrder("finish"), "this run makes one bracket"),
+    ],
+)
+def test_who_presses_what_would_change_nothing_hears_why(order: OperatorOrder, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        OperatorChannel(shift=False).press(order)
+
+
+def test_a_work_order_is_known_from_the_next_tick_on() -> None:
+    made = OperatorChannel(("g0", "g1"))
+    made.press(OperatorOrder("job", '{"id": "A", "variant": "g1", "amount": 2}'))
+    assert made.take(0.0).job == WorkOrder("A", "g1", 2)
+    with pytest.raises(InputError, match="variant is 'g7'; legal: g0, g1"):
+        made.press(OperatorOrder("job", '{"variant": "g7"}'))

@@ -4,6 +4,7 @@ import { learn, name, t } from "./words.js";
 const SVG = ["svg", "rect", "circle", "text", "polyline", "polygon", "path", "g"];
 const COLOURS = ["#3b82d6", "#d9822b", "#2a9d74", "#a24bb3", "#c23b4e", "#6b7a1f", "#8a8f98"];
 const SIGNS = { alarm: "!", question: "?", waits: "II", brings: "II", finished: "✓", paused: "II", over: "■" };
+const SURE_MS = 6000; // so long Stop waits to be pressed again
 const NOTICE_S = 20; // a change of the orders is told for so long
 const UNKNOWN = "none of these";
 // name, key, words, what it says, and why it does nothing now: null where it does something
@@ -62,10 +63,10 @@ function refused(why) {
 }
 
 function stop() {
-  if (Date.now() - stopAsked < 4000) return say("stop");
+  if (Date.now() - stopAsked < SURE_MS) return say("stop");
   stopAsked = Date.now();
   showButtons();
-  setTimeout(showButtons, 4100);
+  setTimeout(showButtons, SURE_MS + 100);
   return null;
 }
 
@@ -199,7 +200,7 @@ function showButtons() {
   for (const button of BUTTONS) {
     const [name, key, words] = button;
     const why = whyNot(button);
-    const sure = name === "stop" && Date.now() - stopAsked < 4000;
+    const sure = name === "stop" && Date.now() - stopAsked < SURE_MS;
     $(name).disabled = Boolean(why);
     $(name).title = why ? t(why) : `${t("key")} ${key}`;
     $(name).textContent = sure ? t("Press again to stop") : t(words);
@@ -347,7 +348,7 @@ function showGoals({ belief, bracket }) {
 
 function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {
   planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
-  const waits = why || robot.doubt;
+  const waits = (why && (why.text ?? why)) || robot.doubt;
   $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits && !robot.next ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
   $("robot").title = $("robot").textContent;
   space?.show({ pose, bracket, tray, hand });
@@ -471,6 +472,7 @@ function follow() {
 async function build() {
   space = { show: () => {} };
   try {
+    if (!make("canvas").getContext("webgl2")) throw new Error("no WebGL");
     const [{ Space }, answer] = await Promise.all([import("./scene.js"), fetch(`scene.json?${given}`)]);
     space = new Space($("view"), await answer.json(), still);
     if (last) showRobot(last);

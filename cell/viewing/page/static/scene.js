@@ -115,6 +115,9 @@ export class Space {
   }
 
   show({ pose, bracket, tray, hand }) {
+    const now = JSON.stringify([pose, hand.at_m, bracket, tray]);
+    if (now === this.now) return; // nothing has moved
+    this.now = now;
     this.joints.forEach(({ turning, axis }, number) => turning.quaternion.setFromAxisAngle(axis, pose.joints_rad[number]));
     for (const { body, along, closed } of this.fingers) body.position.copy(closed).addScaledVector(along, pose.opening_m);
     this.hand.visible = Boolean(hand.at_m);

@@ -23,6 +23,7 @@ from cell.running.operator import OperatorChannel
 from cell.settings import PageSettings
 from cell.viewing.gate import Address
 from cell.viewing.page.page import OperatorPage
+from cell.viewing.production import Production
 from cell.watching.observer import SentCommand, TickRecord
 from skills.motion.planner import MotionPlanner
 from tests import ROOT
@@ -103,13 +104,14 @@ class PageRig:
         said: every order that the cell took, in order.
     """
 
-    def __init__(self, settings: PageSettings = PageSettings()) -> None:  # noqa: B008 - frozen
+    def __init__(self, settings: PageSettings = PageSettings(), where: Address = Address(0)) -> None:  # noqa: B008
         self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5)
         self.said: list[OperatorOrder] = []
         self.tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
         told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1", "shift": "yes"}
-        self.page = OperatorPage(MODEL, told, self.tree, self._obey, Address(0), settings)
-        self._ticks = 0
+        self.production = Production()
+        self.page = OperatorPage(MODEL, told, self.tree, self._obey, where, settings, self.production)
+        self._host, self._ticks = where.host, 0
         self.image: Image | None = None
         self._running: dict[str, int] = {}
         self._changes: list[StatusChange] = []
@@ -156,6 +158,7 @@ class PageRig:
         sent, judged = SentCommand(), self.judgement
         record = TickRecord(seen, "RUNNING", changes, notes, command, sent, 0.001, False, None, judged)
         self.channel.jobs.tick(record)
+        self.production.tick(record)
         self.page.tick(record)
 
     def look(self, sequence: int) -> None:
@@ -167,7 +170,7 @@ class PageRig:
         self, method: str, path: str, body: bytes | None = None, headers: Mapping[str, str] | None = None
     ) -> tuple[int, str]:
         """Status and text of one request, with just these headers beside Host."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.page.port, timeout=10)
+        connection = http.client.HTTPConnection(self._host, self.page.port, timeout=10)
         try:
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()

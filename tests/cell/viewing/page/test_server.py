@@ -20,6 +20,7 @@ from cell.errors import InputError
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
+from cell.settings import PageSettings
 from cell.viewing.gate import Address
 from cell.viewing.page import server
 from cell.viewing.page.page import OperatorPage
@@ -94,6 +95,53 @@ def test_the_page_may_load_nothing_from_elsewhere_nor_be_framed(rig: PageRig) ->
     text = rig.request("GET", "/")[1]
     assert "http" not in text.replace("<!doctype html>", "")
     assert rig.token not in text
+
+
+def test_the_numbers_and_the_words_are_served(rig: PageRig) -> None:
+    rig.tick(("bracket", {"number": 1, "edge": "begin"}))
+    rig.tick(("bracket", {"number": 1, "edge": "end", "finished": True, "goal": "g0"}))
+    status, text = rig.request("GET", "/metrics")
+    assert status == 200
+    assert 'cell_brackets_total{finished="true"} 1\n' in text
+    assert "# TYPE cell_cycle_seconds summary\n" in text
+    assert json.loads(rig.request("GET", "/words/de.json")[1])["texts"]["paused"] == "angehalten"
+    assert json.loads(rig.request("GET", "/words/usual.json")[1])["language"] == "en"
+    assert rig.request("GET", "/words/../de.json")[0] == 404
+    assert rig.request("GET", "/words/xx.json")[0] == 404
+    assert len(json.loads(rig.request("GET", "/scene.json")[1])["joints"]) == 6
+
+
+BEYOND = Address(0, "127.0.0.2")
+
+
+def test_beyond_this_machine_looking_needs_a_token_and_operating_another_one() -> None:
+    rig = PageRig(where=BEYOND)
+    try:
+        operate, look = (rig.page.address_of(role).partition("#")[2] for role in ("operate", "look"))
+        assert rig.request("GET", "/")[0] == 200, "the page itself holds nothing"
+        for path in ("/metrics", "/scene.json", "/camera.jpg"):
+            assert rig.request("GET", path)[0] == 401
+            assert rig.request("GET", f"{path}?token={look}")[0] in (200, 204)
+            assert rig.request("GET", path, headers={"Authorization": f"Bearer {operate}"})[0] in (200, 204)
+        assert rig.order(PAUSE, X_Cell_Token=look)[0] == 401
+        assert rig.order(PAUSE, X_Cell_Token=operate)[0] == 204
+        assert rig.request("GET", "/", headers={"Host": "127.0.0.1"})[0] == 403
+        assert rig.page.in_clear
+    finally:
+        rig.page.abandon()
+
+
+@pytest.mark.parametrize("text", ["0.0.0.0:8780", ":8780", "[::]:8780", "soon", "cell:", "70000"])
+def test_a_host_must_be_named(text: str) -> None:
+    with pytest.raises(InputError, match=r"--page .*: (name the host|must be PORT or HOST:PORT)"):
+        Address.parse(text, "--page")
+
+
+def test_a_certificate_that_is_none_is_told(tmp_path: Path) -> None:
+    (tmp_path / "none.pem").write_text("nothing", encoding="utf-8")
+    settings = PageSettings(certificate=tmp_path / "none.pem", key=tmp_path / "none.pem")
+    with pytest.raises(InputError, match=r"page\.certificate .*none\.pem: cannot be used"):
+        PageRig(settings)
 
 
 def stream(rig: PageRig, receive_bytes: int | None = None) -> socket.socket:

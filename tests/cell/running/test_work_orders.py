@@ -1,0 +1,120 @@
+"""Work orders: what a queue takes, what it refuses and where, and what it does to a belief."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cell.errors import InputError
+from cell.interfaces.command import Command
+from cell.interfaces.notes import Topic
+from cell.interfaces.observation import Observation
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from cell.running.work_orders import LOOK_S, WorkOrders
+from cell.watching.observer import SentCommand, TickRecord
+from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
+
+GOALS = tuple(PRODUCT.goals)
+Note = tuple[Topic, dict[str, object]]
+
+
+def written(path: Path, *lines: object) -> Path:
+    """A file with these lines more."""
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines((line if isinstance(line, str) else json.dumps(line)) + "\n" for line in lines)
+    return path
+
+
+def test_the_next_order_is_the_one_that_is_due_first(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "orders.jsonl", {"variant": "g0"}, {"id": "B", "variant": "g1", "due": "2026-01-02T08:00"}
+    )
+    assert [order.id for order in WorkOrders(GOALS, path).open(0.0)] == ["B", "1"]
+
+
+def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0"}, {"id": "B", "variant": "g1"})
+    orders = WorkOrders(GOALS, path)
+    assert orders.news == []
+    orders.open(0.0)
+    written(path, {"id": "A", "amount": 3}, {"id": "B", "cancelled": True}, {"id": "C", "variant": "nine"})
+    assert [order.amount for order in orders.open(LOOK_S / 2)] == [1, 1], "it is looked at now and then"
+    assert [(order.id, order.amount) for order in orders.open(LOOK_S)] == [("A", 3)]
+    assert orders.news[:2] == ["work order A was changed: 3 of g0", "work order B was cancelled"]
+    assert f"{path}:5: this is no work order: variant is 'nine'; legal: g0, g1, g2" in orders.news[2]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("{", "Expecting property name"),
+        ([], "keys id, variant, amount, due, cancelled"),
+        ({"variant": "g0", "amuont": 2}, "keys id, variant, amount, due, cancelled"),
+        ({"variant": "g0", "amount": True}, "amount is True, not int"),
+        ({"variant": "g0", "amount": 0}, "legal: 1 to 100000"),
+        ({"variant": "g0", "due": "soon"}, "Invalid isoformat"),
+        ({"id": "", "variant": "g0"}, "it has 1 to 60 letters"),
+        ({"amount": 2}, "variant is None"),
+    ],
+)
+def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: object, what: str) -> None:
+    path = written(tmp_path / "orders.jsonl", {"variant": "g0"}, line)
+    with pytest.raises(InputError) as told:
+        WorkOrders(GOALS, path)
+    assert str(told.value).startswith(f"{path}:2: this is no work order: ")
+    assert what in str(told.value)
+
+
+def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        WorkOrders(GOALS, tmp_path / "none.jsonl")
+
+
+def test_a_finished_bracket_counts_once_for_its_order() -> None:
+    orders = WorkOrders(GOALS)
+    orders.put('{"id": "A", "variant": "g0", "amount": 2}')
+    begin: Note = ("bracket", {"number": 1, "edge": "begin", "order": "A"})
+    end: Note = ("bracket", {"number": 1, "edge": "end", "finished": True, "goal": "g0", "order": "A"})
+    taken: Note = ("bracket", {"number": 2, "edge": "end", "finished": False, "goal": None})
+    seen = Observation(0, 0.0, STANDING, EMPTY_GRIPPER)
+    orders.tick(TickRecord(seen, "RUNNING", (), (begin, end, taken), Command(), SentCommand(), 0.001, False))
+    assert [(order.id, order.done) for order in orders.open(0.0)] == [("A", 1)]
+
+
+def plan_of(belief: dict[str, float], state: AssemblyState) -> AssemblyPlan:
+    """A plan that follows from a belief as those of planners do."""
+    nexts: dict[tuple[str, str], float] = {}
+    for goal in GOALS:
+        for position, part in PRODUCT.goal_placements(goal).items():
+            if position not in state.placed:
+                nexts[part, position] = nexts.get((part, position), 0.0) + belief[goal]
+    return AssemblyPlan(belief, nexts, "o1", {})
+
+
+EVEN = {"g0": 0.33, "g1": 0.33, "g2": 0.32, UNKNOWN_GOAL: 0.02}
+
+
+def test_before_anything_is_placed_the_order_is_believed() -> None:
+    state = AssemblyState({})
+    plan = plan_of(EVEN, state).expecting("g1", PRODUCT, state)
+    assert plan.goal == "g1"
+    assert plan.goal_belief["g1"] > 0.9
+    assert sum(plan.goal_belief.values()) == pytest.approx(1.0)
+    wanted = PRODUCT.goal_placements("g1")
+    assert {position: part for part, to in plan.guidance.items() for position in to} == wanted
+    assert all(plan.next_belief[part, position] > 0.9 for position, part in wanted.items())
+
+
+def test_what_is_placed_decides_against_the_order() -> None:
+    state = AssemblyState({"p1": "o1", "p2": "o1", "p3": "o1"})
+    plan = plan_of({"g0": 0.995, "g1": 1e-6, "g2": 0.003, UNKNOWN_GOAL: 0.002}, state).expecting("g1", PRODUCT, state)
+    assert plan.goal == "g0"
+    assert plan.goal_belief["g1"] < 0.01
+
+
+def test_what_a_person_said_stands_above_the_order() -> None:
+    state = AssemblyState({}, told_goal="g0")
+    told = plan_of({"g0": 1.0, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.0}, state)
+    assert told.expecting("g1", PRODUCT, state) is told

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
 from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import InputError
@@ -52,12 +52,13 @@ def move(
     name: Annotated[str, typer.Argument(metavar="NAME", help="park or look.")],
     config: ConfigOption = CONFIGURATION,
     share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
+    slower: SlowerOption = 1.0,
 ) -> int:
     """Move the arm once, to a pose, after Enter: keep away from it, and a hand at the emergency stop."""
     configuration, product = _read(config)
     goal_of(name, configuration.bench)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    with located(config, configuration), opened(configuration, product) as devices:
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
         _wait_for_enter(f"to {name}: {way_to(name, devices, configuration.bench, motion)}; at a share of {share:g}")
         move_to(devices, motion, goal_of(name, configuration.bench), share)
     console().print(f"the arm stands at {name}", highlight=False)
@@ -84,11 +85,11 @@ def bench(
     return 1 if view.problems else 0
 
 
-def dry(config: Path) -> int:
+def dry(config: Path, slower: float = 1.0) -> int:
     """`cell run --dry`: the job's ways above the bench, nothing is touched."""
     configuration, product = _read(config)
     _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
-    with located(config, configuration), opened(configuration, product) as devices:
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
         missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
     return 1 if missed else 0
 

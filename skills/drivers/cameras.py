@@ -181,7 +181,8 @@ class StreamCamera(GrabbingCamera):
     Settings = StreamSettings
 
     def __init__(self, settings: StreamSettings, clock: Clock, bench: Bench, role: str) -> None:
-        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS}
+        slower = getattr(clock, "slower", 1.0)
+        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS * slower, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS * slower}
         super().__init__(settings, clock, bench, role, lambda _: _Capture(settings.url, cv2.CAP_FFMPEG, limits))
 
 

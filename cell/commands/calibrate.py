@@ -8,15 +8,15 @@ from typing import Annotated
 import typer
 import yaml
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
 from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import folder_for, told_in, writable
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.files.files import whole_or_none
-from cell.files.yaml_file import load_yaml
+from cell.files.yaml_file import load_yaml, write_values
 from cell.interfaces.bench import Calibration
-from cell.runs.calibrating import Calibrated
+from cell.runs.calibrating import Calibrated, stamped_delays_s
 from cell.runs.calibrating import calibrate as calibration_of
 
 NAME = "calibration.yaml"
@@ -38,6 +38,7 @@ def calibrate(
         ),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    slower: SlowerOption = 1.0,
     as_json: JsonOption = False,
 ) -> int:
     """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it."""
@@ -50,17 +51,21 @@ def calibrate(
     product = load_product(configuration, config)
     say = console().print
     say("keep away: the arm moves over the bracket" if not overhead_only else "overhead camera")
-    found, cameras = calibration_of(
-        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False)
+    found, cameras, delays_s = calibration_of(
+        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False), slower
     )
     say(table("cameras", {name: one.trouble or _words(one) for name, one in cameras.items()}))
+    for role in stamped_delays_s(configuration) if cameras.keys() >= {"wrist"} else ():
+        told = f"{1e3 * delays_s[role]:.0f} ms" if role in delays_s else "not seen: is the arm in view?"
+        say(f"delay of camera {role}: {told}", highlight=False)
     if as_json:
-        print_json(
-            {"file": str(path), "good": found is not None, **{name: one.told() for name, one in cameras.items()}}
-        )
+        every = {name: one.told() for name, one in cameras.items()}
+        print_json({"file": str(path), "good": found is not None, **every, "delays_s": delays_s})
     if found is None:
         say("nothing was written")
         return 1
+    if delays_s:
+        write_values(config, {("devices", role, "delay_s"): delay_s for role, delay_s in delays_s.items()})
     _write(found.model_copy(update={"wrist": wrist}) if overhead_only else found, path)
     say(f"{path}: to use it, in {config}: calibration: {told_in(config, path)}", highlight=False)
     return 0

@@ -1,18 +1,32 @@
-"""`cell new`: a tree file or a leaf in the working folder, each with a test that passes."""
+"""`cell new`: a tree file or a leaf in the working folder, each with a test that passes, and a cell of real devices."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cell.commands.init import new_cell
 from cell.commands.terminal import console
+from cell.device_settings import KINDS
 from cell.errors import InputError
 from cell.files.files import write_new
+from skills.drivers.settings import DRIVEN_BY, EXAMPLES
 
-new_app = typer.Typer(no_args_is_help=True, help="Start a tree file or a node of your own, with its test.")
+
+def _known(role: str) -> list[str]:
+    """Kinds of real devices of a role that the project has drivers for."""
+    return [kind for kind in KINDS[role] if kind in EXAMPLES]
+
+
+def _kinds(role: str) -> str:
+    return ", ".join(_known(role))
+
+
+new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node or a real cell of your own.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
@@ -77,6 +91,46 @@ def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
     then = "pytest {second}; cell nodes --with nodes lists it; check, run and show take --with, too"
     _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
+
+
+@new_app.command()
+def cell(
+    folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")],
+    arm: Annotated[str, typer.Option(help=f"Model of the arm: {', '.join(DRIVEN_BY)}.")],
+    gripper: Annotated[str, typer.Option(help=f"Kind of its driver: {_kinds('gripper')}.")],
+    camera: Annotated[str, typer.Option(help=f"Kind of the cameras' driver: {_kinds('overhead')}.")] = "v4l2",
+) -> None:
+    """Make a folder for a cell of real devices, with a commented configuration."""
+    chosen = {"arm": _legal("--arm", arm, DRIVEN_BY), "gripper": gripper, "overhead": camera, "wrist": camera}
+    for role in ("gripper", "overhead"):
+        _legal(
+            "--gripper" if role == "gripper" else "--camera", chosen[role], dict.fromkeys(_known(role), chosen[role])
+        )
+    files = new_cell()
+    text = files["config/cell.yaml"].decode()
+    text = re.sub(r"(?m)^robot: \S+", f"robot: {arm}", text)
+    devices = "".join(_device(role, kind) for role, kind in chosen.items())
+    head = "devices: # `cell doctor` tries each without motion, and says what to do (docs/real_cell.md)\n"
+    text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
+    write_new(folder, {**files, "config/cell.yaml": text.encode()})
+    steps = "cell doctor; cell teach bracket; cell calibrate; cell bench; cell move park; cell run --dry"
+    console().print(
+        f"{folder}: write hosts, ports and devices into config/cell.yaml, then, in this folder: {steps}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _device(role: str, kind: str) -> str:
+    lines = "".join(f"    {line}\n" for line in EXAMPLES[kind].splitlines())
+    return f"  {role}:\n    kind: {kind}\n{lines}"
+
+
+def _legal(option: str, value: str, known: Mapping[str, str]) -> str:
+    """What an option stands for; raises InputError where it is not legal."""
+    if value not in known:
+        raise InputError(f"{option} {value}: unknown; legal: {', '.join(known)}")
+    return known[value]
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -42,7 +42,8 @@ class Model(BaseModel):
     def meanings(cls) -> dict[str, str]:
         """What the docstring says about each field: the one place that references and schemas are made from."""
         lines = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2].splitlines()
-        found: dict[str, str] = {}
+        bases = (one for one in cls.__bases__ if issubclass(one, Model) and one is not Model)
+        found = {name: words for base in bases for name, words in base.meanings().items()}
         names: list[str] = []
         for line in lines:
             if entry := _ENTRY.match(line):

@@ -61,9 +61,8 @@ def write_values(path: Path, values: Mapping[Location, object]) -> None:
     """
     text = read_text(path)
     for location, value in values.items():
-        text = _with_value(
-            path, text, location, yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n...")[0].strip()
-        )
+        dumped = yaml.safe_dump(value, default_flow_style=True, width=1000)
+        text = _with_value(path, text, location, dumped.split("\n...")[0].strip())
     try:
         with whole_or_none(path) as partial:
             partial.write_text(text, encoding="utf-8")
@@ -89,8 +88,8 @@ def _with_value(path: Path, text: str, location: Location, value: str) -> str:
     if node.flow_style:
         end = node.end_mark.index - 1
         return f"{text[:end].rstrip()}, {name}: {value}{text[end:]}"
-    first: Node = node.value[0][0]
-    return f"{text[: first.start_mark.index]}{name}: {value}\n{' ' * first.start_mark.column}{text[first.start_mark.index :]}"
+    first = node.value[0][0].start_mark
+    return f"{text[: first.index]}{name}: {value}\n{' ' * first.column}{text[first.index :]}"
 
 
 def _value_of(node: Node, key: object) -> Node | None:

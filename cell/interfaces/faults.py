@@ -123,7 +123,8 @@ SIGNALS: dict[Signal, Sign] = {
         "every part of an image has new pixels, in the light and colours of the first ones",
     ),
     "bench_not_seen": Sign(
-        "the overhead image shows another place, a moved or covered view, or one from some time ago",
+        "the overhead image shows another place, a moved or covered view, or one from some time ago, as "
+        "where the arm is seen to move later than its joints say",
         "edges of plate and tray are seen where the calibration has them, three times a second, and the rest looks as "
         "it did but for robot and hands",
     ),

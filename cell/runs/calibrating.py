@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,26 +11,23 @@ import numpy as np
 from cell.configuration import Configuration
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench, Calibration, CameraCalibration, CameraSetup
-from cell.interfaces.clock import Clock
-from cell.interfaces.devices import Arm, Camera, Devices
-from cell.interfaces.perception import Frame
+from cell.interfaces.devices import Devices
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from cell.wiring.devices import attached
+from cell.runs.camera_delay import measured_delays_s
+from cell.runs.slow_motion import move_to, next_frame, opened, placed
 from learned.calibration.check import WORLD, trouble
 from learned.calibration.solve import Fit, Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m, too_few_holes
-from sim.process.opening import open_simulation
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
-SHARE = 0.5  # of the speed of the arm
 OVER_M = 0.34  # of the wrist camera, over the plate
 ALONG = (-0.3, 0.0, 0.3)  # middles of the views, in lengths of the plate
 TILTS_RAD = ((0.0, 0.0), (0.22, 0.0), (-0.22, 0.0), (0.0, 0.22), (0.0, -0.22))
 QUARTERS = (0.2, math.pi / 2 - 0.25, -math.pi / 2 + 0.15)  # turns of the camera about its axis, against the look pose:
 # edges that run along rows of pixels would be seen half a pixel off, all their points alike
 MOST_VIEWS, LEAST_VIEWS = 9, 4
-FRAMES, PATIENCE_S, PERIOD_S, STILL_S = 3, 5.0, 0.04, 0.3
+FRAMES = 3
 FAR_M, FAR_RAD = 0.03, math.radians(4)  # from where the bench file says; then that is to be measured again
 DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
@@ -71,29 +67,45 @@ class Calibrated:
 
 
 def calibrate(
-    configuration: Configuration, product: Product, seed: int, overhead_only: bool, tell: Tell
-) -> tuple[Calibration | None, dict[str, Calibrated]]:
+    configuration: Configuration, product: Product, seed: int, overhead_only: bool, tell: Tell, slower: float = 1.0
+) -> tuple[Calibration | None, dict[str, Calibrated], dict[str, float]]:
     """Calibrate the cameras of a cell.
 
     Returns:
-        what was found, None where some of it is not to be used; and all about each camera.
+        what was found, None where some of it is not to be used; all about each camera; and how late the stamps of real
+        cameras are, where the arm was seen to move.
 
     Raises:
         DeviceFault: a device could not be opened, or gave up.
     """
     motion = MotionPlanner(product, configuration.bench.drawn, configuration.motion)
-    with ExitStack() as stack:
-        simulated = None
-        if configuration.devices.simulated:
-            simulated = open_simulation(configuration, product, seed).devices
-            stack.callback(simulated.close)
-        devices = stack.enter_context(attached(configuration, product, simulated))
+    delays_s: dict[str, float] = {}
+    with opened(configuration, product, seed, slower) as devices:
         cameras = {"overhead": calibrate_overhead(devices, configuration, product)}
         if not overhead_only and not cameras["overhead"].trouble:
             cameras["wrist"] = calibrate_wrist(devices, configuration, product, motion, tell)
+            if known := stamped_delays_s(configuration):
+                delays_s = _delays_s(devices, configuration, motion, known, tell)
     if any(one.trouble for one in cameras.values()):
-        return None, cameras
-    return Calibration(**{name: one.calibration for name, one in cameras.items()}), cameras
+        return None, cameras, delays_s
+    return Calibration(**{name: one.calibration for name, one in cameras.items()}), cameras, delays_s
+
+
+def stamped_delays_s(configuration: Configuration) -> dict[str, float]:
+    """What the configuration says of how late each camera's stamps are, where its driver takes that off."""
+    devices = {role: getattr(configuration.devices, role) for role in ("overhead", "wrist")}
+    return {role: one.delay_s or 0.0 for role, one in devices.items() if hasattr(one, "delay_s")}
+
+
+def _delays_s(
+    devices: Devices, configuration: Configuration, motion: MotionPlanner, known: Mapping[str, float], tell: Tell
+) -> dict[str, float]:
+    """How late the stamps of cameras are, from a swing of the arm at the look pose; and back to park."""
+    tell("the arm swings to and fro, for the cameras' delay")
+    move_to(devices, motion, np.array(configuration.bench.arm_look_rad))
+    left = measured_delays_s(devices, motion)
+    move_to(devices, motion, np.array(configuration.bench.arm_park_rad))
+    return {role: max(0.0, round(known[role] + value, 3)) for role, value in left.items() if role in known}
 
 
 def calibrate_overhead(devices: Devices, configuration: Configuration, product: Product) -> Calibrated:
@@ -174,46 +186,3 @@ def _camera_over(target_m: Array, yaw_rad: float, tilt_rad: tuple[float, float])
     away = turned.rotation @ np.array([0.0, 0.0, -OVER_M])
     x, y, z = (float(value) for value in target_m + away)
     return Pose((x, y, z), turned.quaternion_wxyz)
-
-
-def move_to(devices: Devices, motion: MotionPlanner, goal_rad: Array, share: float = SHARE) -> None:
-    """Bring the arm to joints, and wait until it stands; raises DeviceFault where it cannot get there."""
-    start = np.array(devices.arm.state().positions_rad)
-    way = motion.free_move(start, goal_rad, Load(STROKE_M))
-    if isinstance(way, str):
-        raise DeviceFault("arm", f"cannot get there: {way}")
-    devices.arm.follow(way)
-    begun_s = devices.clock.now_s()
-    _follow(devices.arm, devices.clock, begun_s + way.duration_s / share + PATIENCE_S, share)
-
-
-def _follow(arm: Arm, clock: Clock, until_s: float, share: float) -> None:
-    """Keep the arm going until it stands."""
-    still_s = 0.0
-    while still_s < STILL_S:
-        arm.pace(share)
-        clock.sleep_until(clock.now_s() + PERIOD_S)
-        state = arm.state()
-        still_s = 0.0 if state.moving else still_s + PERIOD_S
-        if clock.now_s() > until_s:
-            arm.stop()
-            raise DeviceFault("arm", "it did not come to the end of its way")
-
-
-def next_frame(camera: Camera, clock: Clock) -> Frame:
-    """A frame that is newer than what the camera has now."""
-    before, until_s = camera.latest(), clock.now_s() + PATIENCE_S
-    while (frame := camera.latest()) is None or frame is before:
-        if clock.now_s() > until_s:
-            raise DeviceFault("camera", f"no frame came for {PATIENCE_S:g} s")
-        camera.trigger()
-        clock.sleep_until(clock.now_s() + PERIOD_S)
-    return frame
-
-
-def placed(frame: Frame, devices: Devices, motion: MotionPlanner) -> Frame:
-    """A frame of a standing arm, with where its camera is."""
-    if not frame.at_tool:
-        return frame
-    tool = motion.kinematics.forward(np.array(devices.arm.state().positions_rad))
-    return frame.seen_from(tool @ frame.world_from_camera)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -18,11 +16,9 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from cell.runs.calibrating import DOWN, move_to, next_frame, placed
+from cell.runs.calibrating import DOWN
+from cell.runs.slow_motion import move_to, next_frame, placed
 from cell.wiring.detectors import part_finder
-from cell.wiring.devices import attached
-from sim.process.opening import open_simulation
-from skills.drivers.checked_arm import CheckedArm
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
@@ -33,22 +29,6 @@ LEAST_SIDE_M = 0.05
 DRY_M, DRY_SHARE = 0.12, 0.1  # of a dry run: above what would be touched; share of speed
 DIGITS = 4  # of metres and radians in the configuration
 Tell = Callable[[str], None]
-
-
-@contextmanager
-def opened(configuration: Configuration, product: Product, seed: int = 0) -> Iterator[Devices]:
-    """The devices of a cell, simulated ones among them; the arm is never sent what it must not follow.
-
-    Raises:
-        CellError: one could not be opened.
-    """
-    with ExitStack() as stack:
-        simulated = None
-        if configuration.devices.simulated:
-            simulated = open_simulation(configuration, product, seed).devices
-            stack.callback(simulated.close)
-        devices = stack.enter_context(attached(configuration, product, simulated))
-        yield replace(devices, arm=CheckedArm(devices.arm, configuration.robot))
 
 
 class Teaching:
@@ -212,10 +192,8 @@ def dry_run(configuration: Configuration, product: Product, devices: Devices, te
     frame = next_frame(devices.wrist, devices.clock)
     seen = find(placed(frame, devices, motion)).detections
     tell(f"{len(seen)} parts are seen" if seen else "no part is seen in the tray: put some there, or look at the light")
-    holes = {
-        f"hole {name}": bench.bracket.pose.transform(np.array([*at, 0.0]))
-        for name, at in product.bracket.holes_m.items()
-    }
+    bracket = bench.bracket.pose
+    holes = {f"hole {name}": bracket.transform(np.array([*at, 0.0])) for name, at in product.bracket.holes_m.items()}
     missed = 0
     for what, place in (*((f"part {one.part}", _top_m(one)) for one in seen), *holes.items()):
         reached = motion.reach(_above(place), np.array(devices.arm.state().positions_rad), Load(STROKE_M))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
@@ -23,7 +23,7 @@ from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
 from skills.drivers.no_panel import NoPanel
-from skills.drivers.settings import DRIVERS, EXAMINERS, EXTRAS, RecordedSettings
+from skills.drivers.settings import DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
 RECORDED = {role: f"cell.log.replay.recorded:Recorded{name}" for role, name in (
@@ -175,6 +175,41 @@ def examined(
             yield from look(**{name: value for name, value in given.items() if name in asked})
         except CellError as error:
             yield DeviceCheck(role, str(error))
+
+
+@contextmanager
+def opened_alone(configuration: Configuration, product: Product, role: str) -> Iterator[tuple[Any, WallClock]]:
+    """One real device without the others, and its clock.
+
+    Raises:
+        CellError: it is simulated, or could not be opened.
+    """
+    driver = find_drivers(configuration).get(role)
+    if driver is None:
+        raise SettingError((_kind(role), f"the {role} is simulated: there is nothing that a person could lead or try"))
+    clock = WallClock()
+    offered = {"clock": clock, "bench": configuration.bench, "product": product, "robot": configuration.robot}
+    device = driver.opened(settings=driver.settings, role=role, simulated=None, **offered)
+    try:
+        yield device, clock
+    finally:
+        device.close()
+
+
+@contextmanager
+def joints_by_hand(configuration: Configuration, product: Product) -> Iterator[Callable[[], Sequence[float]]]:
+    """Tells the joints (6,) of a real arm while somebody leads it: without control over it, where its driver can.
+
+    Raises:
+        CellError: the arm is simulated, or cannot be read.
+    """
+    reader = READERS.get(type(configuration.devices.arm))
+    if reader is not None:
+        read = _found(reader)
+        yield lambda: read(configuration.devices.arm)
+        return
+    with opened_alone(configuration, product, "arm") as (arm, _):
+        yield lambda: arm.state().positions_rad
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:

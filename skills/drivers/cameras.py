@@ -181,7 +181,8 @@ class StreamCamera(GrabbingCamera):
     Settings = StreamSettings
 
     def __init__(self, settings: StreamSettings, clock: Clock, bench: Bench, role: str) -> None:
-        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS}
+        slower = getattr(clock, "slower", 1.0)
+        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS * slower, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS * slower}
         super().__init__(settings, clock, bench, role, lambda _: _Capture(settings.url, cv2.CAP_FFMPEG, limits))
 
 
@@ -279,7 +280,8 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     try:
         camera: GrabbingCamera = getattr(import_module(module), name)(settings, clock, bench, role)
     except DeviceFault as error:
-        yield DeviceCheck(what, f"{error.reason}: check cable and address; names by id: ls /dev/v4l/by-id")
+        named = "; names by id: ls /dev/v4l/by-id" if isinstance(settings, V4l2Settings) else ""
+        yield DeviceCheck(what, f"{error.reason}: check cable and address{named}")
         return
     frames: list[Frame] = []
     begun_s = clock.now_s()

@@ -51,6 +51,7 @@ FAULTS = {
     0x0F: "automatic release is done",
 }
 WIRE_ERRORS = (OSError, ModbusException)
+STILL_READS = 5  # of one position, until fingers count as at their end
 FAILURES = 5  # exchanges in a row, after which a wire is opened again although it says nothing
 NEAR_COUNTS = 20  # of where the settings say the fingers end; what ends farther off met something
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # what it has to say is raised, too
@@ -148,6 +149,7 @@ class RegisterGripper:
         self._request = Request()
         self._commanded = False  # somebody did so; until then the registers are read alone
         self._steps: list[Step] = []  # of an activation that is under way
+        self._still = 0  # answers in a row in which they rest at one place
         self._status: Status | None = None
         self._status_s = self._opened_s = self._connected_s = clock.now_s()
         self._trouble = "no answer yet"
@@ -277,7 +279,10 @@ class RegisterGripper:
         elif step is Step.HOMING:
             done = status.active and status.state == ACTIVE
         else:
-            done = status.repeats(self._request) and status.object_status is not ObjectStatus.MOVING
+            rests = status.repeats(self._request) and status.object_status is not ObjectStatus.MOVING
+            before = self._status
+            self._still = self._still + 1 if rests and before and before.position == status.position else 0
+            done = self._still >= STILL_READS
         if not done:
             return
         if step is Step.CLOSING and abs(status.position - self._settings.closed_count) <= NEAR_COUNTS:
@@ -285,6 +290,7 @@ class RegisterGripper:
         if step is Step.OPENING and abs(status.position - self._settings.open_count) <= NEAR_COUNTS:
             self.ends, self.measured = (status.position, closed_count), True
         self._steps.pop(0)
+        self._still = 0
         self._request = REQUESTS[self._steps[0]] if self._steps else self._request
 
     def _let_go(self) -> None:

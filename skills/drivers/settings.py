@@ -238,6 +238,29 @@ EXAMINERS: Mapping[type[Model], str] = {
     RobotiqUrcapSettings: "skills.drivers.robotiq:examine",
     **dict.fromkeys((V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "skills.drivers.cameras:examine"),
 }  # what looks at a device for `cell doctor`: it opens it, and moves nothing
+READERS: Mapping[type[Model], str] = {UrSettings: "skills.drivers.ur_examined:joints_rad"}  # without taking control
+DRIVEN_BY = {"ur10": "ur", "ur10e": "ur"}  # kind of the arm's driver, by the robot's name
+EXAMPLES: Mapping[str, str] = {
+    "ur": """host: 192.168.56.101 # of the controller: set at the pendant, Settings, System, Network
+payload_kg: 0.93 # gripper, coupling and camera: weigh them, and set the same at the pendant
+payload_centre_m: [0.0, 0.0, 0.05] # of that mass, from the flange""",
+    "can": """interface: socketcan
+channel: can0
+bitrate: 500000""",
+    "robotiq_modbus": """port: /dev/serial/by-id/CHANGE-ME # ls /dev/serial/by-id
+node_id: 9
+open_count: 3 # where the fingers end: cell teach gripper
+closed_count: 228""",
+    "robotiq_urcap": """host: 192.168.56.101 # of the arm's controller, where the gripper's URCap is installed
+open_count: 3 # where the fingers end: cell teach gripper
+closed_count: 228""",
+    "v4l2": """device: /dev/v4l/by-id/CHANGE-ME-index0 # ls /dev/v4l/by-id
+exposure: 100 # fixed, in 0.1 ms as a rule
+# focus: 30 # where the lens has one""",
+    "stream": "url: http://192.168.56.20/video",
+    "realsense": """exposure: 100 # fixed, in 0.1 ms
+# serial: "012345678901" # where there are several""",
+}  # what stands next to `kind` in a new cell
 EXTRAS = {
     "rtde_control": "ur",
     "pymodbus": "robotiq",

@@ -59,6 +59,14 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
     yield _turns(bench, told["actual_q"])
 
 
+def joints_rad(settings: UrSettings) -> Array:
+    """The joints now (6,), while somebody leads the arm; raises DeviceFault where nobody answers."""
+    try:
+        return _told(settings.host)[0]["actual_q"]
+    except OSError as error:
+        raise DeviceFault("arm", f"no controller answers at {settings.host}: {error}") from None
+
+
 def _told(host: str) -> tuple[dict[str, Array], tuple[int, ...]]:
     """One sample by the outputs' names, and the controller's version.
 

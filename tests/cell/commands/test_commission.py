@@ -1,0 +1,261 @@
+"""What a person does at a new cell: a folder, taught places, one motion, a drawing, the job above the bench."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from cell.commands import commission
+from cell.commands.main import main
+from cell.configuration import load_configuration, load_product
+from cell.errors import DeviceFault, InputError
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.observation import ArmMode, ArmState
+from cell.interfaces.pose import Array, Pose
+from cell.runs.bench_view import BenchView
+from cell.runs.commissioning import Teaching, fitted
+from cell.runs.slow_motion import move_to
+from cell.wiring.devices import find_drivers
+from sim.twin.cell import TwinCell
+from sim.twin.gripper import ModbusTwin, Registers
+from skills.motion.planner import MotionPlanner
+from tests.cell.conftest import changed_configuration
+from tests.sim.twin.rig import light_cell
+
+HOST = "127.0.0.74"
+CONFIGURATION = load_configuration()
+PRODUCT, BENCH = load_product(CONFIGURATION), CONFIGURATION.bench
+
+
+@pytest.fixture(scope="module")
+def motion() -> MotionPlanner:
+    return MotionPlanner(PRODUCT, BENCH, CONFIGURATION.motion)
+
+
+def test_a_new_cell_is_a_commented_configuration_that_can_be_read(tmp_path: Path) -> None:
+    folder = tmp_path / "ours"
+    assert main(["new", "cell", str(folder), "--arm", "ur10e", "--gripper", "robotiq_modbus"]) == 0
+    path = folder / "config" / "cell.yaml"
+    configuration = load_configuration(path)
+    assert configuration.robot.name == "ur10e"
+    assert configuration.devices.simulated == ()
+    assert set(find_drivers(configuration)) == {"arm", "gripper", "overhead", "wrist", "panel"}
+    assert "# ls /dev/serial/by-id" in path.read_text()
+    assert main(["new", "cell", str(folder), "--arm", "ur10e", "--gripper", "robotiq_modbus"]) == 2
+
+
+def test_what_a_new_cell_cannot_have_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = {"--arm": "ur10", "--gripper": "can"}
+    for option, value in (("--arm", "ur9"), ("--gripper", "glue"), ("--camera", "eye")):
+        words = [word for pair in {**given, option: value}.items() for word in pair]
+        assert main(["new", "cell", str(tmp_path / "ours"), *words]) == 2
+        assert f"{option} {value}: unknown; legal: " in capsys.readouterr().err
+
+
+def pressed(monkeypatch: pytest.MonkeyPatch, times: int = 10) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n" * times))
+
+
+@pytest.fixture
+def real(tmp_path: Path) -> Path:
+    """A configuration whose arm and gripper a twin has the wires of."""
+    path = changed_configuration(tmp_path, "", "")
+    text = path.read_text()
+    begin, end = text.index("devices:"), text.index("log:")
+    devices = {
+        "arm": {"kind": "ur", "host": HOST},
+        "gripper": {"kind": "robotiq_modbus", "port": str(tmp_path / "adapter"), "open_count": 0, "closed_count": 230},
+        **{camera: {"kind": "stream", "url": "http://127.0.0.1:1/"} for camera in ("overhead", "wrist")},
+        "panel": {"kind": "none"},
+    }
+    path.write_text(text[:begin] + yaml.safe_dump({"devices": devices}, sort_keys=False) + text[end:])
+    return path
+
+
+@pytest.fixture(scope="module")
+def twin() -> Iterator[TwinCell]:
+    cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
+    cell.serve()
+    yield cell
+    cell.close()
+
+
+def test_a_pose_that_the_arm_was_led_to_is_stored_beside_the_comments(
+    twin: TwinCell, real: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressed(monkeypatch)
+    before = real.read_text()
+    assert main(["teach", "park", "--config", str(real)]) == 0
+    after = real.read_text()
+    with twin.lock:
+        joints = twin.arm.measured.positions_rad
+    off = np.array(load_configuration(real).bench.arm_park_rad) - joints
+    assert off == pytest.approx(2 * np.pi * np.round(off / (2 * np.pi)), abs=1e-3)
+    changed = [line for line in after.splitlines() if line not in before.splitlines()]
+    assert len(changed) == 1
+    assert changed[0].endswith("# tool down at (0.45, -0.50, 0.35), over the tray's far end, away from the person")
+
+
+def test_the_gripper_s_ends_are_measured_and_stored(
+    twin: TwinCell, real: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressed(monkeypatch)
+    wires = ModbusTwin(Registers(twin.sim.gripper_node, twin.lock), real.parent / "adapter")
+    assert main(["teach", "gripper", "--config", str(real)]) == 0
+    wires.close()
+    gripper = load_configuration(real).devices.gripper
+    assert (getattr(gripper, "open_count", 0), getattr(gripper, "closed_count", 0)) == (3, 228)
+
+
+def test_nothing_is_stored_unless_somebody_presses_enter(
+    twin: TwinCell, real: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pressed(monkeypatch, times=0)
+    before = real.read_text()
+    assert main(["teach", "bracket", "--config", str(real)]) == 2
+    assert "nobody pressed Enter" in capsys.readouterr().err
+    assert real.read_text() == before
+    assert twin.lost_s >= 0
+
+
+def test_what_cannot_be_taught_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["teach", "o9"]) == 2
+    assert "legal: park, look, bracket, tray, o1, o2, o3, gripper" in capsys.readouterr().err
+    assert main(["teach", "gripper"]) == 2
+
+
+def joints_at(motion: MotionPlanner, place_m: Array) -> Array:
+    """Joints with which the fingertips touch a place from above."""
+    beyond = motion.settings.robot.tool.fingertip_beyond_tcp_m
+    x, y, z = (float(value) for value in place_m)
+    tool = Pose((x, y, z + beyond), (0.0, 1.0, 0.0, 0.0))
+    joints = motion.kinematics.inverse(tool)
+    assert joints is not None
+    return joints
+
+
+def touched(motion: MotionPlanner, name: str, places_m: Array) -> tuple[dict[tuple[str | int, ...], object], str]:
+    teaching = Teaching(name, BENCH, PRODUCT, motion)
+    assert len(teaching.prompts) == len(places_m)
+    return teaching.values([joints_at(motion, place) for place in places_m])
+
+
+def corners(moved: Pose) -> Array:
+    holes = np.array(list(PRODUCT.bracket.holes_m.values()))
+    low, high = holes.min(axis=0) - PRODUCT.bracket.margin_m, holes.max(axis=0) + PRODUCT.bracket.margin_m
+    plate = np.array([[low[0], low[1], 0.0], [high[0], low[1], 0.0], [low[0], high[1], 0.0]])
+    return moved.transform(plate)
+
+
+def test_three_corners_tell_where_the_bracket_lies(motion: MotionPlanner) -> None:
+    moved = Pose.from_yaw((0.70, 0.10, 0.040), 0.2)
+    values, _ = touched(motion, "bracket", corners(moved))
+    told = values["bench", "bracket"]
+    assert isinstance(told, dict)
+    assert told["position_m"] == pytest.approx([0.70, 0.10, 0.040], abs=1e-3)
+    assert Pose(tuple(told["position_m"]), tuple(told["quaternion_wxyz"])).yaw_rad == pytest.approx(0.2, abs=5e-3)
+    wrong = corners(moved)
+    wrong[1, 0] += 0.02
+    with pytest.raises(InputError, match="touch them again"):
+        touched(motion, "bracket", wrong)
+
+
+def test_four_corners_tell_where_the_tray_stands(motion: MotionPlanner) -> None:
+    sides = np.array([(1, -1, 0), (1, 1, 0), (-1, -1, 0), (-1, 1, 0)])  # left is -y, far from the arm is +x
+    places = np.array([0.55, -0.36, 0.01]) + sides * (0.15, 0.18, 0.0)
+    values, _ = touched(motion, "tray", places)
+    assert values["bench", "tray", "centre_m"] == pytest.approx([0.55, -0.36, 0.01], abs=1e-3)
+    assert values["bench", "tray", "size_m"] == pytest.approx([0.30, 0.36], abs=1e-3)
+    places[:, 1] += np.array([0.0, 0.0, 0.03, 0.03])
+    with pytest.raises(InputError, match="degrees askew"):
+        touched(motion, "tray", places)
+
+
+def test_a_bin_is_touched_once_and_a_pose_takes_the_nearest_turn(motion: MotionPlanner) -> None:
+    values, _ = touched(motion, "o1", np.array([[0.9, 0.3, 0.004]]))
+    assert values["bench", "bins_m", "o1"] == pytest.approx([0.9, 0.3, 0.004], abs=1e-3)
+    away = np.array(BENCH.arm_look_rad) - np.array([0, 0, 0, 0, 0, 2 * np.pi])
+    stored, told = Teaching("look", BENCH, PRODUCT, motion).values([away])
+    assert np.abs(np.array(stored["bench", "arm_look_rad"]) - np.array(BENCH.arm_park_rad)).max() <= np.pi + 0.4
+    assert told
+
+
+def test_a_fit_is_exact_where_points_are() -> None:
+    wanted = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.3, 0.0]])
+    pose = Pose.from_yaw((1.0, 2.0, 3.0), 1.1)
+    found, off_m = fitted(wanted, pose.transform(wanted))
+    assert off_m < 1e-12
+    assert np.allclose(found.matrix, pose.matrix)
+
+
+def test_a_tray_that_is_cut_off_is_told_and_drawn(
+    motion: MotionPlanner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench.svg"
+    assert main(["bench", "--out", str(out)]) == 0
+    assert out.read_text().startswith("<svg")
+    capsys.readouterr()
+    tray = BENCH.tray.model_copy(update={"centre_m": (0.56, -0.60, 0.004)})
+    bench = BENCH.model_copy(update={"tray": tray})
+    view = BenchView(bench, PRODUCT, MotionPlanner(PRODUCT, bench, CONFIGURATION.motion))
+    assert "left side" in view.problems[0]
+    assert "of the tray is cut off" in view.problems[0]
+    far = BENCH.model_copy(update={"bins_m": {**BENCH.bins_m, "o1": (1.9, 0.3, 0.0)}})
+    assert "does not see bin o1" in BenchView(far, PRODUCT, motion).problems[0]
+
+
+def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    pressed(monkeypatch)
+    assert main(["move", "look", "--share", "1"]) == 0
+    said = "".join(capsys.readouterr().err.split())
+    assert "thenpressEnter" in said
+    assert "thearmstandsatlook" in said
+    assert main(["move", "there"]) == 2
+
+
+class StoppingArm:
+    """Stops by itself on its way."""
+
+    def __init__(self, joints: Array) -> None:
+        self._joints, self._followed = tuple(joints.tolist()), False
+
+    def state(self) -> ArmState:
+        mode: ArmMode = "protective_stop" if self._followed else "normal"
+        return ArmState(0.0, self._joints, (0.0,) * 6, False, mode)
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        self._followed = True
+        return trajectory
+
+    def nothing(self, *_: object) -> None:
+        pass
+
+    stop = pace = acknowledge = samples = nothing
+
+
+def test_an_arm_that_stopped_on_its_way_has_not_arrived(motion: MotionPlanner) -> None:
+    devices: Any = SimpleNamespace(arm=StoppingArm(np.array(BENCH.arm_park_rad)), clock=ManualClock())
+    with pytest.raises(DeviceFault, match="protective_stop"):
+        move_to(devices, motion, np.array(BENCH.arm_look_rad))
+
+
+@pytest.mark.slow
+def test_a_dry_run_goes_above_parts_and_holes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pressed(monkeypatch)
+    monkeypatch.setattr("cell.runs.commissioning.DRY_SHARE", 1.0)
+    assert commission.dry(Path("config/cell.yaml")) == 0
+    said = capsys.readouterr().err
+    for hole in PRODUCT.bracket.holes_m:
+        assert f"above hole {hole}" in said
+    assert "above part o" in said

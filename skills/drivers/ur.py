@@ -54,13 +54,16 @@ class Stream:
     Attributes:
         sent: newest set points, oldest first.
         lost: why it streams no more; empty while it does.
+        heard_s: time of the machine of the newest set point.
+        begun: one was told.
     """
 
     child: Child
     channel: Channel[Any]
     sent: deque[said.Sent] = field(default_factory=lambda: deque(maxlen=512))
     lost: str = ""
-    since_s: float = field(default_factory=time.monotonic)
+    heard_s: float = field(default_factory=time.monotonic)
+    begun: bool = False
 
     def hear(self, slower: float) -> None:
         """Take what it told; notice when it is silent, stopped or gone."""
@@ -73,12 +76,12 @@ class Stream:
                     return
                 if isinstance(message, said.Sent):
                     self.sent.append(message)
+                    self.heard_s, self.begun = message.time_s, True
         except EOFError:
             self.lost = f"the {self.child.name} died"
             return
-        heard_s = self.sent[-1].time_s if self.sent else self.since_s
-        silent_s = (time.monotonic() - heard_s) / slower
-        if silent_s > (SILENT_S if self.sent else 3 * SILENT_S):
+        silent_s = (time.monotonic() - self.heard_s) / slower
+        if silent_s > (SILENT_S if self.begun else 3 * SILENT_S):
             self.lost = f"the {self.child.name} sent no set point for {silent_s:.2f} s"
 
     def say(self, message: Message) -> None:
@@ -270,7 +273,7 @@ class UrArm:
         path, path_s = self._path, self._path_s
         if path is not None and path_s is not None:
             stream.say(said.Begin(path, path_s))
-        stream.since_s = time.monotonic()
+        stream.heard_s = time.monotonic()
         self._stream = stream
 
     def _opened(self, rate_hz: float) -> Stream:

@@ -19,6 +19,7 @@ WATCHDOG_HZ = 10.0  # the controller's program ends where nothing comes for long
 BLEND_S = 0.3  # in which a path is reached that begins beside the set points
 BRAKING_RAD_S2 = 10.0
 HURRY_PERIODS = 2.0  # a cycle that begins later than this is left out, not made up for
+STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
 LEAVE_S = 0.2  # from the last set point to the arm's rest
 LISTENS_S = 0.5
 USED = ("already in use", "in use")
@@ -146,7 +147,7 @@ class _Stream:
         self._beside: Array = np.zeros(6)  # from the path to the set point, as the path began
         self._blended, self._paths = 1.0, 0
         self._share, self._heard_s = 0.0, -1.0
-        self._leaving = False
+        self._leaving, self._untold = False, 0
 
     def run(self) -> None:
         """Until it is to leave and the arm stands, or the controller is lost."""
@@ -173,8 +174,11 @@ class _Stream:
         there = path.advance(0.0 if silent else self._share, self._period_s)
         self._blended = min(1.0, self._blended + self._period_s / BLEND_S)
         left = 0.5 * (1 + np.cos(np.pi * self._blended))
-        self._target = there + self._beside * left
-        self._say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))
+        target, self._untold = there + self._beside * left, self._untold + 1
+        if self._untold >= STANDING_CYCLES or not np.array_equal(target, self._target):
+            self._untold = 0
+            self._say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))
+        self._target = target
 
     def _slept(self, due_s: float) -> float:
         """Wait for the next cycle; returns when it is due."""

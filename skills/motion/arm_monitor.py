@@ -83,6 +83,7 @@ class ArmMonitor:
         self._begun_s, self._held_s = -math.inf, math.inf
         self._path_s: float | None = None
         self._allowed_s = self._excess_s = 0.0
+        self._played_s = -math.inf  # until when its way is reckoned: a state may be older than the tick
         self._held_at_m: Array | None = None
         self._still_s = math.inf
         self._anchor: Array | None = None
@@ -101,7 +102,7 @@ class ArmMonitor:
             self._now_s = now_s
             return
         self._order(share if path is not None else 0.0, path)
-        self._allowed_s += self._play(now_s)
+        self._allowed_s += self._play(min(now_s, arm.time_s))
         self._now_s = now_s
         self.disobeys = self._ahead(arm) or self._moves(arm) or self._stuck(arm, path)
         self._arm = arm
@@ -119,16 +120,17 @@ class ArmMonitor:
         """The greatest share that was ordered within the reaction before a time."""
         while len(self._orders) > 1 and self._orders[1][0] <= time_s - self._reaction_s:
             self._orders.popleft()
-        return max(share for begun_s, share in self._orders if begun_s <= time_s)
+        return max((share for begun_s, share in self._orders if begun_s <= time_s), default=self._orders[0][1])
 
-    def _play(self, now_s: float) -> float:
-        """How far along its path the arm may go until now, as time of that path."""
-        if self._arm is None:
+    def _play(self, until_s: float) -> float:
+        """How far along its path the arm may go until it was measured, as time of that path."""
+        since_s, self._played_s = self._played_s, max(self._played_s, until_s)
+        if self._arm is None or until_s <= since_s:
             return 0.0
-        steps = max(1, min(math.ceil((now_s - self._now_s) / PLAY_S - TINY), 50))
-        step_s, way_s = (now_s - self._now_s) / steps, 0.0
+        steps = max(1, min(math.ceil((until_s - since_s) / PLAY_S - TINY), 50))
+        step_s, way_s = (until_s - since_s) / steps, 0.0
         for number in range(steps):
-            time_s = self._now_s + (number + 1) * step_s
+            time_s = since_s + (number + 1) * step_s
             most = self._may(time_s)
             if most < self._rate:
                 most = max(most, self._rate - self._braking(way_s) * step_s)

@@ -13,6 +13,7 @@ from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, Slowe
 from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import InputError
+from cell.files.model import Location
 from cell.files.yaml_file import write_values
 from cell.interfaces.product import Product
 from cell.runs.bench_view import BenchView
@@ -115,7 +116,10 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
                 )
             clock.sleep_until(clock.now_s() + 0.05)
         first, last = gripper.ends
-    ends = {("devices", GRIPPER, "open_count"): first, ("devices", GRIPPER, "closed_count"): last}
+    ends: dict[Location, object] = {
+        ("devices", GRIPPER, "open_count"): first,
+        ("devices", GRIPPER, "closed_count"): last,
+    }
     write_values(config, ends)
     console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
     return 0

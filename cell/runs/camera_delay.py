@@ -79,7 +79,8 @@ class _Watcher:
     """Takes what a camera sees, and how much of it changes."""
 
     def __init__(self, camera: Camera) -> None:
-        self._camera, self._frame, self._small = camera, camera.latest(), None
+        self._camera, self._frame = camera, camera.latest()
+        self._small: Array | None = None
         self._asked_s = float("-inf")
         self.times_s: list[float] = []
         self.changes: list[float] = []

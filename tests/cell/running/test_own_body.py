@@ -85,7 +85,7 @@ def test_the_tool_at_an_exposure_is_between_what_was_measured(motion: MotionPlan
         place: Array = park + (1 - (1 - time_s) ** 2) * (look - park)
         return place
 
-    times_s: Array = np.arange(60) * 0.008
+    times_s = np.array([0.008 * number for number in range(60)])
     positions: Array = np.array([joints(float(one)) for one in times_s])
     body.sampled(JointSamples(times_s, positions, 0 * positions, 0 * positions))
     body.keep(arm(0.5, tuple(joints(0.5).tolist())), nobody)

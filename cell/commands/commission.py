@@ -31,7 +31,7 @@ def teach(
     ],
     config: ConfigOption = CONFIGURATION,
 ) -> int:
-    """Lead the arm by hand (free drive) and press Enter: the configuration then says where things are."""
+    """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are."""
     configuration, product = _read(config)
     if name == GRIPPER:
         return _teach_gripper(configuration, product, config)
@@ -55,7 +55,7 @@ def move(
     share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
     slower: SlowerOption = 1.0,
 ) -> int:
-    """Move the arm once, to a pose, after Enter: keep away from it, and a hand at the emergency stop."""
+    """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
     configuration, product = _read(config)
     goal_of(name, configuration.bench)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -71,7 +71,7 @@ def bench(
     out: Annotated[Path, typer.Option("--out", "-o", help="The drawing, an SVG file.")] = Path("bench.svg"),
     as_json: JsonOption = False,
 ) -> int:
-    """Draw what the cameras see and the arm reaches; status 1 where something is cut off."""
+    """Draw what the cameras see and the arm reaches. Status 1 where something is cut off."""
     configuration, product = _read(config)
     view = BenchView(configuration.bench, product, MotionPlanner(product, configuration.bench, configuration.motion))
     try:

@@ -29,9 +29,9 @@ from sim.twin.cell import TwinCell
 from sim.twin.gripper import ModbusTwin, Registers
 from skills.motion.planner import MotionPlanner
 from tests.cell.conftest import changed_configuration
-from tests.sim.twin.rig import light_cell
+from tests.sim.twin.rig import light_cell, own_host
 
-HOST = "127.0.0.74"
+HOST = own_host(74)
 CONFIGURATION = load_configuration()
 PRODUCT, BENCH = load_product(CONFIGURATION), CONFIGURATION.bench
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -18,6 +19,11 @@ from sim.twin.arm import TwinArm
 from sim.twin.cell import TwinCell
 from sim.twin.control import ControlDoor, ask
 from tests.processes import started
+
+
+def own_host(number: int) -> str:
+    """An address of this machine that no other process of tests has."""
+    return f"127.{20 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{number}"
 
 
 class Twin:

@@ -30,7 +30,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "panel": ("simulated", "none"),
     "signals": ("can",),
 }  # of the project, by role
-_OURS = sorted({kind for kinds in KINDS.values() for kind in kinds})
+_OURS: list[Any] = sorted({kind for kinds in KINDS.values() for kind in kinds})
 
 
 class SimulatedDevice(Model):

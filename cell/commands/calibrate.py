@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 import yaml
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
 from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import folder_for, told_in, writable
 from cell.configuration import load_configuration, load_product, simulated
@@ -38,6 +38,7 @@ def calibrate(
         ),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    slower: SlowerOption = 1.0,
     as_json: JsonOption = False,
 ) -> int:
     """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it."""
@@ -51,7 +52,7 @@ def calibrate(
     say = console().print
     say("keep away: the arm moves over the bracket" if not overhead_only else "overhead camera")
     found, cameras, delays_s = calibration_of(
-        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False)
+        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False), slower
     )
     say(table("cameras", {name: one.trouble or _words(one) for name, one in cameras.items()}))
     for role in stamped_delays_s(configuration) if cameras.keys() >= {"wrist"} else ():

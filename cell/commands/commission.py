@@ -9,10 +9,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
 from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import InputError
+from cell.files.model import Location
 from cell.files.yaml_file import write_values
 from cell.interfaces.product import Product
 from cell.runs.bench_view import BenchView
@@ -30,7 +31,7 @@ def teach(
     ],
     config: ConfigOption = CONFIGURATION,
 ) -> int:
-    """Lead the arm by hand (free drive) and press Enter: the configuration then says where things are."""
+    """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are."""
     configuration, product = _read(config)
     if name == GRIPPER:
         return _teach_gripper(configuration, product, config)
@@ -52,12 +53,13 @@ def move(
     name: Annotated[str, typer.Argument(metavar="NAME", help="park or look.")],
     config: ConfigOption = CONFIGURATION,
     share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
+    slower: SlowerOption = 1.0,
 ) -> int:
-    """Move the arm once, to a pose, after Enter: keep away from it, and a hand at the emergency stop."""
+    """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
     configuration, product = _read(config)
     goal_of(name, configuration.bench)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    with located(config, configuration), opened(configuration, product) as devices:
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
         _wait_for_enter(f"to {name}: {way_to(name, devices, configuration.bench, motion)}; at a share of {share:g}")
         move_to(devices, motion, goal_of(name, configuration.bench), share)
     console().print(f"the arm stands at {name}", highlight=False)
@@ -69,7 +71,7 @@ def bench(
     out: Annotated[Path, typer.Option("--out", "-o", help="The drawing, an SVG file.")] = Path("bench.svg"),
     as_json: JsonOption = False,
 ) -> int:
-    """Draw what the cameras see and the arm reaches; status 1 where something is cut off."""
+    """Draw what the cameras see and the arm reaches. Status 1 where something is cut off."""
     configuration, product = _read(config)
     view = BenchView(configuration.bench, product, MotionPlanner(product, configuration.bench, configuration.motion))
     try:
@@ -84,11 +86,11 @@ def bench(
     return 1 if view.problems else 0
 
 
-def dry(config: Path) -> int:
+def dry(config: Path, slower: float = 1.0) -> int:
     """`cell run --dry`: the job's ways above the bench, nothing is touched."""
     configuration, product = _read(config)
     _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
-    with located(config, configuration), opened(configuration, product) as devices:
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
         missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
     return 1 if missed else 0
 
@@ -114,7 +116,10 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
                 )
             clock.sleep_until(clock.now_s() + 0.05)
         first, last = gripper.ends
-    ends = {("devices", GRIPPER, "open_count"): first, ("devices", GRIPPER, "closed_count"): last}
+    ends: dict[Location, object] = {
+        ("devices", GRIPPER, "open_count"): first,
+        ("devices", GRIPPER, "closed_count"): last,
+    }
     write_values(config, ends)
     console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
     return 0

@@ -62,9 +62,9 @@ COMMANDS: Table = {
     "calibrate": Command(
         "cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
     ),
-    "teach": Command("cell.commands.commission:teach", "Lead the arm by hand: where things are at a real cell.", START),
+    "teach": Command("cell.commands.commission:teach", "Lead the arm by hand (free drive) and press Enter.", START),
     "bench": Command("cell.commands.commission:bench", "Draw what the cameras see and the arm reaches.", START),
-    "move": Command("cell.commands.commission:move", "Move the arm once, slowly, after Enter.", START),
+    "move": Command("cell.commands.commission:move", "Move the arm once, to a pose, after Enter.", START),
     "twin": Command("cell.commands.twin:twin_app", "Serve the simulated cell by the wires of real devices.", TEST),
     "new": Command("cell.commands.new:new_app", "Start a tree file, a node or a real cell of your own.", PROGRAM),
     "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),

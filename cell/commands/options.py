@@ -37,6 +37,10 @@ NamesOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
+SlowerOption = Annotated[
+    float,
+    typer.Option("--slower", min=1, max=50, help="Times slower than the wall, as the twin goes."),
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 WorkersOption = Annotated[
     int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")

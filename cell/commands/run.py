@@ -57,7 +57,7 @@ def run(
     if dry:
         from cell.commands.commission import dry as dry_run
 
-        return dry_run(options.configuration)
+        return dry_run(options.configuration, options.slower)
     return assemble(chosen(options, tree, real_time, entries, own), as_json)
 
 

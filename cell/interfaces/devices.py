@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
@@ -101,6 +101,15 @@ class Arm(Protocol):
 
     def samples(self) -> JointSamples | None:
         """What was measured since the last call, a faulted arm included; None from an arm that keeps nothing."""
+        ...
+
+
+@runtime_checkable
+class Loaded(Protocol):
+    """An arm whose controller must know what hangs on its flange."""
+
+    def carry(self, held: bool) -> None:
+        """A part is held, or is not any more; never waits, never raises."""
         ...
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Literal, TypeVar
 
 from cell.interfaces.command import Command, GripperCommand
-from cell.interfaces.devices import Devices, Gripper
+from cell.interfaces.devices import Devices, Gripper, Loaded
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import ObjectStatus, Observation
 from cell.running.operator import OperatorChannel
@@ -83,7 +83,7 @@ class DeviceActor:
         self._signals = devices.signals
         self._operator = operator
         self._refused = refused
-        self._fingers = GripperHold(devices.gripper)
+        self._fingers, self._held = GripperHold(devices.gripper), False
 
     def seen(self, observation: Observation) -> Observation:
         """The observation as skills are to see it: fingers that were stopped half way still move."""
@@ -96,6 +96,7 @@ class DeviceActor:
         if held:
             withhold(command, judgement)
         self.pace(judgement.share)
+        self._load(seen)
         self._recover(seen, judgement)
         self._command("gripper", lambda: self._fingers.keep(seen, held))
         if command.stop_arm:
@@ -124,6 +125,13 @@ class DeviceActor:
     def alarm(self, text: str) -> None:
         """Let the panel show a trouble; an empty text takes it away."""
         self._command("panel", lambda: self._devices.panel.alarm(text))
+
+    def _load(self, seen: Observation) -> None:
+        """An arm that must know what it carries is told when a part is gripped or let go."""
+        arm, held = self._devices.arm, seen.gripper.holding
+        if isinstance(arm, Loaded) and held is not self._held:
+            self._held = held
+            self._command("arm", lambda: arm.carry(held))
 
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
         """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up.

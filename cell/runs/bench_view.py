@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.pose import Array, Pose
@@ -14,6 +15,7 @@ from cell.runs.calibrating import DOWN
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
+Marks = NDArray[np.bool_]
 STEPS = 7  # places along each side of the tray that are tried
 QUARTERS = 4  # turns of the gripper that are tried at each
 GRASP_M = 0.06  # of the tool over the floor of the tray, above parts that stand
@@ -50,10 +52,10 @@ class BenchView:
         return self._motion.kinematics.forward(self._look) @ self._bench.wrist.mount.pose
 
     @cached_property
-    def _reached(self) -> Array:
+    def _reached(self) -> Marks:
         """Which places of the tray the fingers reach, (STEPS, STEPS)."""
         reached = [[bool(self._joints(place)) for place in row] for row in self._tray]
-        return np.array(reached)
+        return np.array(reached, bool)
 
     def _joints(self, place_m: Array) -> bool:
         x, y, z = (float(value) for value in place_m)
@@ -83,7 +85,7 @@ class BenchView:
         else:
             self.told.append("the overhead camera sees all holes and bins")
 
-    def _cut_off(self, seen: Array) -> None:
+    def _cut_off(self, seen: Marks) -> None:
         grid = seen.reshape(STEPS, STEPS)
         if grid.all():
             self.told.append("the wrist camera sees the whole tray")
@@ -114,17 +116,17 @@ class BenchView:
         for name, at in self._product.bracket.holes_m.items():
             place = bench.bracket.pose.transform(np.array([*at, 0.0]))
             shapes += [_circle(place, 0.01, "#888"), _text(place, name)]
-        for name, at in bench.bins_m.items():
-            shapes += [_circle(np.array(at), 0.03, "#ddd"), _text(np.array(at), f"bin {name}")]
+        for name, middle in bench.bins_m.items():
+            shapes += [_circle(np.array(middle), 0.03, "#ddd"), _text(np.array(middle), f"bin {name}")]
         shapes += [_circle(np.zeros(3), 0.08, "#bbb"), _text(np.zeros(3), "arm")]
         return _document(shapes, np.concatenate([corners, _footprint(bench.overhead, bench.overhead.mount.pose)]))
 
 
-def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> Array:
+def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> Marks:
     """Which places (n, 3) are inside a camera's image."""
     deep = world_from_camera.inverse().transform(places_m)[:, 2] > 0
     pixels = setup.model.project(world_from_camera, places_m)
-    inside: Array = deep & (pixels >= 0).all(axis=1) & (pixels <= (setup.width_px - 1, setup.height_px - 1)).all(axis=1)
+    inside: Marks = deep & (pixels >= 0).all(axis=1) & (pixels <= (setup.width_px - 1, setup.height_px - 1)).all(axis=1)
     return inside
 
 

@@ -67,7 +67,7 @@ class Calibrated:
 
 
 def calibrate(
-    configuration: Configuration, product: Product, seed: int, overhead_only: bool, tell: Tell
+    configuration: Configuration, product: Product, seed: int, overhead_only: bool, tell: Tell, slower: float = 1.0
 ) -> tuple[Calibration | None, dict[str, Calibrated], dict[str, float]]:
     """Calibrate the cameras of a cell.
 
@@ -80,7 +80,7 @@ def calibrate(
     """
     motion = MotionPlanner(product, configuration.bench.drawn, configuration.motion)
     delays_s: dict[str, float] = {}
-    with opened(configuration, product, seed) as devices:
+    with opened(configuration, product, seed, slower) as devices:
         cameras = {"overhead": calibrate_overhead(devices, configuration, product)}
         if not overhead_only and not cameras["overhead"].trouble:
             cameras["wrist"] = calibrate_wrist(devices, configuration, product, motion, tell)

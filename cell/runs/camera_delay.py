@@ -11,7 +11,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.devices import Camera, Devices
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
-from cell.runs.slow_motion import PATIENCE_S, PERIOD_S, STILL_S
+from cell.runs.slow_motion import MOVING_MODES, PATIENCE_S, PERIOD_S, STILL_S
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
@@ -79,7 +79,8 @@ class _Watcher:
     """Takes what a camera sees, and how much of it changes."""
 
     def __init__(self, camera: Camera) -> None:
-        self._camera, self._frame, self._small = camera, camera.latest(), None
+        self._camera, self._frame = camera, camera.latest()
+        self._small: Array | None = None
         self._asked_s = float("-inf")
         self.times_s: list[float] = []
         self.changes: list[float] = []
@@ -135,6 +136,8 @@ def _swung(
         for watcher in watchers:
             watcher.look(clock.now_s())
         state, samples = arm.state(), arm.samples()
+        if state.mode not in MOVING_MODES:
+            raise DeviceFault("arm", state.reason or f"it went into the mode {state.mode}")
         if samples is None:
             measured.append((state.time_s, abs(state.velocities_rad_s[0])))
         else:

@@ -257,14 +257,15 @@ def drive(
         if can_tap is not None and isinstance(devices.gripper, CanGripper):
             devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
+        slower: float = getattr(devices.clock, "slower", 1.0)
         if pace == "real":
             arm, gone = devices.arm, devices.gone
-            executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state()))
+            executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state(), slower))
         else:
             executors = lock_step(*detectors, devices)
         supervisor = supervised(files.faults, motion)
         own_body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
-        watchdog, slower = watchdog or Watchdog(), getattr(devices.clock, "slower", 1.0)
+        watchdog = watchdog or Watchdog()
         watchdog.limit_s = TICK_S * slower if pace == "real" else None
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog

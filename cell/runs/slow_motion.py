@@ -22,11 +22,13 @@ from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
 SHARE = 0.5  # of the speed of the arm
+MOVING_MODES = ("normal", "reduced")
+ARRIVED_RAD = 0.02
 PATIENCE_S, PERIOD_S, STILL_S = 5.0, 0.04, 0.3
 
 
 @contextmanager
-def opened(configuration: Configuration, product: Product, seed: int = 0) -> Iterator[Devices]:
+def opened(configuration: Configuration, product: Product, seed: int = 0, slower: float = 1.0) -> Iterator[Devices]:
     """The devices of a cell, simulated ones among them; the arm is never sent what it must not follow.
 
     Raises:
@@ -37,7 +39,7 @@ def opened(configuration: Configuration, product: Product, seed: int = 0) -> Ite
         if configuration.devices.simulated:
             simulated = open_simulation(configuration, product, seed).devices
             stack.callback(simulated.close)
-        devices = stack.enter_context(attached(configuration, product, simulated))
+        devices = stack.enter_context(attached(configuration, product, simulated, slower=slower))
         yield replace(devices, arm=CheckedArm(devices.arm, configuration.robot))
 
 
@@ -50,6 +52,9 @@ def move_to(devices: Devices, motion: MotionPlanner, goal_rad: Array, share: flo
     devices.arm.follow(way)
     begun_s = devices.clock.now_s()
     _follow(devices.arm, devices.clock, begun_s + way.duration_s / share + PATIENCE_S, share)
+    off = float(np.abs(np.array(devices.arm.state().positions_rad) - goal_rad).max())
+    if off > ARRIVED_RAD:
+        raise DeviceFault("arm", f"it stands {off:.3f} rad beside where it was sent, limit {ARRIVED_RAD} rad")
 
 
 def _follow(arm: Arm, clock: Clock, until_s: float, share: float) -> None:
@@ -59,6 +64,9 @@ def _follow(arm: Arm, clock: Clock, until_s: float, share: float) -> None:
         arm.pace(share)
         clock.sleep_until(clock.now_s() + PERIOD_S)
         state = arm.state()
+        if state.mode not in MOVING_MODES:
+            arm.stop()
+            raise DeviceFault("arm", state.reason or f"it went into the mode {state.mode}")
         still_s = 0.0 if state.moving else still_s + PERIOD_S
         if clock.now_s() > until_s:
             arm.stop()

@@ -273,12 +273,17 @@ def _scores(perception: Perception, task: str) -> Mapping[str, float]:
 
 @contextmanager
 def worker_processes(
-    bench: Bench, product: Product, perception: Perception, glance: Callable[[], object] = lambda: None
+    bench: Bench,
+    product: Product,
+    perception: Perception,
+    glance: Callable[[], object] = lambda: None,
+    slower: float = 1.0,
 ) -> Iterator[tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]]:
     """Executors for real time: each detector in a process of its own, ready to answer.
 
     Args:
         glance: see `await_ready`.
+        slower: so many times slower than the wall's goes the run's clock, and so do limits.
 
     Raises:
         CellError: a detector cannot be made, or does not get ready.
@@ -286,7 +291,7 @@ def worker_processes(
 
     def executor(name: str, camera: str, setup: CameraSetup) -> DetectorExecutor[Any]:
         detect = partial(detectors_of, bench, product, perception, (camera,))
-        return DetectorExecutor(name, camera, pixel_shape(setup), detect, SILENT_S[camera])
+        return DetectorExecutor(name, camera, pixel_shape(setup), detect, SILENT_S[camera] * slower)
 
     with (
         closing(executor("bench watcher", "overhead", bench.overhead)) as watcher,

@@ -129,7 +129,7 @@ def attached(
         yield Devices(clock=clock, **opened) if simulated is None else replace(simulated, **opened)
 
 
-def _our_driver(role: str, device: BaseModel) -> type:
+def _our_driver(role: str, device: Any) -> type:
     """The class of a driver of the project, with the packages that it needs.
 
     Raises:

@@ -21,9 +21,9 @@ from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.perception import BenchView, Frame, PartsView, PendingFrame
 from cell.remote.channel import Channel, Failure
 from cell.remote.detecting import seen
+from sim.devices.pacing import Pacer
 from sim.process import messages as said
 from sim.process.buses import CarriedBuses
-from sim.process.pacing import Pacer
 
 GONE_S = 1.0  # simulated time that passes when a controller in lock-step has gone: its arm stops by itself
 KEPT_FRAMES = 8  # of a camera, that a detector may still be asked about

@@ -46,7 +46,7 @@ class TwinArm:
         self._reference = world.data.qpos[world.arm_qpos].copy()
         self._goal, self._acceleration, self._lookahead_s = self._reference.copy(), 1.0, LOOKAHEAD_S
         self._moves: list[tuple[Array, float, float]] = []
-        self._late_periods = 0
+        self._late_periods = self._fast_periods = 0
         self.mode: Mode = "hold"
         self.driven_rad_s: Array = np.zeros(6)
         self.scale, self.held_back = 1.0, ""
@@ -125,9 +125,10 @@ class TwinArm:
         apart = float(np.abs(self.measured.positions_rad - self._reference).max())
         self._late_periods = self._late_periods + 1 if apart > TRACKING_LIMIT_RAD else 0
         fastest = float(np.abs(self.measured.velocities_rad_s).max())
+        self._fast_periods = self._fast_periods + 1 if fastest > SPEED_RAD_S else 0
         if self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
-        elif fastest > SPEED_RAD_S:
+        elif self._fast_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint turns at {fastest:.2f} rad/s, limit {SPEED_RAD_S} rad/s"
 
     def freeze(self) -> None:

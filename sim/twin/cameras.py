@@ -117,6 +117,7 @@ class TwinCamera(MjpegServer):
     def __init__(self, cell: TwinCell, role: str, host: str, port: int) -> None:
         super().__init__(f"camera {role}", host, port)
         self._camera, self._cell = getattr(cell.sim.devices, role), cell
+        self._period_s, self._due_s = 1.0 / getattr(cell.sim.world.bench, role).rate_hz, 0.0
         self._frame: Frame | None = None
         self._due, self._ended = threading.Event(), False
         self._photographer = threading.Thread(target=self._photograph, name=f"images of {role}", daemon=True)
@@ -130,11 +131,13 @@ class TwinCamera(MjpegServer):
         self._photographer.join()
         super().close()
 
-    def _look(self, _: float) -> None:
-        """After each control period: notice a new frame, and let a triggered camera run freely."""
+    def _look(self, time_s: float) -> None:
+        """After each control period: notice a new frame, and let a triggered camera run freely at its rate."""
         with suppress(DeviceFault):
             frame = self._camera.latest()
-            self._camera.trigger()
+            if time_s >= self._due_s:
+                self._due_s = time_s + self._period_s
+                self._camera.trigger()
             if frame is not None and frame is not self._frame:
                 self._frame = frame
                 self._due.set()

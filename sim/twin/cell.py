@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from cell.errors import InputError
 from sim.cell import SimCell
-from sim.process.pacing import Pacer
+from sim.devices.pacing import Pacer
 from sim.twin.arm import TwinArm
 
 # What serves the wire of a device, by the kind that the configuration names: MODULE:FUNCTION of (TwinCell, role).

@@ -71,14 +71,14 @@ class GrabbingCamera:
     ) -> None:
         self._setup: CameraSetup = getattr(bench, role).drawn
         self._name, self._settings, self._clock = role, settings, clock
-        self._open = lambda: open_source(self._setup)
+        self._open_source = open_source
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._newest: Frame | None = None
         self._handed: Frame | None = None
         self._asked_s: float | None = None
         self._came_s, self._trouble, self._sequence = clock.now_s(), "no frame yet", -1
         try:
-            self._source: Source | None = self._open()
+            self._source: Source | None = open_source(self._setup)
         except OSError as error:
             raise self._fault(f"cannot be opened: {error}") from error
         self._thread = threading.Thread(target=self._run, name=f"camera {role}", daemon=True)
@@ -121,7 +121,7 @@ class GrabbingCamera:
 
     def _grab(self) -> None:
         if self._source is None:
-            self._source, self._sequence = self._open(), -1
+            self._source, self._sequence = self._open_source(self._setup), -1
         asked_s = time.monotonic()
         image, ago_s = self._source.grab()
         waited_s = time.monotonic() - asked_s
@@ -181,7 +181,8 @@ class StreamCamera(GrabbingCamera):
     Settings = StreamSettings
 
     def __init__(self, settings: StreamSettings, clock: Clock, bench: Bench, role: str) -> None:
-        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS}
+        slower = getattr(clock, "slower", 1.0)
+        limits = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: OPEN_MS * slower, cv2.CAP_PROP_READ_TIMEOUT_MSEC: READ_MS * slower}
         super().__init__(settings, clock, bench, role, lambda _: _Capture(settings.url, cv2.CAP_FFMPEG, limits))
 
 

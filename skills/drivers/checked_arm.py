@@ -9,7 +9,7 @@ import numpy as np
 from cell.errors import DeviceFault
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.devices import Arm
+from cell.interfaces.devices import Arm, Loaded
 from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.pose import Array
 from cell.interfaces.robot import RobotModel
@@ -46,6 +46,11 @@ class CheckedArm:
     def acknowledge(self) -> None:
         """Unlock a protective stop."""
         self._arm.acknowledge()
+
+    def carry(self, held: bool) -> None:
+        """Tell a driver that wants to know whether a part is held."""
+        if isinstance(self._arm, Loaded):
+            self._arm.carry(held)
 
     def samples(self) -> JointSamples | None:
         """As the driver reports them."""

@@ -25,7 +25,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.devices import DeviceCheck
-from cell.interfaces.observation import GripperState, ObjectStatus
+from cell.interfaces.observation import GripperState, NodeState, ObjectStatus
 from skills.drivers.can_gripper import ACTIVE, ADOPTION_S, MAJOR_FAULT, NO_COMMUNICATION
 from skills.drivers.settings import FingerSettings, RobotiqModbusSettings, RobotiqUrcapSettings
 
@@ -181,7 +181,7 @@ class RegisterGripper:
         echoed = not self._commanded or status.repeats(request)
         met = self._object(status) if echoed else ObjectStatus.MOVING
         opening_m, errors = self._opening_m(status.position), trouble
-        node = "operational" if active else "pre_operational"
+        node: NodeState = "operational" if active else "pre_operational"
         return GripperState(
             told_s, active, met, opening_m, status.current / 100, status.fault, node, echoed, bus_errors=errors
         )
@@ -341,7 +341,7 @@ class ModbusWire:
 
     def close(self) -> None:
         """Let go of the port."""
-        self._client.close()
+        self._client.close()  # type: ignore[no-untyped-call]
 
 
 class UrcapGripper(RegisterGripper):
@@ -391,7 +391,7 @@ class UrcapWire:
 def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[DeviceCheck]:
     """Whether it answers, what it complains of, and whether its fingers end where the settings say; only reads."""
     serial = isinstance(settings, RobotiqModbusSettings)
-    where = settings.port if serial else f"{settings.host}:{settings.port}"
+    where = settings.port if isinstance(settings, RobotiqModbusSettings) else f"{settings.host}:{settings.port}"
     what = f"gripper at {where}"
     try:
         status = _looked(settings)

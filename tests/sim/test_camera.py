@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
+from sim.devices.clock import SimClock
 from sim.rendering.camera import SimCamera
-from sim.rendering.photographer import Photographer, SensorSetup
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import Studio
 from sim.scene.clutter import standing
 from sim.scene.look import Camera
 from sim.scene.world import World, build_world
 from tests.sim.conftest import MakeRig
+from tests.skills import camera_contract
+from tests.skills.camera_contract import CHECKS, Check
 
 CameraName = Literal["overhead", "wrist"]
 
@@ -149,3 +153,16 @@ def test_noise_has_the_configured_strength_and_is_new_in_every_frame(product: Pr
     bright = clean > 20
     assert (images[0] - clean)[bright].std() == pytest.approx(3.0, rel=0.05)
     assert (images[0] - images[1])[bright].std() == pytest.approx(3.0 * 2**0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("check", CHECKS[:-1])
+@pytest.mark.parametrize("name", ["overhead", "wrist"])
+def test_contract(product: Product, bench: Bench, name: CameraName, check: Check) -> None:
+    setup, world = getattr(bench, name), build_world(product, bench, [])
+    image = np.zeros((setup.height_px, setup.width_px, 3), np.uint8)
+
+    def take(exposure: Exposure) -> Frame:
+        return Frame(name, exposure.sequence, exposure.time_s, image, exposure.world_from_camera)
+
+    camera = SimCamera(name, setup, world, take)
+    check(camera_contract.Bench(camera, SimClock(world, [], [camera]), (setup.width_px, setup.height_px)))

@@ -118,7 +118,12 @@ class FullQueue(VirtualBus):
 
 def full_queue(rig: Rig) -> FullQueue:
     bus = FullQueue(rig.channel, receive_own_messages=True)
-    rig.gripper.change_bus(lambda before, _: (before.shutdown(), bus)[1])
+
+    def changed(before: can.BusABC, _: Database) -> can.BusABC:
+        before.shutdown()
+        return bus
+
+    rig.gripper.change_bus(changed)
     return bus
 
 

@@ -106,3 +106,17 @@ def test_an_arm_that_tells_five_joints_follows_nothing() -> None:
     arm.positions_rad = (0.0,) * 5
     with pytest.raises(DeviceFault, match="tells 5 joints, must be 6"):
         CheckedArm(arm, UR10).follow(swing())
+
+
+class Loadable(FakeArm):
+    """An arm that must know its load."""
+
+    def carry(self, held: bool) -> None:
+        self.calls.append(f"carry {held}")
+
+
+def test_an_arm_that_must_know_its_load_is_told_and_others_are_not() -> None:
+    loaded, plain = Loadable(ManualClock()), driver()
+    for arm in (loaded, plain):
+        CheckedArm(arm, UR10).carry(True)
+    assert (loaded.calls, plain.calls) == (["carry True"], [])

@@ -21,11 +21,11 @@ from sim.twin.ur_model import MODELS
 from skills.drivers import cameras, robotiq, ur_examined
 from skills.drivers.settings import RobotiqModbusSettings, StreamSettings, UrSettings
 from skills.motion.kinematics import Kinematics
-from tests.sim.twin.rig import light_cell
+from tests.sim.twin.rig import light_cell, own_host
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 from tests.skills.test_cameras import Shooting, small_bench
 
-HOST = "127.0.0.71"
+HOST = own_host(71)
 CONFIGURATION = load_configuration()
 FORWARD = Kinematics(CONFIGURATION.motion).forward
 
@@ -52,7 +52,7 @@ def test_an_arm_as_it_is_configured_is_well() -> None:
 
 
 def test_nobody_at_the_address() -> None:
-    (found,) = wrong(host="127.0.0.72")
+    (found,) = wrong(host=own_host(72))
     assert "check cable and address" in found.remedy
 
 

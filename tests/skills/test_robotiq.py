@@ -233,5 +233,5 @@ def test_pymodbus_reads_and_writes_the_twin(adapter: Rig) -> None:
         first, fault_echo, _ = read(0x07D0, count=3, device_id=9).registers
         assert first >> 8 & 9 == 9
         assert fault_echo == 0x0010
-    client.close()
+    client.close()  # type: ignore[no-untyped-call]
     adapter.gripper = adapter.open()

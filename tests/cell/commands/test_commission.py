@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,18 +16,22 @@ import yaml
 from cell.commands import commission
 from cell.commands.main import main
 from cell.configuration import load_configuration, load_product
-from cell.errors import InputError
+from cell.errors import DeviceFault, InputError
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.observation import ArmMode, ArmState
 from cell.interfaces.pose import Array, Pose
 from cell.runs.bench_view import BenchView
 from cell.runs.commissioning import Teaching, fitted
+from cell.runs.slow_motion import move_to
 from cell.wiring.devices import find_drivers
 from sim.twin.cell import TwinCell
 from sim.twin.gripper import ModbusTwin, Registers
 from skills.motion.planner import MotionPlanner
 from tests.cell.conftest import changed_configuration
-from tests.sim.twin.rig import light_cell
+from tests.sim.twin.rig import light_cell, own_host
 
-HOST = "127.0.0.74"
+HOST = own_host(74)
 CONFIGURATION = load_configuration()
 PRODUCT, BENCH = load_product(CONFIGURATION), CONFIGURATION.bench
 
@@ -207,9 +213,6 @@ def test_a_tray_that_is_cut_off_is_told_and_drawn(
     assert "does not see bin o1" in BenchView(far, PRODUCT, motion).problems[0]
 
 
-Steps = Callable[..., object]
-
-
 def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pressed(monkeypatch)
     assert main(["move", "look", "--share", "1"]) == 0
@@ -217,6 +220,32 @@ def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     assert "thenpressEnter" in said
     assert "thearmstandsatlook" in said
     assert main(["move", "there"]) == 2
+
+
+class StoppingArm:
+    """Stops by itself on its way."""
+
+    def __init__(self, joints: Array) -> None:
+        self._joints, self._followed = tuple(joints.tolist()), False
+
+    def state(self) -> ArmState:
+        mode: ArmMode = "protective_stop" if self._followed else "normal"
+        return ArmState(0.0, self._joints, (0.0,) * 6, False, mode)
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        self._followed = True
+        return trajectory
+
+    def nothing(self, *_: object) -> None:
+        pass
+
+    stop = pace = acknowledge = samples = nothing
+
+
+def test_an_arm_that_stopped_on_its_way_has_not_arrived(motion: MotionPlanner) -> None:
+    devices: Any = SimpleNamespace(arm=StoppingArm(np.array(BENCH.arm_park_rad)), clock=ManualClock())
+    with pytest.raises(DeviceFault, match="protective_stop"):
+        move_to(devices, motion, np.array(BENCH.arm_look_rad))
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from trees.node_library import node_registry
 
 CONFIG = ROOT / "config"
 FILES = [
-    *(("cell", path) for path in (CONFIG / "cell.yaml", CONFIG / "paper.yaml")),
+    *(("cell", path) for path in (CONFIG / "cell.yaml", CONFIG / "paper.yaml", CONFIG / "twin_cell.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("sim", path) for path in CONFIG.glob("sim*.yaml")),

@@ -10,7 +10,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
 from cell.interfaces.perception import BenchView, Frame, PendingFrame
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
 from cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
 from cell.running.inference import LockStep
 from skills.motion.planner import MotionPlanner
@@ -80,12 +80,13 @@ def test_the_tool_at_an_exposure_is_between_what_was_measured(motion: MotionPlan
     assert body.tool_at(1.0) is None
     park, look = np.array(PARK), np.array(LOOK)
 
-    def joints(time_s: float) -> np.ndarray:
+    def joints(time_s: float) -> Array:
         """Slowing down, so that no straight line fits."""
-        return park + (1 - (1 - time_s) ** 2) * (look - park)
+        place: Array = park + (1 - (1 - time_s) ** 2) * (look - park)
+        return place
 
-    times_s = np.arange(0.0, 0.48, 0.008)
-    positions = np.array([joints(float(one)) for one in times_s])
+    times_s = np.array([0.008 * number for number in range(60)])
+    positions: Array = np.array([joints(float(one)) for one in times_s])
     body.sampled(JointSamples(times_s, positions, 0 * positions, 0 * positions))
     body.keep(arm(0.5, tuple(joints(0.5).tolist())), nobody)
     for time_s in (0.0, 0.1234, 0.49):

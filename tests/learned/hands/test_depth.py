@@ -18,7 +18,13 @@ PALM, THUMB, INDEX = np.array([240.0, 200.0]), np.array([228.0, 150.0]), np.arra
 
 
 def reading() -> Reading:
-    points = {"palm": PALM, "pinch": (THUMB + INDEX) / 2, "thumb": THUMB, "index": INDEX, "wrist": PALM + np.array((0.0, 40.0))}
+    points = {
+        "palm": PALM,
+        "pinch": (THUMB + INDEX) / 2,
+        "thumb": THUMB,
+        "index": INDEX,
+        "wrist": PALM + np.array((0.0, 40.0)),
+    }
     return Reading(1.0, 0.0, 1.0, points, (200.0, 130.0, 280.0, 260.0), (0.1, 0.05))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cell.interfaces.clock import ManualClock
-from sim.process.pacing import CATCH_UP_S, Pacer
+from sim.devices.pacing import CATCH_UP_S, Pacer
 
 PERIOD_S = 0.008
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -20,16 +21,28 @@ from sim.twin.control import ControlDoor, ask
 from tests.processes import started
 
 
+def own_host(number: int) -> str:
+    """An address of this machine that no other process of tests has."""
+    return f"127.{20 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{number}"
+
+
+def slower_now() -> float:
+    """How many times slower a twin must go to keep its time beside what else this machine does."""
+    waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
+    return float(min(max(round(waiting), 1), 8))
+
+
 class Twin:
     """A running twin.
 
     Attributes:
         host: where its wires are.
         process: it runs there.
+        slower: seconds of the wall for each of its own.
     """
 
-    def __init__(self, host: str, door: Path, process: subprocess.Popen[str]) -> None:
-        self.host, self._door, self.process = host, door, process
+    def __init__(self, host: str, door: Path, process: subprocess.Popen[str], slower: float) -> None:
+        self.host, self._door, self.process, self.slower = host, door, process, slower
 
     def fault(self, name: str) -> None:
         """Make something go wrong."""
@@ -42,14 +55,15 @@ class Twin:
 
 
 @contextmanager
-def running_twin(folder: Path, number: int, robot: str = "ur10", slower: float = 1.0) -> Iterator[Twin]:
+def running_twin(folder: Path, number: int, robot: str = "ur10", slower: float | None = None) -> Iterator[Twin]:
     """A twin at 127.0.0.NUMBER: each test has its own."""
     host, door = f"127.0.0.{number}", folder / f"twin{number}.sock"
+    slower = slower_now() if slower is None else slower
     words = [sys.executable, "-m", "tests.sim.twin.rig", host, str(door), robot, str(slower)]
     with started(words) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
-        yield Twin(host, door, process)
+        yield Twin(host, door, process, slower)
 
 
 def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: float) -> TwinCell:

@@ -27,11 +27,12 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def ur(twin: Twin) -> Iterator[Bench]:
-    configuration, clock = load_configuration(), WallClock()
+    configuration, clock = load_configuration(), WallClock(twin.slower)
     arm = UrArm(UrSettings(host=twin.host), clock, load_product(configuration), configuration.robot)
     yield Bench(arm, clock, lambda: twin.fault("protective_stop"))
     arm.close()
     arm.close()
+    twin.fault("mended")
 
 
 @pytest.fixture(scope="module", params=["ideal", "ur10_usb"])

@@ -35,7 +35,7 @@ def ur(twin: Twin) -> Iterator[Bench]:
 
 
 def opened(twin: Twin) -> Bench:
-    configuration, clock = load_configuration(), WallClock()
+    configuration, clock = load_configuration(), WallClock(twin.slower)
     arm = UrArm(UrSettings(host=twin.host), clock, load_product(configuration), configuration.robot)
     return Bench(arm, clock, lambda: None)
 

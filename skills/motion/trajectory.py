@@ -119,7 +119,7 @@ def blended(
             early = _added(path, len(path) - len(leg.times_s), overlap)
             near = early[max(0, cut - 3) : cut + overlap + 4]
             if overlap > 1 and _within(near, settings) and is_free(near):
-                whole = JointTrajectory(settings.sample_s * np.arange(len(early)), early)
+                whole = JointTrajectory(settings.sample_s * np.arange(len(early), dtype=np.float64), early)
                 break
     return whole
 
@@ -136,7 +136,7 @@ def _added(path_rad: Array, corner: int, overlap: int) -> Array:
 
 def _within(path_rad: Array, settings: MotionSettings) -> bool:
     """Whether speeds and accelerations between samples are legal."""
-    times_s = settings.sample_s * np.arange(len(path_rad))
+    times_s: Array = settings.sample_s * np.arange(len(path_rad), dtype=np.float64)
     return speed_excess(times_s, path_rad, settings) <= 1.0 + ROUNDING
 
 

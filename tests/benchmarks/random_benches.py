@@ -63,7 +63,8 @@ def obstacle(rng: np.random.Generator, number: int) -> Obstacle:
 
 def random_bench(product: Product, bench: Bench, rng: np.random.Generator) -> Bench:
     """With 3 to 8 obstacles, none of which is where something else stands or the arm rests."""
-    wanted, kept = int(rng.integers(3, 9)), ()
+    wanted = int(rng.integers(3, 9))
+    kept: tuple[Obstacle, ...] = ()
     while len(kept) < wanted:
         tried = bench.model_copy(update={"obstacles": (*kept, obstacle(rng, len(kept)))})
         if not overlapping(product, tried) and not MotionPlanner(product, tried).blocked:

@@ -169,7 +169,9 @@ def test_the_arm_parks_with_its_fingers_turned_as_is_soonest(planner: MotionPlan
 
 def robot_start(bench: Bench, turned: float) -> Array:
     """Looking, with the wrist turned."""
-    return np.array(bench.arm_look_rad) + turned * (np.arange(6) == 5)
+    joints: Array = np.array(bench.arm_look_rad)
+    joints[5] += turned
+    return joints
 
 
 def test_move_to_where_the_arm_is_sends_nothing(planner: MotionPlanner, robot: IdealRobot) -> None:

@@ -114,10 +114,9 @@ def blended(
         shortest = min(len(before.times_s), len(leg.times_s)) - 1
         for share in BLENDS:
             overlap = int(share * shortest)
-            cut = len(whole.times_s) - len(leg.times_s) - overlap  # where the two begin to be one motion
-            path = np.concatenate([whole.positions_rad[: -len(leg.times_s) + 1], leg.positions_rad[1:]])
-            early = _added(path, len(path) - len(leg.times_s), overlap)
-            near = early[max(0, cut - 3) : cut + overlap + 4]
+            corner = len(whole.times_s) - len(leg.times_s)
+            early = _added(whole.positions_rad, corner, overlap)
+            near = early[max(0, corner - overlap - 3) : corner + 4]
             if overlap > 1 and _within(near, settings) and is_free(near):
                 whole = JointTrajectory(settings.sample_s * np.arange(len(early), dtype=np.float64), early)
                 break

@@ -17,7 +17,9 @@ def main() -> None:
     try:
         status = command_line()
     finally:
-        if "duckdb" not in sys.modules:  # its binding takes what is kept for leaks, and tells each of them
+        if {"duckdb", "ompl"} & sys.modules.keys():  # whose bindings take what is kept for leaks, and tell each of them
+            gc.unfreeze()
+        else:
             gc.freeze()  # nor when all of it ends
     sys.exit(status)
 

@@ -110,8 +110,9 @@ class MoveTo(FreeMove):
             way_s = planner.travel_s(joints - joints_of(observation))
             return round(way_s + planner.travel_s(look - joints), 3), way_s
 
-        turns = np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(6) == 5)
-        return min((joints for joints in park + turns if planner.kinematics.within_limits(joints)), key=takes_s)
+        turned = list(park + np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(6) == 5))
+        chosen: Array = min((joints for joints in turned if planner.kinematics.within_limits(joints)), key=takes_s)
+        return chosen
 
 
 class GiveWay(MoveTo):

@@ -169,9 +169,12 @@ class Obstacle(Mount):
         """Points (n, 3) in the world whose convex hull it is; of a cylinder nearly."""
         if self.mesh is not None:
             return self.pose.transform(mesh_points(self.mesh))
-        width_m, height_m = self.cylinder_m or (0.0, 0.0)
-        shape = "cylinder" if self.box_m is None else "box"
-        solid = Solid(solid=shape, size_m=self.box_m or (width_m, width_m, height_m), centre_m=(0.0, 0.0, 0.0))
+        if self.box_m is not None:
+            solid = Solid(solid="box", size_m=self.box_m, centre_m=(0.0, 0.0, 0.0))
+        else:
+            assert self.cylinder_m is not None
+            across_m, along_m = self.cylinder_m
+            solid = Solid(solid="cylinder", size_m=(across_m, across_m, along_m), centre_m=(0.0, 0.0, 0.0))
         return self.pose.transform(solid.points())
 
 

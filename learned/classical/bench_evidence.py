@@ -45,7 +45,7 @@ MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
 @dataclass(frozen=True)
-class _Landmarks:
+class Landmarks:
     """Stretches of edges of plate and tray.
 
     Attributes:
@@ -61,7 +61,7 @@ class _Landmarks:
     groups: NDArray[np.intp]
 
     @staticmethod
-    def of(bench: Bench, product: Product) -> _Landmarks:
+    def of(bench: Bench, product: Product) -> Landmarks:
         """Those of a bench that are in view, and that none of its obstacles hides."""
         view, tray = View(bench.overhead.model, bench.overhead.mount.pose), bench.tray
         half, (x, y, z) = np.array(tray.size_m) / 2, tray.centre_m
@@ -84,11 +84,11 @@ class _Landmarks:
                 shown = [part for part, column, row in places if not covered[row, column].any()]
                 found += [(start[part], unit[part], 2 * number + side // 2) for part in shown]
         if not found:
-            return _Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
+            return Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
         points, across, groups = zip(*found, strict=True)
         places = np.rint(np.concatenate(points) + shifts[:, np.newaxis]).astype(np.intp)
         stretch = np.repeat(np.arange(len(found)), [len(one) for one in points])
-        return _Landmarks(places, np.concatenate(across), stretch, np.array(groups))
+        return Landmarks(places, np.concatenate(across), stretch, np.array(groups))
 
     def seen(self, grey: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> dict[int, bool]:
         """Of each group that is not mostly hidden, whether its landmarks are seen, at the shift that most are seen at.
@@ -127,7 +127,7 @@ class BenchEvidence:
     def __init__(self, bench: Bench, product: Product) -> None:
         model = bench.overhead.model
         self._view = View(model, bench.overhead.mount.pose)
-        self._landmarks = _Landmarks.of(bench, product)
+        self._landmarks = Landmarks.of(bench, product)
         self._bins = [_around(self._view, place) for place in bench.bins_m.values()]
         shape = model.height_px // GRID, model.width_px // GRID
         self._reference = np.zeros((*shape, 3), np.float32)

@@ -121,16 +121,14 @@ class MotionPlanner:
         if isinstance(looking, JointTrajectory | str):
             return looking
         found = [plan for plan in islice(looking, len(LIFTS_M)) if plan is not None]
-        return found[0] if found else "no free way without a search"
+        return found[0] if found else self._no_way(self.scene(load), start_rad, goal_rad)
 
     def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
         """A lift is often enough; then whatever a search finds."""
         leaving = self.scene(Load(load.opening_m, close=True))
         for lift_m, drop_m in LIFTS_M:
             yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
-        where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
-        touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
-        if not touched:
+        if not (scene.touches(start_rad) or scene.touches(goal_rad)):
             range_rad = self.kinematics.range_rad
             ends = np.array([start_rad, goal_rad])
             wide = self.scene(load, SPARE_M)
@@ -139,8 +137,14 @@ class MotionPlanner:
                 yield None
                 if way is not None:
                     yield self._through(scene, way)
-        direct = scene.first_contact(np.array([start_rad, goal_rad]))
-        yield Message("no free way: {contact}", contact=(*touched, direct)[0])
+        yield self._no_way(scene, start_rad, goal_rad)
+
+    def _no_way(self, scene: Scene, start_rad: Array, goal_rad: Array) -> str:
+        """Which two things are in the way, at an end of it or on the direct one."""
+        where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
+        touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
+        contact = (*touched, scene.first_contact(np.array([start_rad, goal_rad])))[0]
+        return Message("no free way: {contact}", contact=contact)
 
     def _lifted(
         self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float

@@ -87,7 +87,7 @@ class Room:
         """Whether nothing touches there."""
         self.checks += 1
         joints = self.joints(state)
-        return abs(joints[3]) <= self._range_rad[3] and not self._scene.touches(joints)
+        return bool(abs(joints[3]) <= self._range_rad[3]) and not self._scene.touches(joints)
 
 
 class Search:

@@ -114,12 +114,11 @@ def blended(
         shortest = min(len(before.times_s), len(leg.times_s)) - 1
         for share in BLENDS:
             overlap = int(share * shortest)
-            cut = len(whole.times_s) - len(leg.times_s) - overlap  # where the two begin to be one motion
-            path = np.concatenate([whole.positions_rad[: -len(leg.times_s) + 1], leg.positions_rad[1:]])
-            early = _added(path, len(path) - len(leg.times_s), overlap)
-            near = early[max(0, cut - 3) : cut + overlap + 4]
+            corner = len(whole.times_s) - len(leg.times_s)
+            early = _added(whole.positions_rad, corner, overlap)
+            near = early[max(0, corner - overlap - 3) : corner + 4]
             if overlap > 1 and _within(near, settings) and is_free(near):
-                whole = JointTrajectory(settings.sample_s * np.arange(len(early)), early)
+                whole = JointTrajectory(settings.sample_s * np.arange(len(early), dtype=np.float64), early)
                 break
     return whole
 
@@ -136,7 +135,7 @@ def _added(path_rad: Array, corner: int, overlap: int) -> Array:
 
 def _within(path_rad: Array, settings: MotionSettings) -> bool:
     """Whether speeds and accelerations between samples are legal."""
-    times_s = settings.sample_s * np.arange(len(path_rad))
+    times_s: Array = settings.sample_s * np.arange(len(path_rad), dtype=np.float64)
     return speed_excess(times_s, path_rad, settings) <= 1.0 + ROUNDING
 
 

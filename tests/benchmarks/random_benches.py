@@ -23,6 +23,7 @@ from sim.scene.storage import overlapping
 from skills.motion import search
 from skills.motion.grasp_pose import hole_pose
 from skills.motion.planner import Load, MotionPlanner
+from skills.motion.trajectory import speed_excess
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 OPENING_M = 0.04
@@ -42,6 +43,7 @@ class Tally:
     plans_s: list[float] = field(default_factory=list)
     pieces_s: list[float] = field(default_factory=list)
     lasts_s: list[float] = field(default_factory=list)
+    limits: list[float] = field(default_factory=list)
 
 
 def obstacle(rng: np.random.Generator, number: int) -> Obstacle:
@@ -63,7 +65,8 @@ def obstacle(rng: np.random.Generator, number: int) -> Obstacle:
 
 def random_bench(product: Product, bench: Bench, rng: np.random.Generator) -> Bench:
     """With 3 to 8 obstacles, none of which is where something else stands or the arm rests."""
-    wanted, kept = int(rng.integers(3, 9)), ()
+    wanted = int(rng.integers(3, 9))
+    kept: tuple[Obstacle, ...] = ()
     while len(kept) < wanted:
         tried = bench.model_copy(update={"obstacles": (*kept, obstacle(rng, len(kept)))})
         if not overlapping(product, tried) and not MotionPlanner(product, tried).blocked:
@@ -100,6 +103,7 @@ def ask(planner: MotionPlanner, start: Array, goal: Array, load: Load, tally: Ta
     tally.pieces_s.append(max(pieces))
     if isinstance(found, JointTrajectory):
         tally.lasts_s.append(found.duration_s)
+        tally.limits.append(speed_excess(found.times_s, found.positions_rad, planner.settings))
     return isinstance(found, JointTrajectory)
 
 
@@ -136,6 +140,7 @@ def main() -> None:
             "p95": round(float(np.quantile(plans_ms, 0.95)), 1),
         },
         "most_in_a_tick_ms": round(1e3 * max(tally.pieces_s), 1),
+        "most_of_a_joints_limit": round(max(tally.limits), 4),
         "way_s": {"median": round(float(np.median(tally.lasts_s)), 2), "most": round(max(tally.lasts_s), 2)},
     }
     print(json.dumps(report, indent=2))

@@ -16,7 +16,11 @@ from sim.scene.storage import overlapping
 from sim.scene.world import build_world
 
 TOP_M = 0.10
-SHAPES = {"box": {"box_m": (0.12, 0.12, TOP_M)}, "cylinder": {"cylinder_m": (0.12, TOP_M)}, "mesh": {}}
+SHAPES: dict[str, dict[str, object]] = {
+    "box": {"box_m": (0.12, 0.12, TOP_M)},
+    "cylinder": {"cylinder_m": (0.12, TOP_M)},
+    "mesh": {},
+}
 CORNERS = [(x, y, z) for x in (-0.06, 0.06) for y in (-0.06, 0.06) for z in (-TOP_M / 2, TOP_M / 2)]
 FACES = [(1, 2, 3), (2, 3, 4), (5, 6, 7), (6, 7, 8), (1, 2, 5), (2, 5, 6), (3, 4, 7), (4, 7, 8), (1, 3, 5), (3, 5, 7)]
 AT_M = (0.56, 0.10, TOP_M / 2)

@@ -146,7 +146,7 @@ def tetrahedron(path: Path) -> Path:
 def test_obstacles_of_the_bench_are_seen(
     kinematics: Kinematics, product: Product, bench: Bench, tmp_path: Path, shape: str
 ) -> None:
-    made = {
+    made: dict[str, dict[str, Any]] = {
         "box": {"box_m": (0.1, 0.1, 0.2)},
         "cylinder": {"cylinder_m": (0.1, 0.2)},
         "mesh": {"mesh": tetrahedron(tmp_path / "lamp.obj")},

@@ -16,6 +16,7 @@ from cell.interfaces.skill import SkillStatus
 from skills.motion.collision import Box
 from skills.motion.grasp_pose import hole_pose
 from skills.motion.planner import Load, MotionPlanner, settled
+from skills.motion.search import Room
 from skills.motion.trajectory import joint_speeds, speed_excess
 from skills.pick_and_place import Pick, Place
 from tests.skills.ideal_robot import IdealRobot
@@ -133,3 +134,12 @@ def test_the_arm_waits_while_a_way_is_looked_for(product: Product, bench: Bench)
     assert robot.run(Place(planner, "p4", "o2")).status is SkillStatus.SUCCESS
     scene = planner.scene(Load(0.0, close=True))
     assert all(scene.first_contact(way.positions_rad) is None for way in robot.trajectories)
+
+
+def test_a_search_knows_the_range_of_the_joint_that_follows_from_the_others(behind_a_post: MotionPlanner) -> None:
+    """OMPL takes nothing but a bool."""
+    look, scene = np.array(behind_a_post.bench.arm_look_rad), behind_a_post.scene(LOAD)
+    ends = np.array([look, look + 0.1 * (np.arange(6) == 0)])
+    for range_rad, free in ((6.28, True), (1.5, False)):
+        room = Room(scene, ends, np.array([6.28, 6.28, 3.14, range_rad, 6.28, 6.28]))
+        assert room.is_free(dict(enumerate(room.ends[0].tolist()))) is free

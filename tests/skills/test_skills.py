@@ -12,7 +12,7 @@ from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.grasping import OFF_MIDDLE_M
 from cell.interfaces.observation import GripperState, ObjectStatus
 from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
 from skills.grasping.contact import tool_height_m
@@ -23,6 +23,7 @@ from skills.motion.grasp_pose import hole_pose
 from skills.motion.grip import Grip, Hold
 from skills.motion.lying_grasp import lying_holds
 from skills.motion.planner import MotionPlanner
+from skills.motion.trajectory import joint_move
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.pick_and_place import Pick, Place
@@ -150,6 +151,27 @@ def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
         assert (np.abs(speeds) <= DATASHEET_RAD_S).all()
         end = trajectory.positions_rad[-1]
     assert robot.at(np.array(bench.arm_park_rad))
+
+
+def test_the_arm_parks_with_its_fingers_turned_as_is_soonest(planner: MotionPlanner, bench: Bench) -> None:
+    park, look = np.array(bench.arm_park_rad), np.array(bench.arm_look_rad)
+    for turned in (-np.pi, 0.0, np.pi / 2):
+        robot = IdealRobot((*bench.arm_look_rad[:5], bench.arm_look_rad[5] + turned))
+        assert robot.run(MoveTo(planner, "park")).status is SkillStatus.SUCCESS
+        stands = np.array(robot.observe().arm.positions_rad)
+        assert stands[:5] == pytest.approx(park[:5], abs=1e-6)
+        assert np.sin(stands[5] - park[5]) == pytest.approx(0.0, abs=1e-6)
+        there_s, on_s = (planner.travel_s(way) for way in (stands - robot_start(bench, turned), look - stands))
+        usual_s = planner.travel_s(park - robot_start(bench, turned)) + planner.travel_s(look - park)
+        assert there_s + on_s <= usual_s + 1e-3
+    assert joint_move(park, look, planner.settings).duration_s <= 0.8
+
+
+def robot_start(bench: Bench, turned: float) -> Array:
+    """Looking, with the wrist turned."""
+    joints: Array = np.array(bench.arm_look_rad)
+    joints[5] += turned
+    return joints
 
 
 def test_move_to_where_the_arm_is_sends_nothing(planner: MotionPlanner, robot: IdealRobot) -> None:

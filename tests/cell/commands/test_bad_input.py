@@ -57,7 +57,6 @@ CELL: list[tuple[str, Any]] = [
     ("motion.line_speed_m_s", INF),
     ("motion.line_speed_m_s", 1000),
     ("motion.search_shifts_m", [NAN]),
-    ("motion.collision_step_rad", 1e6),
     ("motion.arrival_tolerance_rad", 100),
     ("motion.contact_lag_m", INF),
     ("motion.gripper_timeout_s", INF),

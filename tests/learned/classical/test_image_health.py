@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Obstacle
 from cell.interfaces.perception import Frame, HandSample
+from learned.classical.bench_evidence import Landmarks
+from learned.classical.box_model import View, obstacle_mask
 from learned.classical.image_health import ImageHealth
 from learned.classical.track_health import TrackHealth
-from sim.cell import SimCell
-from tests.integration.cell_rig import BENCH, CAN, PRODUCT, SIMULATION, with_person
+from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 from tests.learned.classical.scenes import classical_bench_watcher
 
 Image = NDArray[np.uint8]
@@ -294,19 +294,12 @@ def test_it_is_told_by_which_edge_a_hand_left() -> None:
     assert health.left_by == ()
 
 
-def test_a_post_that_hides_an_edge_of_the_plate_is_part_of_the_bench() -> None:
-    """With it known, landmarks behind it are not asked for; unknown, the bench is not seen."""
+def test_landmarks_that_an_obstacle_hides_are_not_asked_for_and_others_are() -> None:
     x, y, _ = BENCH.bracket.position_m
-    post = Obstacle(name="post", position_m=(x + 0.02, y - 0.08, 0.18), box_m=(0.24, 0.04, 0.36))
-    known = BENCH.model_copy(update={"obstacles": (post,)})
-    told = {}
-    with closing(SimCell(PRODUCT, known, SIMULATION, *CAN, 5, "g0", worker=False)) as cell:
-        watchers = {
-            "known": classical_bench_watcher(known, PRODUCT),
-            "unknown": classical_bench_watcher(BENCH, PRODUCT),
-        }
-        while cell.devices.clock.now_s() < 3.0:
-            cell.devices.clock.sleep_until(cell.devices.clock.now_s() + 0.04)
-            if (frame := cell.devices.overhead.latest()) is not None:
-                told |= {name: watcher.watch(frame).health for name, watcher in watchers.items()}
-    assert told == {"known": "", "unknown": "the bench is not seen"}
+    post = Obstacle(name="post", position_m=(x, y - 0.08, 0.18), box_m=(0.10, 0.04, 0.36))
+    with_it = BENCH.model_copy(update={"obstacles": (post,)})
+    covered = obstacle_mask(View(BENCH.overhead.model, BENCH.overhead.mount.pose), with_it)
+    every, kept = (Landmarks.of(bench, PRODUCT) for bench in (BENCH, with_it))
+    hidden = [covered[places[:, 1], places[:, 0]].any() for places in (every.places[0], kept.places[0])]
+    assert hidden == [True, False]
+    assert 0.5 * len(every.groups) < len(kept.groups) < len(every.groups)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cell.errors import ModelError
+from cell.interfaces.command import Command
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.perception import Action, HandSample, HoleView, PartDetection
 from cell.interfaces.planning import AssemblyState, GraspPlan
@@ -189,6 +190,18 @@ def test_looking_waits_for_an_answer_to_an_image_taken_after_the_question() -> N
     at.now.observation = replace(at.now.observation, time_s=2.2, parts=new)
     assert node.update() is Status.SUCCESS
     assert node.parts.entry.value is new  # type: ignore[union-attr]
+
+
+def test_a_frame_of_the_tray_that_does_not_come_is_asked_for_again() -> None:
+    at = services()
+    node: Any = alone(LookAtTray("look"), at)
+    asked = []
+    for tick in range(60):
+        at.now.command = Command()
+        at.now.observation = replace(at.now.observation, time_s=0.04 * tick, parts=None)
+        node.execute()
+        asked += [round(0.04 * tick, 2)] if at.now.command.look else []
+    assert asked == pytest.approx([0.0, 0.44, 0.88, 1.32, 1.76, 2.2], abs=0.05)
 
 
 def test_the_easiest_part_of_the_required_type_is_found() -> None:

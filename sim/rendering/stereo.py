@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.pose import Array
 from sim.scene.lens import Lens
 from sim.scene.look import Camera
 
@@ -20,7 +19,8 @@ BASELINE_M, FOCAL_PX = 0.050, 425.0  # of the stereo pair at 848 x 480
 DISPARITY_PX = 0.08  # standard deviation of a matched pixel on a textured surface
 SCALE_SPREAD = 0.005  # of the calibration, drawn once
 WINDOW_PX, FATTENED_PX = 4.0, 2  # pixels that share an error; by so much the foreground is wider
-LOST_SHARE, LOST_PX = 0.03, 3.0  # of pixels, in blobs of so many
+LOST_FROM, LOST_PX = 1.88, 3.0  # standard deviations: 3 % of pixels, in blobs of so many
+COARSE = 2  # pixels, along both axes, for which noise is drawn once
 FARTHEST_M = 10.0
 
 DepthImage = NDArray[np.uint16]
@@ -50,16 +50,18 @@ class Stereo:
         error = near**2 * DISPARITY_PX / (FOCAL_PX * BASELINE_M)
         told = near * self._scale + error * self._smooth(near.shape, WINDOW_PX / 2)
         blobs = self._smooth(near.shape, LOST_PX)
-        lost = (blobs > np.quantile(blobs, 1 - LOST_SHARE)) | self._one_eyed(seen) | (told > FARTHEST_M)
+        lost = (blobs > LOST_FROM) | self._one_eyed(seen) | (told > FARTHEST_M)
         millimetres = np.where(lost, 0.0, np.rint(1e3 * told)).astype(np.uint16)
         millimetres.setflags(write=False)
         return millimetres
 
-    def _smooth(self, shape: tuple[int, ...], sigma_px: float) -> Array:
+    def _smooth(self, shape: tuple[int, ...], sigma_px: float) -> NDArray[np.float32]:
         """Noise with standard deviation 1, alike within some pixels."""
-        noise = self._rng.standard_normal(shape, dtype=np.float32)
-        smooth = cv2.GaussianBlur(noise, (0, 0), sigma_px)
-        found: Array = smooth / smooth.std()
+        coarse = [-(-side // COARSE) for side in shape]
+        noise = self._rng.standard_normal(coarse, dtype=np.float32)
+        smooth = cv2.GaussianBlur(noise, (0, 0), sigma_px / COARSE)
+        whole = np.asarray(cv2.resize(smooth, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        found: NDArray[np.float32] = whole / whole.std()
         return found
 
     def _one_eyed(self, depths_m: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -140,7 +140,8 @@ def _add_materials(spec: mujoco.MjSpec, person: Appearance, name: str, gloved: b
         nchannel=3,
     )
     texture.data = skin_texture(round(999_999 * person.skin_tone)).tobytes()
-    colours = {"skin": hand_rgb, "arm": np.array(person.skin_rgb), "nail": nail_rgb, "sleeve": person.sleeve_rgb}
+    bare, sleeve = np.array(person.skin_rgb), np.array(person.sleeve_rgb)
+    colours = {"skin": hand_rgb, "arm": bare, "nail": nail_rgb, "sleeve": sleeve}
     for part, rgb in colours.items():
         shine = 0.25 if part == "nail" else 0.1
         material = spec.add_material(name=f"{name}_{part}", rgba=(*rgb, 1.0), specular=shine, shininess=shine)

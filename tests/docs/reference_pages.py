@@ -55,7 +55,8 @@ LOG_TOPICS = f"""# Topics of a log
 {MADE} [logs.md](../logs.md) is the guide. A field that is None is
 left out, and messages may hold more than these fields. Further topics:
 
-- `/camera/overhead`, `/camera/wrist`: JPEG images.
+- `/camera/overhead`, `/camera/wrist`: JPEG images. `/depth/overhead`: PNG images of 16 bits, in millimetres, 0 for
+  unknown.
 - `/joint_samples`: what the arm measured between two ticks, in protobuf. It has the time, and for each joint position,
   velocity and effort.
 - `/log`: lines of text.

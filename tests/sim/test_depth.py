@@ -20,7 +20,7 @@ from sim.scene.world import build_world
 FAR_M, NEAR_M = 1.3, 1.0
 
 
-def spoilt(bench: Bench, depths_m: np.ndarray[tuple[int, int], np.dtype[np.float32]], seed: int = 0) -> np.ndarray:  # type: ignore[type-arg]
+def spoilt(bench: Bench, depths_m: np.ndarray[tuple[int, int], np.dtype[np.float32]], seed: int = 0) -> np.ndarray:
     return Stereo(bench.overhead, NOMINAL.camera, np.random.default_rng(seed)).spoil(depths_m)
 
 

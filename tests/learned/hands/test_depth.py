@@ -6,77 +6,72 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cell.configuration import load_configuration
 from cell.errors import DeviceFault
-from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame
 from learned.classical.box_model import View, check_image
 from learned.classical.depth_evidence import DepthEvidence
 from learned.hands.depth import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
 from learned.hands.reading import Reading
 
+BENCH = load_configuration().bench
 PALM, THUMB, INDEX = np.array([240.0, 200.0]), np.array([228.0, 150.0]), np.array([250.0, 150.0])
 
 
 def reading() -> Reading:
-    points = {
-        "palm": PALM,
-        "pinch": (THUMB + INDEX) / 2,
-        "thumb": THUMB,
-        "index": INDEX,
-        "wrist": PALM + np.array((0.0, 40.0)),
-    }
+    points = {"palm": PALM, "pinch": (THUMB + INDEX) / 2, "thumb": THUMB, "index": INDEX, "wrist": PALM * 1.2}
     return Reading(1.0, 0.0, 1.0, points, (200.0, 130.0, 280.0, 260.0), (0.1, 0.05))
 
 
-def depths(bench: Bench, palm_m: float, tips_m: float) -> NDArray[np.uint16]:
+def depths(palm_m: float, tips_m: float) -> NDArray[np.uint16]:
     """A table with a hand on it whose skin is so high; the camera looks straight down."""
-    setup = bench.overhead
+    setup = BENCH.overhead
     away = np.full((setup.height_px, setup.width_px), setup.mount.position_m[2])
     away[170:230, 215:265] -= palm_m
     away[140:160, 215:265] -= tips_m
     return np.rint(1e3 * away).astype(np.uint16)
 
 
-def seen(bench: Bench, depth_mm: NDArray[np.uint16] | None) -> tuple[Frame, View]:
-    setup = bench.overhead
+def seen(depth_mm: NDArray[np.uint16] | None) -> tuple[Frame, View]:
+    setup = BENCH.overhead
     image = np.zeros((setup.height_px, setup.width_px, 3), np.uint8)
     frame = Frame("overhead", 0, 0.0, image, setup.mount.pose, depth_mm=depth_mm)
     return frame, View.of(setup.model, frame)
 
 
-def test_heights_are_those_of_the_depth_image(bench: Bench) -> None:
-    frame, view = seen(bench, depths(bench, 0.15, 0.09))
+def test_heights_are_those_of_the_depth_image() -> None:
+    frame, view = seen(depths(0.15, 0.09))
     palm, tips = heights_by_depth(frame, view, reading(), (0.10, 0.05))
     assert palm == pytest.approx(0.15 - UNDER_SKIN_M, abs=0.004)
     assert tips == pytest.approx(0.09 - UNDER_NAIL_M, abs=0.004)
 
 
-def test_the_guess_stays_where_depth_tells_nothing_or_of_something_else(bench: Bench) -> None:
+def test_the_guess_stays_where_depth_tells_nothing_or_of_something_else() -> None:
     guess = 0.10, 0.05
-    blind = np.zeros((bench.overhead.height_px, bench.overhead.width_px), np.uint16)
-    for depth_mm in (None, blind, depths(bench, 0.45, 0.45)):  # the last: an arm over the hand
-        frame, view = seen(bench, depth_mm)
+    blind = np.zeros((BENCH.overhead.height_px, BENCH.overhead.width_px), np.uint16)
+    for depth_mm in (None, blind, depths(0.45, 0.45)):  # the last: an arm over the hand
+        frame, view = seen(depth_mm)
         assert heights_by_depth(frame, view, reading(), guess) == guess
 
 
-def test_fingertips_that_are_hidden_follow_the_palm(bench: Bench) -> None:
-    depth_mm = depths(bench, 0.15, 0.0)  # where the fingertips should be, the table is seen
-    frame, view = seen(bench, depth_mm)
+def test_fingertips_that_are_hidden_follow_the_palm() -> None:
+    depth_mm = depths(0.15, 0.0)  # where the fingertips should be, the table is seen
+    frame, view = seen(depth_mm)
     palm, tips = heights_by_depth(frame, view, reading(), (0.10, 0.06))
     assert tips == pytest.approx(palm - 0.04)
 
 
-def test_an_arm_that_colours_do_not_show_rises_over_the_bench(bench: Bench) -> None:
+def test_an_arm_that_colours_do_not_show_rises_over_the_bench() -> None:
     evidence, hidden = (
-        DepthEvidence(bench),
-        np.zeros((bench.overhead.height_px // 4, bench.overhead.width_px // 4), bool),
+        DepthEvidence(BENCH),
+        np.zeros((BENCH.overhead.height_px // 4, BENCH.overhead.width_px // 4), bool),
     )
-    empty = depths(bench, 0.0, 0.0)
+    empty = depths(0.0, 0.0)
     for _ in range(6):
         risen = evidence.risen(empty, hidden)
         assert risen is not None
         assert not risen.any()
-    arm = depths(bench, 0.12, 0.12)
+    arm = depths(0.12, 0.12)
     shown = evidence.risen(arm, hidden)
     assert shown is not None
     assert shown.any()
@@ -91,14 +86,14 @@ def test_an_arm_that_colours_do_not_show_rises_over_the_bench(bench: Bench) -> N
     assert not small.any(), "a part that was set down"
 
 
-def test_a_camera_that_knows_no_depth_is_told(bench: Bench) -> None:
-    blind = np.zeros((bench.overhead.height_px, bench.overhead.width_px), np.uint16)
-    assert DepthEvidence(bench).risen(blind, np.zeros((90, 120), bool)) is None
+def test_a_camera_that_knows_no_depth_is_told() -> None:
+    blind = np.zeros((BENCH.overhead.height_px, BENCH.overhead.width_px), np.uint16)
+    assert DepthEvidence(BENCH).risen(blind, np.zeros((90, 120), bool)) is None
 
 
-def test_depths_of_another_kind_are_refused(bench: Bench) -> None:
-    frame, _ = seen(bench, None)
-    wrong = np.zeros((bench.overhead.height_px, bench.overhead.width_px), np.float32)
+def test_depths_of_another_kind_are_refused() -> None:
+    frame, _ = seen(None)
+    wrong = np.zeros((BENCH.overhead.height_px, BENCH.overhead.width_px), np.float32)
     broken = Frame("overhead", 0, 0.0, frame.image, frame.world_from_camera, depth_mm=wrong)  # type: ignore[arg-type]
     with pytest.raises(DeviceFault, match="uint16"):
-        check_image(bench.overhead.model, broken)
+        check_image(BENCH.overhead.model, broken)

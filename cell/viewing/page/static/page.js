@@ -472,7 +472,7 @@ function follow() {
 async function build() {
   space = { show: () => {} };
   try {
-    if (!make("canvas").getContext("webgl2")) throw new Error("no WebGL");
+    if (!make("canvas").getContext("webgl2")) throw new Error("WebGL");
     const [{ Space }, answer] = await Promise.all([import("./scene.js"), fetch(`scene.json?${given}`)]);
     space = new Space($("view"), await answer.json(), still);
     if (last) showRobot(last);

@@ -16,6 +16,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
 
 Decision = Literal["act", "wait", "ask"]
+TOLD = "if somebody said which goal it is"
 
 
 class GuardSettings(Model):
@@ -39,10 +40,15 @@ class GuardSettings(Model):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the guard decided about one placement, and why."""
+    """What the guard decided about one placement, and why.
+
+    Attributes:
+        otherwise: what would have changed it: "if ...".
+    """
 
     decision: Decision
     reason: str
+    otherwise: str = ""
 
 
 class Guard:
@@ -84,32 +90,37 @@ class Guard:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
         if state.told_goal is None and self._contradicted(plan.goal, state):
-            return Verdict("ask", f"this was taken for {plan.goal}, and a person showed that it is another")
+            what = f"this was taken for {plan.goal}, and a person showed that it is another"
+            return Verdict("ask", what, TOLD)
+        empty = f"if {position} were seen empty"
         if position in state.placed:
-            return Verdict("wait", f"{position} already holds {state.placed[position]}")
+            return Verdict("wait", f"{position} already holds {state.placed[position]}", empty)
         if self._remaining(state)[part] <= 0:
-            return Verdict("wait", f"no {part} remains to be placed")
+            return Verdict("wait", f"no {part} remains to be placed", f"if a {part} were taken out again")
         hole = holes.get(position)
         if hole is None:
-            return Verdict("wait", f"{position} has not been seen yet")
+            return Verdict("wait", f"{position} has not been seen yet", empty)
         if hole.part is not None:
-            return Verdict("wait", f"{position} is seen to hold {hole.part}")
+            return Verdict("wait", f"{position} is seen to hold {hole.part}", empty)
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if unknown >= self._settings.ask_probability and state.told_goal is None:
-            return Verdict("ask", f"this looks like no known goal (probability {unknown:.2f})")
+            what = f"this looks like no known goal (probability {unknown:.2f})"
+            return Verdict("ask", what, f"if that were below {self._settings.ask_probability}, or {TOLD[3:]}")
         probability = plan.next_belief.get((part, position), 0.0)
-        if probability < self._settings.act_probability:
-            return Verdict(
-                "wait", f"{part} at {position} has probability {probability:.2f} < {self._settings.act_probability}"
-            )
+        placement, least = f"{part} at {position}", self._settings.act_probability
+        if probability < least:
+            what = f"{placement} has probability {probability:.2f} < {least}"
+            return Verdict("wait", what, f"if {placement} had at least {least}")
         if not reachable:
-            return Verdict("ask", f"the arm cannot reach {position} with {part}")
+            return Verdict("ask", f"the arm cannot reach {position} with {part}", f"if {position} were within reach")
         if may_ask and state.told_goal is None and self._doubts(unknown, probability):
-            return Verdict("ask", f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}")
+            what = f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}"
+            return Verdict("ask", what, TOLD)
         if probability < self._act_probability:
-            least = f"{self._act_probability:.3f}, as many goals are in use"
-            return Verdict("wait", f"{part} at {position} has probability {probability:.3f} < {least}")
-        return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
+            least = self._act_probability
+            what = f"{placement} has probability {probability:.3f} < {least:.3f}, as many goals are in use"
+            return Verdict("wait", what, f"if {placement} had at least {least:.3f}")
+        return Verdict("act", f"{placement} has probability {probability:.2f}", f"if {placement} had less than {least}")
 
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
         """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.

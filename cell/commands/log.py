@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +17,7 @@ from cell.commands.log_terminal import (
     FromOption,
     LogArgument,
     UntilOption,
+    a_time,
     beside,
     read,
     say,
@@ -26,7 +29,7 @@ from cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from cell.commands.options import JsonOption, OverwriteOption
+from cell.commands.options import JsonOption, OverwriteOption, WithOption, own_files
 from cell.commands.terminal import console, table
 from cell.errors import InputError, LogError
 
@@ -100,6 +103,31 @@ def ticks(
     found = question.ticks(stream, from_s, until_s, everything)
     tell_entries(found, as_json, lambda tick: "\n".join(tick_lines(tick)))
     tell_lack(log, stream)
+
+
+@log_app.command()
+def why(
+    log: LogArgument,
+    at_s: Annotated[
+        float, typer.Option("--at", help="Time in seconds; by default the last tick of the tree.", callback=a_time)
+    ] = math.inf,
+    own: WithOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say why the cell did what it did: the way through its tree, the guard's word, what would have changed it."""
+    from cell.log.replay.replay import Changes
+    from cell.log.replay.why import why_at
+    from cell.log.report.text import why_lines
+
+    files, beside = own_files(own)
+    then = why_at(read(log), at_s, Changes(nodes=files, beside=beside))
+    told = {"tick": then.tick.number, "time_s": then.tick.time_s, "status": then.tick.status, **then.why.plain()}
+    if as_json:
+        tell_json({**told, "remark": then.remark})
+    else:
+        say(*why_lines(told))
+    if then.remark:
+        sys.stderr.write(f"cell: {log[0]}: {then.remark}\n")
 
 
 @log_app.command()
@@ -281,8 +309,6 @@ def list_runs(
     as_json: JsonOption = False,
 ) -> None:
     r"""List the runs of a folder, search them by SQL, or count why they failed; needs cell\[fleet]."""
-    import sys
-
     from cell.fleet import index
     from cell.fleet.index import summaries, summary_lines
 

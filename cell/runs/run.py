@@ -47,6 +47,7 @@ from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
+from cell.watching.why_now import WhyNow
 from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
@@ -171,14 +172,15 @@ def _run(
         moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
         lateness = _lateness(files, devices, alarm)
         counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
-        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
+        why_now = WhyNow(lambda: ticked.tree if isinstance(ticked, WatchedTree) else ticked)
+        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, why_now)
         operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
         if options.orders is not None:
             options.orders(operator.put, lambda: operator.questions, console.print)
         viewers = open_viewers(options, files, recorder, operator.put, devices.clock.now_s, stack)
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
-        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers, *viewers.observers)
+        observers: tuple[Observer, ...] = (recorder, why_now, progress, moments, *counts.observers, *viewers.observers)
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, product))
         ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree

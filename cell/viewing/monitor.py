@@ -21,6 +21,7 @@ from cell.errors import InputError
 from cell.recording.schemas import plain
 from cell.viewing.stepping import WAITS
 from cell.watching.observer import Observer, Outcome, TickRecord
+from cell.watching.why_now import WhyNow
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.literals import shown
 from trees.engine.tree import Tree
@@ -30,7 +31,7 @@ from trees.views.groot2 import StatusBoard, blackboards, tree_xml
 Key = tuple[Any, Any]
 DEFAULT_PORT = 1667
 PROTOCOL = 2
-FEEDBACK = "F"  # a request of our own beside Groot2's
+FEEDBACK, WHY = "F", "w"  # requests of our own beside Groot2's
 LOOPBACK = "tcp://127.0.0.1"
 REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
 REQUEST_BYTES = 64 * 1024
@@ -105,6 +106,7 @@ class Monitor(Observer):
         self._with_hooks = with_hooks
         self._hooked = hooked
         self._time_s = 0.0
+        self._why_now = WhyNow(lambda: self._tree)
         self._asked_s = time.monotonic()
         self._context = zmq.Context()
         self._replies = self._bound(zmq.REP, port)
@@ -117,6 +119,7 @@ class Monitor(Observer):
             "r": self._record,
             "t": lambda _: self._board.take_transitions(),
             FEEDBACK: self._feedback,
+            WHY: lambda _: json.dumps(self._why_now().plain()).encode(),
         }
 
     def watch(self, tree: Tree) -> None:
@@ -131,6 +134,7 @@ class Monitor(Observer):
 
     def tick(self, record: TickRecord) -> None:
         self._time_s = record.observation.time_s
+        self._why_now.tick(record)
         self._hooks.ticked()
         self._board.update(record.changes, self._time_s)
         self.serve()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from rich.console import Console
 from rich.live import Live
@@ -24,7 +24,11 @@ URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # 
 class LiveProgress(Observer):
     """An observer that shows what the person at the bench and the robot do."""
 
-    def __init__(self, console: Console, period_s: float) -> None:
+    def __init__(self, console: Console, period_s: float, why: Callable[[], object] = str) -> None:
+        """Args:
+        why: the robot does what it does, in one sentence.
+        """
+        self._why = why
         self._console = console
         self._period_s = period_s
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
@@ -79,6 +83,7 @@ class LiveProgress(Observer):
                 for part, at in guidance_rows(self._display.guidance, self._display.any_part).items()
             ),
             ("robot", self._display.message),
+            ("why", str(self._why())),
             ("help", self._display.help_request or ""),
             *(("asks", question_text(question)) for question in self._display.questions),
             ("alarm", self._alarm),

@@ -40,7 +40,7 @@ class _Conditional(Control):
     children_min = 2
     children_max = 3
 
-    def decision(self, answer: Status, history: History) -> Decision:
+    def decision(self, answer: Status, history: History) -> Decision:  # noqa: ARG002 - both of them give every answer
         """The condition, where it gave the answer itself, or chose a branch that is not there; else both."""
         condition, *branches = self.children
         chosen = {SUCCESS: 0, FAILURE: 1}.get(history.answer(condition, self) or IDLE)

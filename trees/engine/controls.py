@@ -40,13 +40,14 @@ class _InOrder(Control):
     continue_on = SUCCESS
 
     def decision(self, answer: Status, history: History) -> Decision:
-        """Who ended the round, or all of it where nobody did; before a child that runs, those that passed on to it."""
+        """Who ended the round, or all of it where nobody did; before a child that runs, those that let it run."""
         same = history.those(self, answer)
         if answer is self.continue_on or answer is SKIPPED or not same:
             words = "" if same else "goes on with its next child in the next tick"
             return Decision(same, words)
-        passed = history.those(self, FAILURE) if answer is RUNNING and self.continue_on is FAILURE else []
-        return Decision([*(child for child in passed if child is not same[0]), same[0]])
+        asked = self.continue_on is FAILURE or self.traits.asked_before(1)
+        passed = history.those(self, self.continue_on) if answer is RUNNING and asked else []
+        return Decision([*passed, same[0]])
 
 
 class _Ordered(_InOrder):

@@ -13,7 +13,7 @@ from trees.engine.script import Evaluated, Script
 from trees.engine.script import Script as Code
 from trees.engine.status import ANY, NEVER, NodeError, Results, Status
 from trees.engine.traits import Traits
-from trees.engine.why import VERBS, Decision, History
+from trees.engine.why import ALWAYS, Decision, History
 
 
 def _passing(adds: Results = NEVER) -> Traits:
@@ -55,14 +55,12 @@ class _Mapped(Decorator):
             return self.on_success
         return self.on_failure if status is FAILURE else status
 
-
     def decision(self, answer: Status, history: History) -> Decision:
-        """The child; nothing but the node itself where its answer is always the same."""
-        child = self.decorated
-        if self.on_success is self.on_failure and answer is self.on_success:
-            verb = VERBS[history.answer(child, self) or IDLE]
-            return Decision((), f"{_words(answer)}, whatever is below it; {child.name} {verb}", fixed=True)
-        return super().decision(answer, history)
+        """The child, even where the answer is always the same."""
+        told = super().decision(answer, history)
+        if self.on_success is not self.on_failure or answer is RUNNING:
+            return told
+        return Decision((self.decorated,), f"{ALWAYS[answer]}, whatever is below it", fixed=True)
 
 
 class Inverter(_Mapped):
@@ -289,7 +287,3 @@ class ScriptConditions:
     def halted(self) -> None:
         if self._halted is not None:
             self._halted.run()
-
-
-def _words(answer: Status) -> str:
-    return "always fails" if answer is FAILURE else "always succeeds"

@@ -11,7 +11,7 @@ from trees.engine.script import Evaluated
 from trees.engine.script import Script as Code
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.why import Decision, History
+from trees.engine.why import ALWAYS, Decision, History
 
 
 class AlwaysSuccess(Instant):
@@ -23,7 +23,7 @@ class AlwaysSuccess(Instant):
         return SUCCESS
 
     def decision(self, answer: Status, history: History) -> Decision:
-        return super().decision(answer, history)._replace(words="always succeeds", fixed=True)
+        return super().decision(answer, history)._replace(words=ALWAYS[SUCCESS], fixed=True)
 
 
 class AlwaysFailure(Instant):
@@ -35,7 +35,7 @@ class AlwaysFailure(Instant):
         return FAILURE
 
     def decision(self, answer: Status, history: History) -> Decision:
-        return super().decision(answer, history)._replace(words="always fails", fixed=True)
+        return super().decision(answer, history)._replace(words=ALWAYS[FAILURE], fixed=True)
 
 
 class Sleep(Node):

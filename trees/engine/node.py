@@ -370,6 +370,7 @@ class Node(TreeNode):
         try:
             if self.status is not RUNNING:
                 self.feedback_message = told = ""
+                vars(self).pop("what_if", None)
                 self.initialise()
             status = self.update()
         except BaseException as error:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from trees.engine.node import TreeNode
 
 VERBS = {SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "runs", SKIPPED: "is skipped", IDLE: "was halted"}
-BESIDE_N = 3  # others that a sentence names
+BESIDE_N = 2  # others that a sentence names
+ALWAYS = {SUCCESS: "always succeeds", FAILURE: "always fails", SKIPPED: "is always skipped"}
 Changes = Iterable[tuple["TreeNode", Status, Status, str]]
 
 
@@ -148,13 +149,32 @@ class Reason:
     def otherwise(self) -> str:
         """What would have changed the answer: "if ..."."""
         own = next((step.otherwise for step in reversed(self.steps) if step.otherwise), "")
-        return own or next((one.otherwise for one in reversed(self.beside) if one.otherwise), "")
+        others = (one.otherwise for one in reversed(self.beside) if one.otherwise and self._counts(one))
+        return own or next(others, "")
 
     def __str__(self) -> str:
         """One sentence, like "MoveTo (a.xml:3): no way to park; Inverter (a.xml:2) makes that a failure"."""
         above = [str(step) for step in reversed(self.steps[:-1]) if step.words]
-        beside = [f"also {one.leaf}" for one in self.beside if not one.leaf.fixed and one.leaf != self.leaf]
+        word = "as" if self.leaf.status == RUNNING.name else "also"
+        beside = [f"{word} {one.leaf}" for one in self.beside if one.tells and self._counts(one)]
         return "; ".join([str(self.leaf), *above, *beside[-BESIDE_N:]])
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it was so whatever happened."""
+        return any(step.fixed for step in self.steps)
+
+    @property
+    def tells(self) -> bool:
+        """Whether what decided said something that could have been otherwise."""
+        leaf = self.leaf
+        forced = self.fixed and leaf.status != self.steps[0].status
+        return not (leaf.fixed or forced) and bool(leaf.words) and leaf.words not in VERBS.values()
+
+    def _counts(self, beside: Reason) -> bool:
+        """What runs beside a node that runs has nothing to do with it; what was asked before it has."""
+        runs = self.leaf.status == RUNNING.name
+        return beside.leaf != self.leaf and not (runs and beside.leaf.status == RUNNING.name)
 
     def plain(self) -> dict[str, Any]:
         """The record that logs, `--json` and pages have."""
@@ -190,7 +210,7 @@ def explain(node: TreeNode, answer: Status, history: History, place: Placed) -> 
         return Reason((step,))
     answers = (history.answer(child, node) or history.of(child).answer or IDLE for child in told.by)
     below = [explain(child, answer, history, place) for child, answer in zip(told.by, answers, strict=True)]
-    last = next((one for one in reversed(below) if not one.leaf.fixed), below[-1])
+    last = next((one for one in reversed(below) if not one.fixed), below[-1])
     beside = (*(one for one in below if one is not last), *last.beside)
     return Reason((step, *last.steps), beside)
 

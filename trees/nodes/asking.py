@@ -21,6 +21,7 @@ class Asks(CellNode):
     """Base of nodes that put a question to people: it is withdrawn however the node ends."""
 
     abstract = True
+    what_if = "if somebody answered"
 
     _question: Question | None = None
     _asked_s = 0.0

@@ -57,7 +57,7 @@ class FindPart(CellNode):
         standing = len(parts.detections)
         candidates = [i for i, seen in enumerate(parts.seen) if seen.part == part and (i < standing or parts.on_top(i))]
         if not candidates:
-            self.feedback_message = f"no {part} in the tray"
+            self.feedback_message, self.what_if = f"no {part} in the tray", f"if a {part} were seen in the tray"
             lies = any(seen.part == part for seen in parts.others)
             title = self.tools.product.title(part)
             self.memory.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")

@@ -63,7 +63,7 @@ class GiveWay(SkillNode):
                 return Status.SUCCESS
         if seen.time_s - self._out_s > self.wait_s.get() or self._left(seen):
             return Status.SUCCESS
-        self.feedback_message = "waits until the hand has left"
+        self.feedback_message, self.what_if = "waits until the hand has left", "if the hand were seen away from there"
         self.now.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
 

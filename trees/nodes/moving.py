@@ -58,6 +58,7 @@ class GripperIsEmpty(CellNode):
 
     node_type = "Condition"
     traits = Traits(guards=True, instant=True)
+    what_if = "if nothing were felt between the fingers"
 
     def update(self) -> Status:
         return Status.FAILURE if self.now.observation.gripper.holding else Status.SUCCESS

@@ -50,7 +50,7 @@ class WaitForAction(CellNode):
     def update(self) -> Status:
         seen, awaited = self.action.get_or(None), self.awaited.get().value
         if seen is None or seen.action.kind != awaited or seen.started_s <= self._served_s:
-            self.feedback_message = f"waits for: {awaited}"
+            self.feedback_message, self.what_if = f"waits for: {awaited}", f"if you {DONE_BY[awaited]}"
             self._say(awaited)
             return Status.RUNNING
         self._served_s = seen.started_s
@@ -101,6 +101,7 @@ class HandWatch(CellNode):
     """
 
     abstract = True
+    what_if = "if the hand were seen away from there"
 
     distance_m = InputPort(float, "how near is too near", default=0.20)
     lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0)

@@ -86,7 +86,7 @@ class VerifyPlacement(CellNode):
             self.feedback_message = f"{part} is at {position}"
             return Status.SUCCESS
         seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
-        self.feedback_message = f"sees {seen} at {position}"
+        self.feedback_message, self.what_if = f"sees {seen} at {position}", f"if {part} were seen upright at {position}"
         late = self.now.observation.time_s - self._begun_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 

@@ -7,6 +7,7 @@ from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
+from trees.engine.why import Decision, History
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
 
@@ -101,7 +102,7 @@ class ChoosePosition(CellNode):
         for position in self.positions.get():
             verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
             note_verdict(self.services, part, position, verdict)
-            self.feedback_message = verdict.reason
+            self.feedback_message, self.what_if = verdict.reason, verdict.otherwise
             if verdict.decision == "act":
                 self.position.set(Hole(position))
                 self.now.show(message=f"fetching {part} for {position}")
@@ -126,14 +127,25 @@ class CheckPlacement(CellNode):
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "where it will be put")
 
+    _verdict: Verdict | None = None
+
+    def initialise(self) -> None:
+        self._verdict = None
+
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
+        self._verdict = verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
         if verdict.decision == "act":
             return Status.SUCCESS
         note_verdict(self.services, part, position, verdict)
         self.feedback_message = verdict.reason
         return Status.FAILURE
+
+    def decision(self, answer: Status, history: History) -> Decision:
+        """The guard's numbers, also where it agrees."""
+        if self._verdict is None:
+            return super().decision(answer, history)
+        return Decision((), self._verdict.reason, self._verdict.otherwise)
 
 
 class WithoutGuard(CellNode):

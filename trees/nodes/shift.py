@@ -24,6 +24,7 @@ class WaitForEmptyBracket(CellNode):
     """
 
     persistent = ("_empty_s",)
+    what_if = "if every hole were seen empty"
 
     _question: Question | None = None
     _empty_s: float | None = None

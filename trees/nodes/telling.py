@@ -32,6 +32,7 @@ class SignalNode(CellNode):
         if name not in known:
             raise NodeError(f"the state of this signal is unknown: {name!r}; known: {', '.join(known) or 'none'}")
         self.feedback_message = f"{name} is {'on' if known[name] else 'off'}"
+        self.what_if = f"if {name} were {'off' if known[name] else 'on'}"
         return known[name] == self.value.get()
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from cell.errors import InputError, LogError
 from cell.log.read.frames import LINE, decoded

@@ -8,6 +8,7 @@ from typing import Any
 
 from cell.log.replay.compare import Difference
 from trees.engine.node import StatusChange
+from trees.engine.why import Step
 
 LONGEST_LIST = 8
 LONGEST_TEXT = 160
@@ -97,6 +98,21 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
 def why_text(why: Mapping[str, Any]) -> str:
     """Why a tree ended so or goes on, and what would have changed it."""
     return f"{why['text']}; otherwise {why['otherwise']}" if why["otherwise"] else str(why["text"])
+
+
+def why_lines(why: Mapping[str, Any]) -> Iterator[str]:
+    """The answer of `cell log why`: the sentence, what would have changed it, and the way there from the root."""
+    yield f"{why['time_s']:.2f} s, tick {why['tick']}, {why['status']}: {why['text']}"
+    if why["otherwise"]:
+        yield f"  otherwise {why['otherwise']}"
+    if why["guard"]["decision"]:
+        yield f"  {note_text('verdict', why['guard'])}"
+    if (tree := why["tree"]) is None:
+        return
+    yield "the way from the root:"
+    yield from (f"{'  ' * depth}{Step(**step)}" for depth, step in enumerate(tree["steps"], start=1))
+    for beside in tree["beside"]:
+        yield f"beside it: {Step(**beside['steps'][-1])}"
 
 
 def command_text(command: Mapping[str, Any]) -> str:

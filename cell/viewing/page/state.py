@@ -14,6 +14,7 @@ from cell.interfaces.perception import BenchView
 from cell.interfaces.product import Product
 from cell.recording.schemas import plain
 from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.why_now import WhyNow
 from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 
@@ -44,11 +45,13 @@ class PageState:
         self._brackets: list[dict[str, object]] = []
         self._statuses: dict[int, tuple[str, str]] = {}
         self._ended, self._asks = "", False
+        self._why_now = WhyNow(lambda: self._tree)
         self.watch(tree)
 
     def watch(self, tree: Tree) -> None:
         """Show this tree from now on."""
         self._statuses = {}
+        self._tree = tree
         depth: dict[int, int] = {}
         for node in tree.nodes:
             depth |= {id(child): depth.get(id(node), 0) + 1 for child in node.children}
@@ -79,6 +82,7 @@ class PageState:
         seen, now_s = record.observation, record.observation.time_s
         if seen.acknowledged or record.judgement is None or not record.judgement.reasons:
             self._asks = False
+        self._why_now.tick(record)
         for change in record.changes:
             self._statuses[change.uid] = (change.new.name, change.feedback)
         for topic, fields in record.notes:
@@ -121,6 +125,7 @@ class PageState:
             "ended": self._ended,
             "share": round(seen.share, 2),
             "alarms": reasons,
+            "why": self._why_now().plain(),
             "held": judged is not None and judged.action.name in ("HOLD", "STOP"),
             "questions": plain(self._display.questions),
             "operator": plain(seen.operator),

@@ -16,8 +16,8 @@ from cell.log.read.reader import Log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
 from cell.watching.observer import Outcome
-from trees.engine.why import Reason, Step
 from tests.processes import finished
+from trees.engine.why import Reason, Step
 
 
 def failed(path: Path, seed: int, failure: str) -> None:

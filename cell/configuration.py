@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
@@ -53,6 +53,8 @@ class Configuration(Model):
             towards the person, z up.
         robot: the arm: ur10, ur10e, or a robot file, relative to this file.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
+        nodes: files, folders and packages with nodes of your own, which every command loads; named from the folder
+            of this file or the one above it.
         unsafe_table: a table or a separation that does less than the shipped one is taken, and said in red.
     """
 
@@ -63,6 +65,7 @@ class Configuration(Model):
     product: Path
     robot: NamedRobot = Field(default_factory=default_robot, json_schema_extra={"default": "ur10"})
     faults: Path | None = None
+    nodes: tuple[str, ...] = ()
     unsafe_table: bool = False
     calibration: Path | None = None
     bench: Bench
@@ -129,6 +132,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "calibration": calibration,
             "bench": bench,
             "faults": faults,
+            "nodes": nodes_from(read.nodes, path.parent),
             "perception": read.perception.model_copy(update=perception),
             "planners": read.planners.model_copy(update=planners),
             "devices": devices,
@@ -136,6 +140,12 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "log": log,
         }
     )
+
+
+def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:
+    """Nodes that a configuration names: absolute where there is such a file or folder, else the name of a package."""
+    folders = (folder.resolve(), folder.resolve().parent)
+    return tuple(next((str(one / name) for one in folders if (one / name).exists()), name) for name in names)
 
 
 def simulated(configuration: Configuration, look: str | None = None, person: str | None = None) -> Configuration:

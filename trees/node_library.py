@@ -51,6 +51,9 @@ class Wiring(Protocol):
     @property
     def signals(self) -> SignalNames | None: ...
 
+    @property
+    def nodes(self) -> Iterable[str]: ...
+
 
 def node_registry(
     product: Product | None = None, more: Iterable[str] = (), configuration: Wiring | None = None
@@ -60,14 +63,16 @@ def node_registry(
     Args:
         product: its part types and positions are the only ones that ports may name; None lets any name pass.
         more: files or packages with further nodes.
-        configuration: its digital signals are the only ones that ports may name; None lets any name pass.
+        configuration: its digital signals are the only ones that ports may name; None lets any name pass. Its nodes
+            are there, too.
 
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
     """
     modules = [*_package(trees.nodes), *_package(trees.nodes.ported), *_installed()]
-    named = [*filter(None, os.environ.get(ALWAYS, "").split(os.pathsep)), *more]
-    for name in dict.fromkeys(named):
+    always = filter(None, os.environ.get(ALWAYS, "").split(os.pathsep))
+    named = [*always, *more, *(() if configuration is None else configuration.nodes)]
+    for name in {str(path.resolve()) if (path := Path(name)).exists() else name: None for name in named}:
         modules += _named(name)
     classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
     try:
@@ -156,7 +161,8 @@ def _installed() -> Iterator[ModuleType]:
 def _remark() -> str:
     """What to say of an unknown node, if the user's own nodes were not loaded."""
     here = any(USUAL_FOLDER.glob("*.py"))
-    return f"{USUAL_FOLDER}/ is not loaded: add --with {USUAL_FOLDER}" if here else ""
+    way = f"add --with {USUAL_FOLDER}, or nodes: [{USUAL_FOLDER}] to the configuration"
+    return f"{USUAL_FOLDER}/ is not loaded: {way}" if here else ""
 
 
 def _named(name: str) -> Iterator[ModuleType]:

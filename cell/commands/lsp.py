@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cell.commands.options import NamesOption, WithOption, own_files, registry_of
+from cell.commands.options import NamesOption, WithOption, beside_config, own_files, registry_of
 from cell.errors import InputError, Problem
 from cell.files.packages import needed, version
 from trees.files.build.registry import Registry
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from pygls.lsp.server import LanguageServer
     from pygls.workspace import TextDocument
 
-HERE = Path("config/cell.yaml")  # whose names are meant where no other configuration is named
-
 
 class Workshop:
     """What the server knows of the nodes, and what it told the editor.
@@ -34,7 +32,7 @@ class Workshop:
     """
 
     def __init__(self, config: Path | None, own: Iterable[str] | None) -> None:
-        self._config = config if config or not HERE.is_file() else HERE
+        self._config = config or beside_config()
         self._nodes, self.beside = own_files(own)
         self._registry: Registry | None = None
         self._stamps: list[float] = []

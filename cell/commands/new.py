@@ -75,7 +75,7 @@ def tree(name: NameArgument) -> None:
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
-    then = "pytest {second}; cell nodes --with nodes lists it; check, run and show take --with, too"
+    then = "pytest {second}; `nodes: [nodes]` in the configuration, or --with nodes, makes it known to every command"
     _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from trees.files.build.registry import Registry
 
 CONFIGURATION = own_or_shipped("config", "cell.yaml")
+OWN_CONFIGURATION = Path("config/cell.yaml")
 MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
@@ -26,7 +27,11 @@ PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
 NamesOption = Annotated[
     Path | None,
-    typer.Option("--config", help="Names of parts, positions, goals and signals are those of this configuration."),
+    typer.Option(
+        "--config",
+        help="Names of parts, positions, goals and signals are those of this configuration; by default that of the "
+        "folder, config/cell.yaml.",
+    ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
@@ -135,7 +140,7 @@ def with_ports(words: Iterable[str]) -> list[str]:
 
 def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
     """What `--with` names: files, folders and packages with nodes, and tree files and folders with them."""
-    nodes, trees = [], []
+    nodes, trees = list[str](), list[Path]()
     for one in given or ():
         path = Path(one)
         holds_trees = path.suffix == ".xml" or (path.is_dir() and any(path.glob("*.xml")))
@@ -144,6 +149,26 @@ def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path,
         if not holds_trees or (path.is_dir() and any(path.glob("*.py"))):
             nodes.append(one)
     return tuple(nodes), tuple(trees)
+
+
+def beside_config() -> Path | None:
+    """The configuration of the folder in which the command is called; None where there is none."""
+    return OWN_CONFIGURATION if OWN_CONFIGURATION.is_file() else None
+
+
+def always_loaded() -> tuple[str, ...]:
+    """Nodes that the configuration of this folder names, for commands that read no more of it."""
+    import yaml
+
+    from cell.configuration import nodes_from
+
+    if (config := beside_config()) is None:
+        return ()
+    try:
+        names = (yaml.safe_load(config.read_text("utf-8")) or {}).get("nodes") or ()
+    except (yaml.YAMLError, UnicodeDecodeError, AttributeError):
+        return ()  # who loads it says what is wrong
+    return nodes_from(map(str, names), config.parent)
 
 
 def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cell.commands.options import NamesOption, WithOption, own_files, registry_of
+from cell.commands.options import NamesOption, WithOption, always_loaded, own_files, registry_of
 from cell.commands.terminal import console
 from cell.configuration import Configuration
 from cell.errors import InputError, Place, Problem
@@ -36,7 +36,7 @@ def schema(
 ) -> None:
     """Write schemas of all files that you edit, YAML and trees, for editors."""
     say = console()
-    for path in write_schemas(folder.resolve(), registry_of(config, own_files(own)[0])):
+    for path in write_schemas(folder.resolve(), registry_of(config, (*own_files(own)[0], *always_loaded()))):
         say.print(f"{path}", highlight=False)
     say.print(f"first line of a YAML file: {modeline(str(folder.resolve() / 'cell.json'))}", highlight=False)
 

@@ -13,7 +13,14 @@ from xml.etree import ElementTree
 import typer
 
 from cell.commands.log_terminal import a_time, spared
-from cell.commands.options import MONITOR_PORT, OverwriteOption, PortOption, WithOption, own_files
+from cell.commands.options import (
+    MONITOR_PORT,
+    OverwriteOption,
+    PortOption,
+    WithOption,
+    always_loaded,
+    own_files,
+)
 from cell.commands.terminal import console
 from cell.errors import InputError, LogError
 
@@ -48,6 +55,7 @@ def show(
     for drawing in filter(None, (svg, png)):
         spared(drawing, filter(None, [source]), overwrite)
     nodes, trees = own_files(own)
+    nodes = (*nodes, *always_loaded())
     of_log = source is not None and source.suffix in LOGS
     if not of_log and not math.isinf(at_s):
         raise InputError("--at goes with a log")
@@ -65,11 +73,15 @@ def show(
 
 def monitor(
     port: PortOption = MONITOR_PORT,
+    wait_s: Annotated[float, typer.Option("--wait", min=0, help="Seconds to wait for a run to begin.")] = 600.0,
 ) -> None:
-    """Watch the tree of a run in the terminal; `cell run --monitor` lets it be watched."""
+    """Watch what runs in the tree of a run, and why; `cell run --monitor` lets it be watched.
+
+    Keys: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
+    """
     from cell.viewing.live_view import live_view
 
-    live_view(port, console())
+    live_view(port, console(), wait_s)
 
 
 def _show_file(

@@ -10,7 +10,16 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.options import NamesOption, SetOption, WithOption, entries_of, own_files, registry_of
+from cell.commands.options import (
+    NamesOption,
+    SetOption,
+    WithOption,
+    always_loaded,
+    beside_config,
+    entries_of,
+    own_files,
+    registry_of,
+)
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
 from cell.files.files import write_new
@@ -25,30 +34,39 @@ from trees.views.palette import groot_model, named, palette_list, palette_text
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
     config: NamesOption = None,
+    no_config: Annotated[
+        bool, typer.Option("--no-config", help="Take any name of a part, position, goal or signal.")
+    ] = (False),
     own: WithOption = None,
     entries: SetOption = None,
     stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Treat warnings and notes as mistakes.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
-    """Check tree files and list all mistakes."""
+    """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant."""
+    config = None if no_config else config or beside_config()
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, registry_of(config, nodes), known)
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
+    doubtful = bool(warnings) and not stubs
     if as_json:
         told = {"problems": problems, "warnings": warnings, "notes": notes}
         shown = {key: [_problem_data(one) for one in told[key]] for key in told if told[key] or key == "problems"}
         print_json(shown)
-        return BAD_INPUT if problems else 0
+        return BAD_INPUT if problems else int(doubtful)
     for level, some in (("warning", warnings), ("note", notes)):
-        sys.stderr.writelines(f"{one.place}: {level}: {one.what}\n" for one in some)
+        legal = (f"; {one.legal}" if one.legal and level == "warning" else "" for one in some)
+        sys.stderr.writelines(
+            f"{one.place}: {level}: {one.what}{more}\n" for one, more in zip(some, legal, strict=True)
+        )
     if problems:
         raise InputError(*problems)
     unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
-    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong{unchecked}\n")
-    return 0
+    found = f"{len(warnings)} doubtful" if doubtful else "nothing wrong"
+    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: {found}{unchecked}\n")
+    return int(doubtful)
 
 
 def _problem_data(problem: Problem) -> dict[str, object]:
@@ -106,7 +124,7 @@ def nodes(
     own: WithOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports; or one of them."""
-    registry = node_registry(more=own_files(own)[0])
+    registry = node_registry(more=(*own_files(own)[0], *always_loaded()))
     chosen = tuple(registry.classes) if name is None else named(registry, name)
     if style is NodeFormat.text:
         sys.stdout.write(palette_text(registry, chosen))

@@ -81,7 +81,7 @@ def open_viewers(
         def hooked(kind: str, body: Any) -> None:
             recorder.hooked(kind, body, now_s())
 
-        registry = node_registry(more=options.nodes)
+        registry = node_registry(more=(*options.nodes, *files.configuration.nodes))
         monitor = Monitor(files.tree, registry, options.monitor_port, options.monitor_hooks, hooked)
         stack.callback(monitor.abandon)
     if options.page_port is not None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import secrets
 import select
 import struct
 import sys
 import termios
+import time
 import tty
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 from xml.etree import ElementTree
@@ -24,14 +26,17 @@ from rich.text import Text
 
 from cell.errors import InputError
 from cell.viewing.stepping import Stepper
-from cell.viewing.tree_lines import fitted, lines_of
+from cell.viewing.tree_lines import Line, fitted, lines_of
 
 HEADER = struct.Struct("<BBI")
 STATUS = struct.Struct("<HB")
 PROTOCOL = 2
 TIMEOUT_MS = 2000
 REFRESH_S = 0.2
-FEEDBACK = "F"
+FEEDBACK, WHY = "F", "w"
+WAIT_S = 600.0  # for a run to begin
+ARROWS = {"\x1b[A": -1, "\x1b[B": 1, "\x1b[5~": -10, "\x1b[6~": 10, "k": -1, "j": 1}
+KEY = re.compile(r"\x1b\[[0-9]*[A-Z~]|.", re.DOTALL)
 
 
 class Keys:
@@ -106,6 +111,34 @@ class MonitorClient:
             return {}
         return {int(uid): text for uid, text in told.items()}
 
+    def why(self) -> str:
+        """Why the robot does what it does, in one sentence; a monitor of another program does not know."""
+        try:
+            told: dict[str, str] = json.loads(self._ask(WHY))
+        except InputError:
+            return ""
+        return told["text"] + (f"; otherwise {told['otherwise']}" if told["otherwise"] else "")
+
+    def awaited(self, wait_s: float, waits: Callable[[], object]) -> ElementTree.Element:
+        """The tree of a run, which may begin within some time.
+
+        Args:
+            waits: called once where nothing answers yet.
+
+        Raises:
+            InputError: it did not begin.
+        """
+        until_s, told = time.monotonic() + wait_s, False
+        while True:
+            try:
+                return self.tree()
+            except InputError:
+                if time.monotonic() >= until_s:
+                    raise
+                if not told:
+                    waits()
+                told = True
+
     def order(self, kind: str, body: bytes) -> None:
         """Order something about hooks.
 
@@ -136,21 +169,57 @@ class MonitorClient:
         return b"".join(bodies)
 
 
-def live_view(port: int, console: Console) -> None:
+class Screen:
+    """What the person wants to see: what runs, or the whole tree, how far scrolled; and a name that is typed."""
+
+    def __init__(self) -> None:
+        self.whole = False
+        self.first: int | None = None  # row that is shown first; None follows what runs
+        self.typing: str | None = None
+
+    def press(self, key: str) -> str:
+        """Take a key that is about the screen; a name that was typed to its end, else empty."""
+        if self.typing is not None:
+            if key in "\r\n":
+                name, self.typing = self.typing, None
+                return name
+            self.typing = None if key == "\x1b" else self.typing[:-1] if key in "\x7f\b" else self.typing + key
+        elif key == "b":
+            self.typing = ""
+        elif key == "t":
+            self.whole, self.first = not self.whole, None
+        elif key in ARROWS:
+            self.first = max(0, (self.first or 0) + ARROWS[key])
+        elif key == "f":
+            self.first = None
+        return ""
+
+    def rows(self, lines: Sequence[Line], rows: int) -> list[Text]:
+        """At most so many rows of these lines."""
+        wanted = list(lines) if self.whole else [line for line in lines if line.acts]
+        if self.first is None:
+            return fitted(wanted, rows) if self.whole else [line.flat() for line in wanted[:rows]]
+        self.first = min(self.first, max(0, len(wanted) - rows))
+        return [line.text() if self.whole else line.flat() for line in wanted[self.first : self.first + rows]]
+
+
+def live_view(port: int, console: Console, wait_s: float = WAIT_S) -> None:
     """Show a running tree until it ends or the person leaves; keys pause it and let it go on step by step.
 
     Raises:
-        InputError: there is no first answer.
+        InputError: no run began in time.
     """
-    client = MonitorClient(port)
+    client, screen = MonitorClient(port), Screen()
     stepper: Stepper | None = None
     try:
-        xml, shown = client.tree(), client.identity
+        waits = f"waits for `cell run --monitor` on port {port}; Ctrl-C leaves"
+        xml = client.awaited(wait_s, lambda: console.print(waits))
+        shown = client.identity
         stepper = Stepper(xml, client.order)
         with keys() as pressed, Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
             while True:
                 try:
-                    said, entries, statuses = client.said(), client.blackboards(), client.statuses()
+                    said, entries, statuses, why = client.said(), client.blackboards(), client.statuses(), client.why()
                     if client.identity != shown:
                         xml, shown = client.tree(), client.identity
                         stepper = Stepper(xml, client.order)
@@ -160,21 +229,37 @@ def live_view(port: int, console: Console) -> None:
                     console.print("the run has ended")
                     break
                 stepper.keep(statuses, said)
-                drawn = view(xml, statuses, entries, said, (console.width, console.height - 1))
-                live.update(Group(drawn, _footer(stepper)) if console.is_terminal else drawn, refresh=True)
-                typed = pressed.pressed(REFRESH_S)
-                if "q" in typed:
+                size = (console.width, console.height - 2)
+                drawn = view(xml, statuses, entries, said, size, screen if console.is_terminal else None)
+                footer = (Text(why, "bold", no_wrap=True, overflow="ellipsis"), _footer(stepper, screen))
+                live.update(Group(drawn, *footer) if console.is_terminal else Group(Text(why), drawn), refresh=True)
+                if not _obey(pressed.pressed(REFRESH_S), screen, stepper, said):
                     break
-                for key in typed:
-                    stepper.press(key, said)
     finally:
         if stepper is not None:
             stepper.leave()
         client.close()
 
 
-def _footer(stepper: Stepper) -> Text:
-    return Text(f"p {'goes on' if stepper.paused else 'pauses'}   s steps   q leaves   {stepper.told}", style="dim")
+def _obey(typed: str, screen: Screen, stepper: Stepper, said: Mapping[int, str]) -> bool:
+    """What the keys of the last moments mean; False where the person leaves."""
+    for key in KEY.findall(typed):
+        if key == "q" and screen.typing is None:
+            return False
+        typing = screen.typing is not None
+        if name := screen.press(key):
+            stepper.stop_at(name)
+        elif not typing:
+            stepper.press(key, said)
+    return True
+
+
+def _footer(stepper: Stepper, screen: Screen) -> Text:
+    if screen.typing is not None:
+        return Text(f"waits before which node? {screen.typing}_   Enter: yes, Esc: no", style="bold")
+    keys = f"p {'goes on' if stepper.paused else 'pauses'}   s steps   b NAME breaks there   "
+    keys += f"t {'what runs' if screen.whole else 'whole tree'}   ↑↓ scroll, f follows   q leaves"
+    return Text(f"{keys}   {stepper.told}", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def view(
@@ -183,17 +268,19 @@ def view(
     entries: Mapping[str, Any],
     said: Mapping[int, str] | None = None,
     size: tuple[int, int] = (80, 1000),
+    screen: Screen | None = None,
 ) -> Group:
     """The tree with its statuses and why nodes wait, and the blackboards below.
 
     Args:
+        screen: what of the tree is shown; all of it by default.
         size: of the window in columns and rows; what runs is always shown, the blackboard in a third of the rows.
     """
     columns, rows = size
     lines = lines_of(xml, statuses, said or {})
     values = [(tree, key, value) for tree, own in entries.items() for key, value in (own or {}).items()]
     board_rows = min(len(values), max(rows - 3 - len(lines), rows // 3 - 2))
-    texts = fitted(lines, rows - board_rows - 3)
+    texts = fitted(lines, rows - board_rows - 3) if screen is None else screen.rows(lines, rows - board_rows - 3)
     for text in texts:
         text.truncate(columns, overflow="ellipsis")
     title = Text(next(xml.iter("BehaviorTree")).get("ID", ""), style="bold")

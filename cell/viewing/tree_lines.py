@@ -24,6 +24,7 @@ class Line:
         below: how many nodes are below it.
         runs: it, or a node below it, runs.
         said: why it waits, or how it ended.
+        place: the SubTree that it stands in.
     """
 
     depth: int
@@ -32,6 +33,18 @@ class Line:
     below: int
     runs: bool
     said: str = ""
+    place: str = ""
+
+    @property
+    def acts(self) -> bool:
+        """It is a leaf that runs, or a node that waits at a breakpoint."""
+        return self.held or (self.status == RUNNING and not self.below)
+
+    def flat(self) -> Text:
+        """As it is shown alone, with the tree that it stands in."""
+        mark, style = HELD if self.held else MARKS[self.status]
+        line = Text(f"{mark} {self.label}", style=style).append(f"  {self.said}", style="default")
+        return line.append(f"  ({self.place})", style="dim") if self.place else line
 
     @property
     def held(self) -> bool:
@@ -50,7 +63,7 @@ def lines_of(xml: ElementTree.Element, statuses: Mapping[int, int], said: Mappin
     """All nodes of a monitored tree with SubTrees in their places, from the top."""
     trees = {element.get("_fullpath", ""): element for element in xml.iter("BehaviorTree")}
     lines: list[Line] = []
-    _take(lines, list(trees[""]), 0, trees, statuses, said)
+    _take(lines, list(trees[""]), 0, trees, statuses, said, "")
     return lines
 
 
@@ -61,6 +74,7 @@ def _take(
     trees: Mapping[str, ElementTree.Element],
     statuses: Mapping[int, int],
     said: Mapping[int, str],
+    inside: str,
 ) -> bool:
     """Add elements and all below them; whether one of them runs."""
     any_runs = False
@@ -72,10 +86,13 @@ def _take(
         lines.append(Line(depth, "", 0, 0, runs=False))
         inner = trees[element.get("_fullpath", "")] if element.tag == "SubTree" else element
         words = said.get(uid, "")
-        runs = _take(lines, list(inner), depth + 1, trees, statuses, said) or status == RUNNING or words == WAITS
+        within = label if element.tag == "SubTree" else inside
+        runs = (
+            _take(lines, list(inner), depth + 1, trees, statuses, said, within) or status == RUNNING or words == WAITS
+        )
         words = words if words == WAITS or (not len(inner) and status != 0) else ""
         name = label if label == kind else f"{label}  ({kind})"
-        lines[place] = Line(depth, name, status, len(lines) - place - 1, runs, words)
+        lines[place] = Line(depth, name, status, len(lines) - place - 1, runs, words, inside)
         any_runs = any_runs or runs
     return any_runs
 

@@ -104,7 +104,7 @@ class Timeout(Decorator):
 
     traits = replace(_passing(frozenset((FAILURE,))), succeeds_after="all")
 
-    msec = InputPort(int, "time in [ms], counted from the first tick")
+    msec = InputPort(int, "time in [ms], counted from the first tick", least=1)
 
     _deadline_s: float | None = None
 
@@ -133,7 +133,7 @@ class Delay(Decorator):
     """Waits before it ticks the child."""
 
     traits = _passing()
-    delay_msec = InputPort(int, "time in [ms] before the child's first tick")
+    delay_msec = InputPort(int, "time in [ms] before the child's first tick", least=0)
 
     _start_s = 0.0
 

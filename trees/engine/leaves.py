@@ -41,7 +41,7 @@ class AlwaysFailure(Instant):
 class Sleep(Node):
     """Runs for a time, then succeeds."""
 
-    msec = InputPort(int, "time in [ms]")
+    msec = InputPort(int, "time in [ms]", least=0)
 
     def initialise(self) -> None:
         self._end_s = self.runtime.clock.now_s() + self.msec.get() / 1000

@@ -71,7 +71,7 @@ class Repeat(_Rounds):
     """Ticks the child to its end N times, one round a tick at most; fails as soon as it fails."""
 
     traits = _rounds("num_cycles", SUCCESS)
-    num_cycles = InputPort(int, "rounds, -1 for no limit")
+    num_cycles = InputPort(int, "rounds, -1 for no limit", least=1, also=(-1,))
 
     def limit(self) -> int:
         return self.num_cycles.get()
@@ -83,7 +83,7 @@ class RetryUntilSuccessful(_Rounds):
     traits = _rounds("num_attempts", FAILURE)
     continue_on = FAILURE
 
-    num_attempts = InputPort(int, "attempts, -1 for no limit")
+    num_attempts = InputPort(int, "attempts, -1 for no limit", least=1, also=(-1,))
 
     def limit(self) -> int:
         return self.num_attempts.get()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from trees.engine.literals import number_in
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
 from trees.engine.status import ANY, NEVER, NodeError, Status
@@ -9,10 +12,20 @@ from trees.engine.traits import Traits
 from trees.engine.why import VERBS, Decision, History
 
 
+def _too_many(children: int, values: Mapping[str, str]) -> tuple[str, str] | None:
+    """A count that is spelt out and that so few children never reach."""
+    for name in ("success_count", "failure_count", "max_failures"):
+        count = number_in(values.get(name, ""))
+        if count is not None and count > children:
+            does = "succeed" if name == "success_count" else "fail"
+            return name, f"{children} children can never {does} {count:g} times"
+    return None
+
+
 class _AtOnce(Control):
     """All children in every tick."""
 
-    traits = Traits(at_once=True, results=lambda below, _: ANY if any(below) else NEVER)
+    traits = Traits(at_once=True, results=lambda below, _: ANY if any(below) else NEVER, impossible=_too_many)
 
     _finished: set[TreeNode]
     _succeeded = 0

@@ -34,6 +34,8 @@ class Port:
         optional: an input that the file may leave unconnected though it has no default.
         unset_ok: the node has an answer as long as nothing was written to the entry.
         name: attribute name in XML; the name of the class attribute unless given.
+        least, most: of its values; of a text's length.
+        also: further legal values, such as -1 for no limit.
     """
 
     direction = "inout"
@@ -50,6 +52,30 @@ class Port:
         self.unset_ok = False
         self.name = name or ""
         self.attribute = ""
+        self.least: float | None = None
+        self.most: float | None = None
+        self.also: tuple[float, ...] = ()
+
+    @property
+    def range(self) -> str:
+        """Which values are legal, for people; empty where all are."""
+        if self.kind is str:
+            return "some text" if self.least else ""
+        least = "" if self.least is None else f"at least {self.least:g}"
+        most = "" if self.most is None else f"at most {self.most:g}"
+        return ", or ".join([", ".join(filter(None, (least, most))), *(f"{one:g}" for one in self.also)])
+
+    def outside(self, value: object) -> str:
+        """What would be legal, where a value is not; empty where it is."""
+        if isinstance(value, str):
+            size: float = len(value.strip())
+        elif isinstance(value, int | float):
+            size = value
+        else:
+            return ""
+        low = self.least is not None and size < self.least
+        high = self.most is not None and size > self.most
+        return self.range if (low or high) and size not in self.also else ""
 
     def __set_name__(self, owner: type, attribute: str) -> None:
         self.attribute = attribute
@@ -166,9 +192,13 @@ class InputPort(Port, Generic[T]):
         optional: bool = False,
         name: str | None = None,
         unset_ok: bool = False,
+        least: float | None = None,
+        most: float | None = None,
+        also: tuple[float, ...] = (),
     ) -> None:
         super().__init__(kind, meaning, default, optional, name)
         self.unset_ok = unset_ok or optional
+        self.least, self.most, self.also = least, most, also
 
     @overload
     def __get__(self, node: None, owner: type) -> InputPort[T]: ...

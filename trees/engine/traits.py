@@ -27,12 +27,17 @@ def _no_barrier(child: int, below: Sequence[Results]) -> int | None:  # noqa: AR
     return None
 
 
+def _possible(children: int, values: Mapping[str, str]) -> tuple[str, str] | None:  # noqa: ARG001
+    return None
+
+
 @dataclass(frozen=True)
 class Traits:
     """What a class promises. A subclass with a record of its own says all of it: `replace(Base.traits, guards=True)`.
 
     Attributes:
         claims: devices that it commands while it runs, such as "arm"; two such nodes cannot run at once.
+        gives, needs: what its success brings or asks about, and what must be so before it: "a part in the gripper".
         instant: it never answers RUNNING by itself, only while a child does.
         guards: its SUCCESS means that what needs a guard may go on.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
@@ -44,9 +49,12 @@ class Traits:
         results: how it can end, from how each of its children can, and its attributes in the file; more where in doubt.
         barrier: by the number of a child and how each can end, the elder one whose results keep it from ever being
             ticked; None where none does. Asked for one child after the other, up to the first that has a barrier.
+        impossible: by its number of children and its attributes, which of these asks for what they cannot do, and why.
     """
 
     claims: tuple[str, ...] = ()
+    gives: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
     instant: bool = False
     guards: bool = False
     needs_guard: bool = False
@@ -56,6 +64,7 @@ class Traits:
     asked_before: Callable[[int], range] = _none_before
     results: Callable[[Sequence[Results], Mapping[str, str]], Results] = _any_end
     barrier: Callable[[int, Sequence[Results]], int | None] = _no_barrier
+    impossible: Callable[[int, Mapping[str, str]], tuple[str, str] | None] = _possible
 
 
 OVERRIDDEN = "run, on_halt of a control or decorator; prepare, initialise, update, terminate of a leaf"

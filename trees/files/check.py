@@ -13,6 +13,7 @@ from trees.engine.ports import Port
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry
+from trees.files.checks.meant import check_main, check_meant
 from trees.files.checks.structure import fits
 from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
 from trees.files.parse.library import Library, read_library
@@ -24,7 +25,8 @@ class Findings(NamedTuple):
 
     Attributes:
         problems: mistakes; a file that has any is not run.
-        warnings: where nodes are stubs, what is a mistake unless they do what nobody here knows.
+        warnings: what runs and can hardly be meant; where nodes are stubs, what is a mistake unless they do what
+            nobody here knows.
         notes: what is ignored here, and means something to editors or other programs.
     """
 
@@ -62,15 +64,17 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     warnings: list[Problem] = []
     notes: list[Problem] = []
     built: dict[Path, Tree] = {}
-    for path in paths:
-        library = read_library(path, known.beside, known.opened)
+    libraries = {path: read_library(path, known.beside, known.opened) for path in paths}
+    for path, library in libraries.items():
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
+        meant = [*library.warnings, *check_main(library, path, libraries.values())]
         if library.main in library.trees and not library.incomplete:
-            built[path], between = build(library, nodes, library.main, known.provided)
+            built[path], between, builder = build(library, nodes, library.main, known.provided)
             doubts = doubts + between
+            meant += [] if known.stubs else check_meant(builder, library, library.main)
         problems += in_order(mistakes if known.stubs else mistakes + doubts)
-        warnings += in_order(doubts if known.stubs else [])
+        warnings += in_order([*(doubts if known.stubs else []), *(meant if not mistakes + doubts else [])])
         notes += in_order(library.notes)
     problems += unused_entries(built)
     return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))

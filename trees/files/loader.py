@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cell.errors import InputError, Place, Problem
 from trees.engine.blackboard import Scope
@@ -58,10 +58,10 @@ def load_tree(
         raise InputError(*in_order(problems))
     if library.incomplete:
         raise InputError(*in_order(problems))
-    tree, between = build(library, registry, library.main, provided or {})
-    if problems or between:
-        raise InputError(*in_order([*problems, *between]))
-    return tree
+    built = build(library, registry, library.main, provided or {})
+    if problems or built.problems:
+        raise InputError(*in_order([*problems, *built.problems]))
+    return built.tree
 
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:
@@ -79,7 +79,15 @@ def find_doubts(library: Library, registry: Registry) -> list[Problem]:
     return check_reach(library, registry) + list(check_claims(library, registry))
 
 
-def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
+class Built(NamedTuple):
+    """A tree, what is wrong between its nodes, and who made it."""
+
+    tree: Tree
+    problems: list[Problem]
+    builder: Builder
+
+
+def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> Built:
     """Make the nodes of a checked library, and check how values flow between them; what is broken is left out."""
     frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
     if frames > sys.getrecursionlimit():
@@ -98,7 +106,7 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     problems += check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused)
-    return tree, problems
+    return Built(tree, problems, builder)
 
 
 def _own_written(builder: Builder, own: set[int]) -> list[Problem]:

@@ -11,10 +11,12 @@ from cell.interfaces.perception import PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.people import distance_m, hole_on_bench_m
 from trees.nodes.planning import judge, note_verdict
 from trees.nodes.services import CellNode, Services
+from trees.nodes.skill_node import HELD
 
 CLEAR_M = 0.35  # a hand that is farther from the way than this does not slow the arm there
 TELLS_S = 3.0  # a robot that fetches nothing for so long says why
@@ -31,8 +33,8 @@ class ChooseSparePart(CellNode):
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief and plans")
-    patience_s = InputPort(float, "how long the hand must rest before the robot goes first", default=0.8)
-    steady_s = InputPort(float, "how long a part must be seen in the hand: it passes over others", default=0.4)
+    patience_s = InputPort(float, "how long the hand must rest before the robot goes first", default=0.8, least=0)
+    steady_s = InputPort(float, "how long a part must be seen in the hand: it passes over others", default=0.4, least=0)
     part = OutputPort(Part, "type of the part to fetch")
 
     _rests_since_s: float | None = None
@@ -93,6 +95,7 @@ class HoldsNeededPart(CellNode):
     """The gripper holds a part that the bracket still needs."""
 
     node_type = "Condition"
+    traits = Traits(gives=(HELD,))
 
     state = InputPort(AssemblyState, "what is placed so far")
     part = OutputPort(Part, "type of the part in the gripper")
@@ -122,8 +125,8 @@ class AwaitPosition(CellNode):
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
     part = InputPort(Part, "type of the part in the gripper")
-    clear_m = InputPort(float, "how far the hand must be from the way to it", default=0.0)
-    patience_s = InputPort(float, "how long the hand is waited for", default=5.0)
+    clear_m = InputPort(float, "how far the hand must be from the way to it", default=0.0, least=0)
+    patience_s = InputPort(float, "how long the hand is waited for", default=5.0, least=0)
     position = OutputPort(Hole, "where it will be put")
 
     _sure_since_s: float | None = None
@@ -166,7 +169,7 @@ class RecallTray(CellNode):
     """
 
     parts = OutputPort(PartsView, "parts that stand in the tray")
-    oldest_s = InputPort(float, "oldest look that is still believed", default=60.0)
+    oldest_s = InputPort(float, "oldest look that is still believed", default=60.0, least=0)
 
     def update(self) -> Status:
         memory = self.memory

@@ -24,7 +24,7 @@ from trees.nodes.poses import (
     world_from_tool,
 )
 from trees.nodes.services import CellNode, Services
-from trees.nodes.skill_node import SkillNode
+from trees.nodes.skill_node import HELD, SkillNode
 
 FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of the 2F-85
@@ -68,7 +68,7 @@ class MoveStraight(SkillNode):
     traits = Traits(claims=("arm",))
 
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
-    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
+    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1, least=0)
 
     def make_skill(self) -> Skill:
         from skills.grasping.straight import StraightMove
@@ -84,7 +84,7 @@ class MoveBy(SkillNode):
     traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "how far along the axes of a frame, and how much turned: world: 0 0 0.1; 0 0 90")
-    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
+    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1, least=0)
 
     def make_skill(self) -> Skill:
         from skills.grasping.straight import StraightMove
@@ -104,7 +104,7 @@ class MoveUntilContact(SkillNode):
     traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "the longest way along the axes of a frame: world: 0 0 -0.05")
-    speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02)
+    speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02, least=0)
 
     def make_skill(self) -> Skill:
         from skills.grasping import straight
@@ -140,7 +140,7 @@ class ToolIsAt(CellNode):
     traits = Traits(instant=True)
 
     pose = InputPort(FramedPose, "where it should be")
-    within_m = InputPort(float, "how far off it may be in [m]", default=0.005)
+    within_m = InputPort(float, "how far off it may be in [m]", default=0.005, least=0)
     within_deg = InputPort(float, "how far turned it may be in [deg]", default=3.0)
 
     def update(self) -> Status:
@@ -176,7 +176,7 @@ class OpenGripper(SkillNode):
     traits = Traits(claims=("gripper",))
 
     opening_m = InputPort(float, "distance between the fingers in [m]", default=OPENING_M[1])
-    speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
+    speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1, least=0)
 
     def make_skill(self) -> Skill:
         from skills.grasping.phases import MoveFingers
@@ -193,10 +193,10 @@ class OpenGripper(SkillNode):
 class CloseGripper(SkillNode):
     """Close the fingers; fails if they close on nothing, unless that is expected."""
 
-    traits = Traits(claims=("gripper",))
+    traits = Traits(claims=("gripper",), gives=(HELD,))
 
-    force_n = InputPort(float, "force of the fingers in [N]", default=60.0)
-    speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
+    force_n = InputPort(float, "force of the fingers in [N]", default=60.0, least=0)
+    speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1, least=0)
     on_something = InputPort(bool, "fail if nothing is between the fingers", default=True)
 
     def make_skill(self) -> Skill:
@@ -213,7 +213,7 @@ class SetGripForce(SkillNode):
 
     traits = Traits(claims=("gripper",))
 
-    force_n = InputPort(float, "force of the fingers in [N]")
+    force_n = InputPort(float, "force of the fingers in [N]", least=0)
 
     def make_skill(self) -> Skill:
         from skills.grasping.phases import MoveFingers

@@ -59,9 +59,9 @@ class AskForHelp(Asks):
     Fails when the person places the part, says so, or nobody answers in time.
     """
 
-    text = InputPort(str, "what to ask")
+    text = InputPort(str, "what to ask", least=1)
     part = InputPort(str, "type of the part concerned", default="")
-    wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0)
+    wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0, least=0)
 
     _standing = 0
     _hand_there = False
@@ -120,9 +120,9 @@ class AskOperator(Asks):
     A text may have up to 200 characters.
     """
 
-    text = InputPort(str, "what to ask")
+    text = InputPort(str, "what to ask", least=1)
     answers = InputPort(list[str], "what may be answered: yes;no; empty for any text", default=["done"])
-    wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0)
+    wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0, least=0)
     answer = OutputPort(str, "what was answered")
 
     def initialise(self) -> None:
@@ -151,7 +151,7 @@ class AskWhichGoal(Asks):
 
     plan = InputPort(AssemblyPlan, "belief over goals")
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
-    wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+    wait_s = InputPort(float, "longest wait for an answer", default=60.0, least=0)
     unattended = InputPort(bool, "ask even if no person is known to be there", default=False)
 
     _asks = False  # this node, or another one the same

@@ -24,8 +24,8 @@ class AskPosition(Asks):
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InOutPort(AssemblyState, "what is placed so far, and what a person said")
-    settle_s = InputPort(float, "how long nothing must have been placed", default=6.0)
-    wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+    settle_s = InputPort(float, "how long nothing must have been placed", default=6.0, least=0)
+    wait_s = InputPort(float, "longest wait for an answer", default=60.0, least=0)
 
     _placed: Mapping[str, str] = {}
     _part = ""

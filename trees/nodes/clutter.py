@@ -17,7 +17,7 @@ class LookAtTray(CellNode):
     """Take an image with the wrist camera and wait for its detections (Alg. 2 lines 1-2)."""
 
     parts = OutputPort(PartsView, "parts seen in the tray")
-    timeout_s = InputPort(float, "longest wait for the detector", default=3.0)
+    timeout_s = InputPort(float, "longest wait for the detector", default=3.0, least=0)
 
     _asked_s = 0.0
 

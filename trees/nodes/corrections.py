@@ -22,8 +22,8 @@ class AwaitMistake(CellNode):
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief over goals")
-    settle_s = InputPort(float, "how long it must look wrong", default=6.0)
-    hidden_s = InputPort(float, "how long nothing could be read in a hole", default=45.0)
+    settle_s = InputPort(float, "how long it must look wrong", default=6.0, least=0)
+    hidden_s = InputPort(float, "how long nothing could be read in a hole", default=45.0, least=0)
     mistakes = OutputPort(tuple[Mistake, ...], "what is to be mended")
     persistent = ("_since_s", "_began_s")
 
@@ -76,7 +76,7 @@ class AwaitMisfit(CellNode):
     """Wait until the placed parts have fitted no known product for a while: it is new, or something is wrong."""
 
     state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
-    settle_s = InputPort(float, "how long it must fit none", default=6.0)
+    settle_s = InputPort(float, "how long it must fit none", default=6.0, least=0)
 
     _since_s: float | None = None
 
@@ -106,8 +106,10 @@ class AskToMend(Asks):
     mistakes = InputPort(tuple[Mistake, ...], "what is to be mended")
     plan = InputPort(AssemblyPlan, "belief over goals")
     state = InOutPort(AssemblyState, "what is placed so far, and what a person said is right")
-    look_s = InputPort(float, "how long it is looked at again after somebody says that it was mended", default=3.0)
-    wait_s = InputPort(float, "longest wait for it; 0 waits for ever", default=0.0)
+    look_s = InputPort(
+        float, "how long it is looked at again after somebody says that it was mended", default=3.0, least=0
+    )
+    wait_s = InputPort(float, "longest wait for it; 0 waits for ever", default=0.0, least=0)
     persistent = ("_before",)
 
     _before: Mistakes = ()  # what was asked about last, where that changed nothing

@@ -30,9 +30,11 @@ class GiveWay(SkillNode):
     traits = Traits(claims=("arm",))
     persistent = ("_since_s", "_held_s", "_palm_m")
 
-    after_s = InputPort(float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0)
-    near_m = InputPort(float, "how near to the arm a hand that rests must be for that in [m]", default=0.3)
-    wait_s = InputPort(float, "how long it waits for the hand to leave at most in [s]", default=15.0)
+    after_s = InputPort(
+        float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0, least=0
+    )
+    near_m = InputPort(float, "how near to the arm a hand that rests must be for that in [m]", default=0.3, least=0)
+    wait_s = InputPort(float, "how long it waits for the hand to leave at most in [s]", default=15.0, least=0)
 
     _since_s = _held_s = -math.inf  # when the wait began that lasts, and when the arm waited last
     _palm_m: tuple[float, float] = (math.inf, math.inf)  # where the hand has rested since

@@ -6,6 +6,7 @@ The skills are imported by the nodes that make them, so that `cell check` does n
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from cell.interfaces.memory import more, without
 from cell.interfaces.perception import PartDetection, PartsView
@@ -15,7 +16,7 @@ from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Part
 from trees.nodes.clutter import lies_on_its_side
 from trees.nodes.services import CellNode
-from trees.nodes.skill_node import SkillNode
+from trees.nodes.skill_node import HELD, SkillNode
 
 
 class FindLying(CellNode):
@@ -30,7 +31,7 @@ class FindLying(CellNode):
     parts = InputPort(PartsView, "parts seen in the tray")
     near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
     on_others = InputPort(bool, "only what lies on others", default=False)
-    within_m = InputPort(float, "how near to it, middle to middle", default=0.15)
+    within_m = InputPort(float, "how near to it, middle to middle", default=0.15, least=0)
     tries = InputPort(int, "how often one is tried", default=2)
     turns = InputPort(int, "how often parts of a type are turned of which none is seen to stand then", default=3)
     index = OutputPort(int, "number of the part that lies among the seen ones")
@@ -117,6 +118,8 @@ class SetUpright(TakesLying):
 
 class PickLying(TakesLying):
     """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; it fits into no hole."""
+
+    traits = replace(TakesLying.traits, gives=(HELD,))
 
     def skill(self) -> Skill:
         from skills import lying

@@ -81,7 +81,7 @@ class TimerIsOver(CellNode):
     traits = Traits(instant=True)
 
     timer = InputPort(float, "when it was started in [s]")
-    after_s = InputPort(float, "how long in [s]")
+    after_s = InputPort(float, "how long in [s]", least=0)
 
     def update(self) -> Status:
         elapsed = self.now.observation.time_s - self.timer.get()

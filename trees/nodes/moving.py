@@ -5,6 +5,7 @@ A skill is imported by the node that makes it, so that `cell check` does not wai
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import Enum
 
 from cell.interfaces.memory import NEVER_S
@@ -15,7 +16,7 @@ from trees.engine.status import NodeError, Status
 from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others, seen_part
 from trees.nodes.services import CellNode
-from trees.nodes.skill_node import SkillNode
+from trees.nodes.skill_node import HELD, SkillNode
 
 DOWN_RAD = 0.1  # a tool that leans more than this holds no part that stood
 
@@ -32,7 +33,7 @@ class ActivateGripper(CellNode):
 
     traits = Traits(claims=("gripper",))
 
-    timeout_s = InputPort(float, "longest wait for the gripper", default=6.0)
+    timeout_s = InputPort(float, "longest wait for the gripper", default=6.0, least=0)
 
     _asked_s: float | None = None
 
@@ -57,7 +58,7 @@ class GripperIsEmpty(CellNode):
     """Nothing is between the fingers, so no part can be put into a wrong hole."""
 
     node_type = "Condition"
-    traits = Traits(guards=True, instant=True)
+    traits = Traits(guards=True, instant=True, gives=(HELD,))
     what_if = "if nothing were felt between the fingers"
 
     def update(self) -> Status:
@@ -67,7 +68,7 @@ class GripperIsEmpty(CellNode):
 class IdentifyHeldPart(CellNode):
     """Tell by the distance of the fingers which part is between them, unless this run picked it."""
 
-    traits = Traits(instant=True)
+    traits = Traits(instant=True, gives=(HELD,))
 
     def update(self) -> Status:
         from skills.pick_and_place import held_type
@@ -103,6 +104,8 @@ class MoveTo(SkillNode):
 
 class PickPart(SkillNode):
     """Grasp a seen part and lift it (Alg. 2 line 5)."""
+
+    traits = replace(SkillNode.traits, gives=(HELD,))
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")
@@ -152,6 +155,8 @@ class MoveAside(SkillNode):
 
 class ReturnToTray(SkillNode):
     """Put the part in the gripper back into the tray; a part that was lying is set upright if possible."""
+
+    traits = replace(SkillNode.traits, needs=(HELD,))
 
     def make_skill(self) -> Skill:
         from skills.put_down import PutBack

@@ -37,7 +37,7 @@ class WaitForAction(CellNode):
 
     awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")
-    say_s = InputPort(float, "the display says what is waited for, once, after so long", default=15.0)
+    say_s = InputPort(float, "the display says what is waited for, once, after so long", default=15.0, least=0)
     persistent = ("_served_s",)
 
     _served_s = -math.inf
@@ -70,8 +70,8 @@ class ShowHand(CellNode):
     Fails when nobody shows one in time. Once a hand was seen, it succeeds at once.
     """
 
-    wait_s = InputPort(float, "how long it waits in [s]", default=600.0)
-    say_s = InputPort(float, "the display asks for it after so long in [s]", default=1.0)
+    wait_s = InputPort(float, "how long it waits in [s]", default=600.0, least=0)
+    say_s = InputPort(float, "the display asks for it after so long in [s]", default=1.0, least=0)
     persistent = ("_shown",)
 
     _shown = _said = False
@@ -103,10 +103,12 @@ class HandWatch(CellNode):
     abstract = True
     what_if = "if the hand were seen away from there"
 
-    distance_m = InputPort(float, "how near is too near", default=0.20)
-    lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0)
-    way_m = InputPort(float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0)
-    stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
+    distance_m = InputPort(float, "how near is too near", default=0.20, least=0)
+    lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0, least=0)
+    way_m = InputPort(
+        float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0, least=0
+    )
+    stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5, least=0)
 
     def target(self) -> tuple[str, Array]:
         """What the arm goes to, in words, and where it is on the bench, (2,)."""
@@ -200,8 +202,10 @@ class AssemblyFinished(CellNode):
 
     state = InputPort(AssemblyState, "what is placed so far")
     action = InputPort(SeenAction, "what the person does")
-    away_m = InputPort(float, "how far from every hole a hand has left that is said to be at work", default=0.2)
-    away_s = InputPort(float, "how long it must be so far away", default=8.0)
+    away_m = InputPort(
+        float, "how far from every hole a hand has left that is said to be at work", default=0.2, least=0
+    )
+    away_s = InputPort(float, "how long it must be so far away", default=8.0, least=0)
     persistent = ("_full_since_s", "_away_since_s")
 
     _full_since_s: float | None = None

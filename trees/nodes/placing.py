@@ -11,7 +11,7 @@ from trees.engine.ports import InOutPort, InputPort
 from trees.engine.status import Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
-from trees.nodes.skill_node import SkillNode
+from trees.nodes.skill_node import HELD, SkillNode
 
 TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 
@@ -19,7 +19,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 18)."""
 
-    traits = replace(SkillNode.traits, needs_guard=True)
+    traits = replace(SkillNode.traits, needs_guard=True, needs=(HELD,))
 
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")
@@ -71,7 +71,7 @@ class VerifyPlacement(CellNode):
 
     part = InputPort(Part, "type of the placed part")
     position = InputPort(Hole, "hole it was put into")
-    timeout_s = InputPort(float, "longest wait for a clear view showing it", default=2.0)
+    timeout_s = InputPort(float, "longest wait for a clear view showing it", default=2.0, least=0)
 
     _begun_s = 0.0
 

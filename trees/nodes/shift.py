@@ -87,7 +87,7 @@ class BracketTaken(CellNode):
 
     state = InputPort(AssemblyState, "what is placed so far")
     number = InputPort(int, "which bracket of the shift this is")
-    settle_s = InputPort(float, "how long the holes must look empty", default=1.0)
+    settle_s = InputPort(float, "how long the holes must look empty", default=1.0, least=0)
     persistent = ("_bracket", "_most", "_empty_s")
     node_type = "Condition"
     traits = Traits(instant=True)

@@ -8,6 +8,7 @@ from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
+HELD = "a part in the gripper"  # what nodes bring about, ask about or need
 _STATUS = {
     SkillStatus.RUNNING: Status.RUNNING,
     SkillStatus.SUCCESS: Status.SUCCESS,

@@ -49,7 +49,7 @@ class SignalIs(SignalNode):
 class WaitForSignal(SignalNode):
     """Wait until a signal is on, or off."""
 
-    timeout_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=0.0)
+    timeout_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=0.0, least=0)
 
     _begun_s = 0.0
 
@@ -72,7 +72,7 @@ class SetSignal(CellNode):
 
     signal = InputPort(OutputSignal, "its name in the configuration")
     value = InputPort(bool, "on (true) or off", default=True)
-    timeout_s = InputPort(float, "longest wait until it is set in [s]", default=1.0)
+    timeout_s = InputPort(float, "longest wait until it is set in [s]", default=1.0, least=0)
 
     _begun_s = 0.0
 
@@ -113,7 +113,7 @@ class ShowMessage(CellNode):
 
     traits = Traits(instant=True)
 
-    text = InputPort(str, "what to show")
+    text = InputPort(str, "what to show", least=1)
 
     def update(self) -> Status:
         self.feedback_message = self.text.get()
@@ -136,7 +136,7 @@ class LogMessage(CellNode):
 
     traits = Traits(instant=True)
 
-    text = InputPort(str, "what to write")
+    text = InputPort(str, "what to write", least=1)
     weight = InputPort(Weight, "info, warning or error", default=Weight.info)
 
     def update(self) -> Status:
@@ -150,7 +150,7 @@ class TakeSnapshot(CellNode):
 
     camera = InputPort(CameraName, "overhead or wrist", default=CameraName.overhead)
     label = InputPort(str, "what it is a picture of", default="")
-    timeout_s = InputPort(float, "longest wait in [s]", default=3.0)
+    timeout_s = InputPort(float, "longest wait in [s]", default=3.0, least=0)
     number = OutputPort(int, "number of the picture among those of this camera")
 
     _asked_s = 0.0

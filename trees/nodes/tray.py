@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
@@ -14,7 +15,7 @@ from trees.engine.traits import Traits
 from trees.engine.vocabulary import Part
 from trees.nodes.poses import FramedPose, near_bracket, world_pose
 from trees.nodes.services import CellNode
-from trees.nodes.skill_node import SkillNode
+from trees.nodes.skill_node import HELD, SkillNode
 
 
 class ChoosePart(CellNode):
@@ -23,7 +24,7 @@ class ChoosePart(CellNode):
     parts = InputPort(PartsView, "parts seen in the tray")
     wanted = InputPort(Part, "only this type; any type if left out", optional=True, name="type")
     near = InputPort(FramedPose, "the nearest to this place", optional=True)
-    within_m = InputPort(float, "only as near as this to it in [m]", default=1.0)
+    within_m = InputPort(float, "only as near as this to it in [m]", default=1.0, least=0)
     index = OutputPort(int, "number of the chosen part among the seen ones")
     part = OutputPort(Part, "its type")
 
@@ -49,6 +50,8 @@ class ChoosePart(CellNode):
 
 class PutDown(SkillNode):
     """Put the part in the gripper down on a spot of the table or the tray; holes of the bracket are for PlacePart."""
+
+    traits = replace(SkillNode.traits, needs=(HELD,))
 
     part = InputPort(Part, "type of the part in the gripper")
     spot = InputPort(FramedPose, "what its peg will stand on; x along the part's length")

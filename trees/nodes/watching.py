@@ -106,7 +106,7 @@ class ReconcileGraph(CellNode):
     """
 
     state = InOutPort(AssemblyState, "what is placed so far")
-    settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5)
+    settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5, least=0)
     sure = InputPort(float, "confidence from which on a hole is believed against an action", default=0.9)
     persistent = ("_differs", "_said", "_again_s", "_asked")
 
@@ -209,7 +209,7 @@ class ReadHole(CellNode):
     """Wait for a clear view of a hole and tell what is in it."""
 
     position = InputPort(Hole, "the hole")
-    timeout_s = InputPort(float, "longest wait for a clear view in [s]", default=3.0)
+    timeout_s = InputPort(float, "longest wait for a clear view in [s]", default=3.0, least=0)
     part = OutputPort(str, f"type of the part in it, or '{EMPTY}'")
     upright = OutputPort(bool, "whether it stands straight")
 

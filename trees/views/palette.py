@@ -91,7 +91,8 @@ def port_line(port: Port) -> str:
     arrow = {"input": "<-", "output": "->", "inout": "<>"}[port.direction]
     default = "" if port.default is UNSET else f" = {default_text(port)}"
     needed = "" if port.optional else ", mandatory"
-    line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}"
+    legal = f", {port.range}" if port.range else ""
+    line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}{legal}"
     return f"{line}  ({port.meaning})" if port.meaning else line
 
 
@@ -118,6 +119,7 @@ def _port_data(port: Port) -> dict[str, object]:
         "type": type_name(port.kind),
         "default": default_text(port),
         "mandatory": not port.optional,
+        **({"range": port.range} if port.range else {}),
         "meaning": port.meaning,
     }
 

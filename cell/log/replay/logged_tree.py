@@ -47,6 +47,8 @@ def upgrade(folder: Path) -> None:
         return  # who loads it says what is wrong
     if not isinstance(data, dict):
         return
+    if "nodes" in data:  # those of the folder in which it is replayed; others are named with --with
+        data["nodes"] = [str(path.resolve()) for one in data["nodes"] if (path := Path(one)).exists()]
     devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
     for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
         if (settings := data.pop(key, None)) is not None:

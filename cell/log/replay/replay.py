@@ -98,6 +98,7 @@ class Replay:
         self._nodes = changes.nodes
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
+        self._configured = configuration.nodes
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)
         self._halted = False
@@ -202,7 +203,7 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = _tree(self.log, Path(folder), node_registry(more=self._nodes))
+            following = _tree(self.log, Path(folder), node_registry(more=(*self._nodes, *self._configured)))
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 

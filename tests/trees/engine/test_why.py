@@ -162,8 +162,9 @@ def test_a_failure_is_told_from_the_root_down(tmp_path: Path, body: str, told: s
 
 
 def test_the_values_are_those_of_the_moment_in_which_it_decided(tmp_path: Path) -> None:
-    body = '<Fallback><ScriptCondition code="n == 3"/><Sequence><Script code="n := 7"/><AlwaysFailure/></Sequence></Fallback>'
-    tree, clock = loaded(tmp_path, f'<Script code="n := 2"/>{body}')
+    later = '<Sequence><Script code="n := 7"/><AlwaysFailure/></Sequence>'
+    body = f'<Script code="n := 2"/><Fallback><ScriptCondition code="n == 3"/>{later}</Fallback>'
+    tree, clock = loaded(tmp_path, body)
     ended(tree, clock)
     assert str(tree.why()) == "ScriptCondition (m.xml:3): 'n == 3' is false, n = 2"
 

@@ -35,6 +35,7 @@ class Use:
         turn: order within a script, from 1; 0 for other ports.
         sign: how a script assigns it; `=` fails where neither a value nor a port has made the entry.
         text: the text that a script assigns, where it spells it out.
+        port: None for a script, or for what a SubTree is given.
     """
 
     entry: Entry
@@ -49,6 +50,17 @@ class Use:
     turn: int = 0
     sign: str = ""
     text: str | None = None
+    port: Port | None = None
+
+    @property
+    def passes(self) -> bool:
+        """A SubTree is given the value."""
+        return self.port is None and not self.turn
+
+    @property
+    def names_entry(self) -> bool:
+        """A port that is told which entry is meant, whatever its type."""
+        return self.port is not None and self.port.names_entry
 
     @property
     def needs(self) -> bool:
@@ -64,6 +76,7 @@ class Use:
 class Call(NamedTuple):
     """A SubTree, the names around it and those within it."""
 
+    uid: int
     element: Element
     outer: Scope
     inner: Scope
@@ -147,7 +160,7 @@ class Builder:
         remaps = autoremaps(element)
         inner = Scope(path, scope, autoremap=remaps)
         self.scopes.append(inner)
-        self.calls.append(Call(element, scope, inner))
+        self.calls.append(Call(uid, element, scope, inner))
         for key, attribute in element.attributes.items():
             if key not in ("ID", "name") and not key.startswith("_"):
                 self._pass(uid, key, attribute.value, attribute.place, scope, inner)
@@ -180,7 +193,7 @@ class Builder:
             user = f"port '{port.name}' of {node_tag(element)}"
             needs = reads and not (port.unset_ok or port.names_entry)
             place = element.place_of(port.name)
-            self.uses.append(Use(entry, place, reads, writes, port.kind, user, uid, port.name, needs))
+            self.uses.append(Use(entry, place, reads, writes, port.kind, user, uid, port.name, needs, port=port))
         else:
             entry = Entry(port.name)
             entry.value = self._constant(element, uid, port, attribute, scope)

@@ -38,6 +38,7 @@ def check_dataflow(builder: Builder, given: set[int], words: Words) -> list[Prob
         if typed is not None:
             group[0].entry.kind = typed.kind
             problems += [_disagree(use, typed) for use in group if not _agree(use, typed)]
+            problems += _outside(group)
             problems += _constant_problems(writers, typed)
     return problems
 
@@ -56,6 +57,18 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
             Problem(writers[0].place, f"{writers[0].user}: {error}", f"{typed.user} at {typed.place}: {error.legal}")
         ]
     return []
+
+
+def _outside(group: list[Use]) -> Iterator[Problem]:
+    """A value that a SubTree is given, and that is out of the range of a port that reads it."""
+    value = group[0].entry.value
+    if group[0].entry.text is None or value is UNSET:
+        return
+    giver = next((use for use in group if use.passes), None)
+    for use in group:
+        if giver is not None and use.port is not None and use.reads and (wrong := use.port.outside(value)):
+            yield Problem(giver.place, f"{use.user} at {use.place} gets {value!r}", wrong)
+            return
 
 
 def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
@@ -150,7 +163,7 @@ def check_order(uses: Iterable[Use], nodes: Sequence[TreeNode], given: set[int])
     by_entry: dict[int, list[Use]] = {}
     for use in uses:
         by_entry.setdefault(id(use.entry), []).append(use)
-    order = _Order(nodes)
+    order = Order(nodes)
     problems: list[Problem] = []
     for key, group in by_entry.items():
         written = any(use.writes for use in group)
@@ -159,7 +172,7 @@ def check_order(uses: Iterable[Use], nodes: Sequence[TreeNode], given: set[int])
     return problems
 
 
-class _Order:
+class Order:
     """When nodes are ticked for the first time, and what may tick them again."""
 
     def __init__(self, nodes: Sequence[TreeNode]) -> None:
@@ -181,7 +194,7 @@ class _Order:
             return [_problem(use, None) for use in readers]
         beginners = sorted({use.uid for use in group if use.begins})
         late = [use for use in readers if self._moment(use) < self._moment(first)]
-        return [_problem(use, first) for use in late if not self._comes_back(use.uid, beginners)]
+        return [_problem(use, first) for use in late if not self.comes_back(use.uid, beginners)]
 
     def _moment(self, use: Use) -> Moment:
         """A node's scripts before, its ports, everything below it, its scripts after.
@@ -196,7 +209,12 @@ class _Order:
             return (use.uid, CONDITIONS.index(use.attribute), use.turn)
         return (use.uid, 7 if use.needs or use.turn else 5, use.turn)
 
-    def _comes_back(self, reader: int, writers: list[int]) -> bool:
+    def holds(self, node: TreeNode, uid: int) -> bool:
+        """Whether this number is that of the node, or of one below it."""
+        return node.uid <= uid <= self._last[node.uid]
+
+    def comes_back(self, reader: int, writers: list[int]) -> bool:
+        """Whether a node around both ticks the reader again after one of the writers."""
         back = self._back[reader]
         if not back:
             return False

@@ -126,9 +126,13 @@ class _Checker:
         if tag == "ReactiveSequence":
             self._reactive(element)
         ports = self._registry.ports_in(tag, element.attributes)
+        values = {name: attribute.value for name, attribute in element.attributes.items()}
+        if (wrong := node.traits.impossible(len(element.children), values)) is not None:
+            self._report(element.place_of(wrong[0]), wrong[1], f"this {tag} has {len(element.children)} children")
         for name, attribute in element.attributes.items():
             if name in ports:
                 self._port(attribute, ports[name])
+                self._range(attribute, ports[name], node)
             elif name.startswith("_"):
                 self._underscore(name, attribute)
             elif name != "name" and not (name == "ID" and element.tag in EXPLICIT):
@@ -170,6 +174,19 @@ class _Checker:
             self._report(attribute.place, what, f'connect it: {port.name}="{{entry}}"')
         else:
             self._literal(attribute, port.kind)
+
+    def _range(self, attribute: Attribute, port: Port, node: type[TreeNode]) -> None:
+        """Whether a value that is spelt out is in its port's range; what the language takes anyway is a warning."""
+        if not port.range or entry_name(attribute.value, port.name, port.names_entry) is not None:
+            return
+        try:
+            value = from_text(attribute.value, port.kind)
+        except LiteralError:
+            return
+        if legal := port.outside(value):
+            shown = f"'{attribute.value}'" if attribute.value.strip() else "empty"
+            told = self._library.warnings if node in BUILT_IN else self._problems
+            told.append(Problem(attribute.value_place, f"port '{port.name}' is {shown}", legal))
 
     def _script(self, attribute: Attribute) -> None:
         before, self._script_length = self._script_length, self._script_length + len(attribute.value)

@@ -57,6 +57,7 @@ class Library:
         models: ports of SubTrees by ID, from TreeNodesModel.
         main: ID of the tree to run; empty where the file does not say.
         texts: every file read, with its text.
+        warnings: what runs, and can hardly be meant.
         notes: what is left out of account here and means something elsewhere, such as to editors.
         replacing: trees that take the place of a tree or node of their name.
         opened: texts of files that an editor has open, by their absolute path; they count instead of the files.
@@ -69,6 +70,7 @@ class Library:
     texts: dict[Path, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     notes: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
     replacing: dict[str, Element] = field(default_factory=dict)
     opened: Mapping[Path, str] = field(default_factory=dict)
     incomplete: bool = False

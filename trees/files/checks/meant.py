@@ -1,0 +1,140 @@
+"""What a tree file may mean and mostly does not: warnings, which keep nothing from running."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+
+from cell.errors import Place, Problem
+from trees.engine.node import TreeNode
+from trees.files.build.builder import Builder, Use
+from trees.files.checks.dataflow import Order
+from trees.files.parse.library import Library, called
+from trees.files.parse.xml_file import Element
+
+
+def check_main(library: Library, path: Path, others: Iterable[Library]) -> Iterator[Problem]:
+    """Trees of a file that nothing calls, and a file with several that does not say which to run.
+
+    Args:
+        others: libraries of files that are checked beside it; what these call is called.
+    """
+    own = {name: tree for name, tree in library.trees.items() if tree.place.file == path}
+    wanted = [other for other in others if path in other.texts and other is not library]
+    if not library.main:
+        if len(own) > 1 and not wanted:
+            what = f"the file does not say which of its trees to run: {', '.join(own)}"
+            yield Problem(Place(path, 1, 1), what, "set main_tree_to_execute")
+        return
+    reached = {library.main} | {name for other in (library, *wanted) for name in _reached(other)}
+    beside = [file.read_text("utf-8", "replace") for file in path.parent.glob("*.xml") if file != path]
+    for name, tree in own.items():
+        if name not in reached and not any(f'<SubTree ID="{name}"' in text for text in beside):
+            yield Problem(
+                tree.place, f"nothing calls BehaviorTree '{name}'", f'<SubTree ID="{name}"/> does, or remove it'
+            )
+
+
+def check_meant(builder: Builder, library: Library, main: str) -> Iterator[Problem]:
+    """Entries that nothing reads, two that write one at once, attributes that nothing reads, empty fingers."""
+    by_entry: dict[int, list[Use]] = defaultdict(list)
+    for use in builder.uses:
+        by_entry[id(use.entry)].append(use)
+    order = Order(builder.nodes)
+    yield from _unread(builder, by_entry, set(library.models.get(main, ())))
+    yield from _at_once(builder, by_entry, order)
+    yield from _unread_attributes(builder, library, order)
+    yield from _needed(builder, order)
+
+
+def _reached(library: Library) -> set[str]:
+    """Trees that a library's main tree calls, itself or by what it calls."""
+    if library.main not in library.trees:
+        return set(library.trees)
+    reached, waiting = {library.main}, list(library.trees[library.main].children)
+    while waiting:
+        element = waiting.pop()
+        name = element.get("ID") or ""
+        if element.tag == "SubTree" and name in reached:
+            continue
+        if element.tag == "SubTree" and name in library.trees:
+            reached.add(name)
+        waiting += _below(library, element)
+    return reached
+
+
+def _below(library: Library, element: Element) -> list[Element]:
+    known = element.tag != "SubTree" or element.get("ID") in library.trees
+    return called(library, element) if known else element.children
+
+
+def _unread(builder: Builder, by_entry: Mapping[int, list[Use]], ports: set[str]) -> Iterator[Problem]:
+    """What scripts and SetBlackboard write, and nothing reads."""
+    for key, group in by_entry.items():
+        entry, first = group[0].entry, group[0]
+        if key in builder.mentioned or entry.name in ports or any(use.reads for use in group):
+            continue
+        if all(use.sign or use.names_entry for use in group):
+            near = f"did you mean {names[0]}?" if (names := _alike(entry.name, by_entry)) else "remove it"
+            yield Problem(first.place, f"{first.user} writes {{{entry.name}}}, and nothing reads it", near)
+
+
+def _alike(name: str, by_entry: Mapping[int, list[Use]]) -> list[str]:
+    read = {group[0].entry.name for group in by_entry.values() if any(use.reads for use in group)}
+    return [f"{{{one}}}" for one in get_close_matches(name, read, 1, 0.7)]
+
+
+def _at_once(builder: Builder, by_entry: Mapping[int, list[Use]], order: Order) -> Iterator[Problem]:
+    """Children that run at the same time, and write one entry without looking at it."""
+    together = [node for node in builder.nodes if node.traits.at_once]
+    for group in by_entry.values():
+        writers = [use for use in group if use.begins and not use.passes]
+        for node in together if len(writers) > 1 else ():
+            by = {child.uid: use for use in reversed(writers) for child in node.children if order.holds(child, use.uid)}
+            if len(by) > 1:
+                first, second, *_ = (by[uid] for uid in sorted(by))
+                what = f"{second.user} writes {{{second.entry.name}}} while {first.user} at {first.place} may"
+                yield Problem(second.place, what, "whoever is ticked last wins; give each an entry of its own")
+                break
+
+
+def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iterator[Problem]:
+    """Attributes of SubTrees that nothing below them reads or writes."""
+    users: dict[int, list[int]] = defaultdict(list)
+    for use in builder.uses:
+        if not use.passes:
+            users[id(use.entry)].append(use.uid)
+    told: set[Place] = set()
+    for call in builder.calls:
+        node, name = builder.nodes[call.uid - 1], call.element.get("ID") or ""
+        for key, attribute in call.element.attributes.items():
+            if key in ("ID", "name") or key.startswith("_") or key in library.models.get(name, {}):
+                continue
+            entry = call.inner.entry(key)
+            used = any(uid != call.uid and order.holds(node, uid) for uid in users[id(entry)])
+            if not used and id(entry) not in builder.mentioned and attribute.place not in told:
+                told.add(attribute.place)
+                yield Problem(attribute.place, f"nothing in SubTree '{name}' reads '{key}'", "remove it")
+
+
+def _needed(builder: Builder, order: Order) -> Iterator[Problem]:
+    """Nodes that need what no node before them brings about."""
+    givers: dict[str, list[int]] = defaultdict(list)
+    for node in builder.nodes:
+        for what in node.traits.gives:
+            givers[what].append(node.uid)
+    for node in builder.nodes:
+        for what in node.traits.needs:
+            before = [uid for uid in givers[what] if uid < node.uid]
+            unknown = any(other.uid < node.uid and _is_foreign(other) for other in builder.nodes)
+            if not before and not unknown and not order.comes_back(node.uid, givers[what]):
+                place = builder.origins[node.uid - 1].place
+                assert place is not None, "who builds a tree knows the places of its nodes"
+                yield Problem(place, f"{node.name} needs {what}, and nothing before it sees to that", "PickPart does")
+
+
+def _is_foreign(node: TreeNode) -> bool:
+    """Whether nothing is known of what a leaf does: one of the user's own that commands a device."""
+    return bool(node.traits.claims) and not type(node).__module__.startswith("trees.")

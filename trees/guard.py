@@ -89,9 +89,12 @@ class Guard:
         Args:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
-        if state.told_goal is None and self._contradicted(plan.goal, state):
-            what = f"this was taken for {plan.goal}, and a person showed that it is another"
-            return Verdict("ask", what, TOLD)
+        if self.contradicted(plan, state):
+            goal = plan.goal if state.told_goal is None else state.told_goal
+            return Verdict("ask", f"this was taken for {goal}, and a person showed that it is another", TOLD)
+        if state.taken_out.get(position) == part:
+            what = f"a person took {part} out of {position}"
+            return Verdict("wait", what, f"if a person put something into {position}")
         empty = f"if {position} were seen empty"
         if position in state.placed:
             return Verdict("wait", f"{position} already holds {state.placed[position]}", empty)
@@ -129,9 +132,9 @@ class Guard:
         where a person showed that it is not the most probable one, see AssemblyState.
         """
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        if state.told_goal is not None:
-            return False
-        if self._contradicted(plan.goal, state) or (self.fits_none(state) and self.sure_goal(plan, state) is None):
+        if self.contradicted(plan, state) or state.told_goal is not None:
+            return self.contradicted(plan, state)
+        if self.fits_none(state) and self.sure_goal(plan, state) is None:
             return True
         best = max(plan.next_belief.values(), default=0.0)
         return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown, best))
@@ -153,15 +156,21 @@ class Guard:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
         goal = plan.goal if state.told_goal is None else state.told_goal
         sure = state.told_goal is not None or plan.goal_belief[goal] >= self._settings.act_probability
-        if state.told_goal is None and self._contradicted(goal, state):
+        if self.contradicted(plan, state):
             return None
         return goal if sure and goal in self._product.goals else None
 
-    def _contradicted(self, goal: str, state: AssemblyState) -> bool:
-        """Whether a person showed that it is another: by a word, or by taking out what the robot placed."""
+    def contradicted(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
+        """Whether a person showed that it is another goal than was said, or than is believed, where nothing was said.
+
+        It was shown by a word, or by taking out what the robot placed. What somebody says later counts more.
+        """
+        goal = plan.goal if state.told_goal is None else state.told_goal
         if goal not in self._product.goals:
             return False
         wanted = self._product.goal_placements(goal)
+        if state.told_goal is not None:
+            return any(wanted.get(position) == part for position, part in state.against_told.items())
         right = {at: part for at, part in state.confirmed.items() if state.placed.get(at, part) == part}
         otherwise = any(wanted[position] != part for position, part in right.items())
         return otherwise or _has_taken_out(wanted, state)

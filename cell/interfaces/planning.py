@@ -38,6 +38,7 @@ class AssemblyState:
         told_parts: part type by position, where a person said that it goes, of a product that nobody knows.
         by_robot: part type by position, of what the robot placed.
         taken_out: of that, what a person took out again: it does not belong there.
+        against_told: of that, what was taken out since the goal was told, and so speaks against it.
     """
 
     placed: Mapping[str, str]
@@ -48,13 +49,21 @@ class AssemblyState:
     told_parts: Mapping[str, str] = field(default_factory=dict)
     by_robot: Mapping[str, str] = field(default_factory=dict)
     taken_out: Mapping[str, str] = field(default_factory=dict)
+    against_told: Mapping[str, str] = field(default_factory=dict)
 
     def seen(self, placed: Mapping[str, str]) -> AssemblyState:
         """The state where the holes show this, part type by position; notices what was taken out."""
         gone = {at: part for at, part in self.by_robot.items() if at in self.placed and placed.get(at) != part}
         by_robot = {at: part for at, part in self.by_robot.items() if at not in gone}
         taken_out = {at: part for at, part in {**self.taken_out, **gone}.items() if placed.get(at) != part}
-        return replace(self, placed=placed, by_robot=by_robot, taken_out=taken_out)
+        since = {
+            at: part for at, part in taken_out.items() if at in self.against_told or (self.told_goal and at in gone)
+        }
+        return replace(self, placed=placed, by_robot=by_robot, taken_out=taken_out, against_told=since)
+
+    def told(self, goal: str) -> AssemblyState:
+        """The state after a person said which goal it is; what was taken out before no longer counts."""
+        return replace(self, told_goal=goal, against_told={})
 
     @property
     def confirmed(self) -> Mapping[str, str]:

@@ -18,7 +18,7 @@ def _too_many(children: int, values: Mapping[str, str]) -> tuple[str, str] | Non
         count = number_in(values.get(name, ""))
         if count is not None and count > children:
             does = "succeed" if name == "success_count" else "fail"
-            return name, f"{children} children can never {does} {count:g} times"
+            return name, f"{children} {'child' if children == 1 else 'children'} can never {does} {count:g} times"
     return None
 
 

@@ -15,7 +15,7 @@ from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry
 from trees.files.checks.meant import check_main, check_meant
 from trees.files.checks.structure import fits
-from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
+from trees.files.loader import built, find_doubts, find_mistakes, in_order, unused_entries
 from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
 
@@ -63,20 +63,20 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     problems: list[Problem] = []
     warnings: list[Problem] = []
     notes: list[Problem] = []
-    built: dict[Path, Tree] = {}
+    trees: dict[Path, Tree] = {}
     libraries = {path: read_library(path, known.beside, known.opened) for path in paths}
     for path, library in libraries.items():
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
         meant = [*library.warnings, *check_main(library, path, libraries.values())]
         if library.main in library.trees and not library.incomplete:
-            built[path], between, builder = build(library, nodes, library.main, known.provided)
+            trees[path], between, builder = built(library, nodes, library.main, known.provided)
             doubts = doubts + between
             meant += [] if known.stubs else check_meant(builder, library, library.main)
         problems += in_order(mistakes if known.stubs else mistakes + doubts)
         warnings += in_order([*(doubts if known.stubs else []), *(meant if not mistakes + doubts else [])])
         notes += in_order(library.notes)
-    problems += unused_entries(built)
+    problems += unused_entries(trees)
     return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))
 
 

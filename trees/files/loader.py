@@ -58,10 +58,10 @@ def load_tree(
         raise InputError(*in_order(problems))
     if library.incomplete:
         raise InputError(*in_order(problems))
-    built = build(library, registry, library.main, provided or {})
-    if problems or built.problems:
-        raise InputError(*in_order([*problems, *built.problems]))
-    return built.tree
+    tree, between = build(library, registry, library.main, provided or {})
+    if problems or between:
+        raise InputError(*in_order([*problems, *between]))
+    return tree
 
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:
@@ -87,8 +87,14 @@ class Built(NamedTuple):
     builder: Builder
 
 
-def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> Built:
+def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
     """Make the nodes of a checked library, and check how values flow between them; what is broken is left out."""
+    made = built(library, registry, main, provided)
+    return made.tree, made.problems
+
+
+def built(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> Built:
+    """The same, with who made it."""
     frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
     if frames > sys.getrecursionlimit():
         sys.setrecursionlimit(frames)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
@@ -162,12 +161,14 @@ class AskWhichGoal(Asks):
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()
         answer = self.answered()
-        if self._asks and state.told_goal is None and answer is not None:
+        guard = services.tools.guard
+        if self._asks and answer is not None and (state.told_goal is None or guard.contradicted(plan, state)):
             tell_goal(self, state, answer)
-        if self._asks and (told := self.state.get().told_goal) is not None:
+            state = self.state.get()
+        if self._asks and (told := state.told_goal) is not None and not guard.contradicted(plan, state):
             self.feedback_message = f"it is {told}"
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
-        if not services.tools.guard.asks_for_goal(plan, state):
+        if not guard.asks_for_goal(plan, state):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
             return Status.SUCCESS if self._asks else Status.FAILURE
         if not (services.now.observation.operator.present or self.unattended.get()):
@@ -188,11 +189,12 @@ class AskWhichGoal(Asks):
         ]
         answers.append(Answer(UNKNOWN_GOAL, "a new one"))
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+        goal = plan.goal if state.told_goal is None else state.told_goal
         reason = f"I am not sure that this is {plan.goal}: a product that I do not know has probability {unknown:.2f}"
         if plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
         elif state.taken_out:
-            reason = f"I took this for {plan.goal}, and what I placed was taken out again"
+            reason = f"I took this for {goal}, and what I placed was taken out again"
         elif services.tools.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
@@ -232,5 +234,5 @@ class WaitWhilePaused(CellNode):
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
     """Write into the state of the assembly what a person said of its goal."""
-    node.state.set(replace(state, told_goal=goal))
+    node.state.set(state.told(goal))
     node.tools.journal.note("belief", told=goal)

@@ -240,6 +240,27 @@ def test_what_is_said_to_be_right_rules_out_the_goal_that_has_it_otherwise() -> 
     assert to.tools.guard.sure_goal(plan, replace(state, told_goal="g1")) == "g1", "what is told counts more"
 
 
+def test_an_order_that_a_person_builds_against_is_asked_about_once_and_nothing_is_placed_twice() -> None:
+    """A person who goes on with another goal than was ordered takes the robot's part out again."""
+    to = services()
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
+    plan = replace(SURE, goal_belief={"g0": 0.0, "g1": 1.0, "g2": 0.0, UNKNOWN_GOAL: 0.0})
+    ordered = AssemblyState({P2: G1[P2]}, by_robot={P2: G1[P2]}).told("g1")
+    assert not to.tools.guard.asks_for_goal(plan, ordered)
+    gone = ordered.seen({})
+    assert to.tools.guard.judge(plan, gone, EMPTY_HOLES, G1[P1], P1, True).decision == "ask"
+    assert to.tools.guard.sure_goal(plan, gone) is None
+    node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
+    assert node.execute() is Status.RUNNING
+    assert to.now.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
+    again = gone.told("g1")
+    assert not to.tools.guard.asks_for_goal(plan, again)
+    assert to.tools.guard.sure_goal(plan, again) == "g1"
+    verdict = to.tools.guard.judge(plan, again, EMPTY_HOLES, G1[P2], P2, True)
+    assert (verdict.decision, verdict.reason) == ("wait", f"a person took {G1[P2]} out of {P2}")
+    assert not to.tools.guard.asks_for_goal(plan, again.seen({P1: G1[P1]}))
+
+
 def test_what_the_robot_placed_and_a_person_took_out_rules_out_the_goal_that_has_it() -> None:
     to = services()
     to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))

@@ -22,9 +22,10 @@ from rich.console import Console
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
-from cell.viewing.live_view import Keys, MonitorClient, view
+from cell.viewing.live_view import Keys, MonitorClient, Screen, view
 from cell.viewing.monitor import Monitor
 from cell.viewing.stepping import Stepper
+from cell.viewing.tree_lines import Line
 from cell.watching.observer import SentCommand, TickRecord
 from tests import ROOT
 from tests.cell.fakes import Rig
@@ -425,6 +426,63 @@ def test_a_person_pauses_a_tree_and_lets_its_actions_begin_one_by_one(make: Call
         assert bench.statuses()[LAST] == 0
         assert ticked("p")[LAST] == running
         assert (stepper.paused, stepper.told) == (False, "goes on")
+    finally:
+        client.close()
+
+
+def test_a_breakpoint_is_set_by_a_nodes_name_stays_and_is_taken_away_by_it(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    client = MonitorClient(bench.port)
+    stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
+    try:
+        stepper.stop_at("Cuont")
+        assert stepper.told == "there is no node 'Cuont'; near to it: Count"
+        stepper.stop_at("count")
+        assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {FIRST, LAST}
+        bench.tick()
+        said = bench.served(client.said)
+        assert said[FIRST] == "waits at a breakpoint"
+        stepper.press("s", said)
+        assert stepper.told == "Count may begin"
+        bench.tick()
+        assert bench.statuses()[FIRST] == 1
+        assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {FIRST, LAST}
+        stepper.stop_at("Count")
+        assert json.loads(bench.ask("D")[1]) == []
+    finally:
+        client.close()
+
+
+def test_the_screen_shows_what_runs_scrolls_and_takes_a_name() -> None:
+    screen = Screen()
+    lines = [Line(0, "job", 1, 3, runs=True), Line(1, "Pick", 1, 0, runs=True, said="going down", place="Fetch")]
+    lines += [Line(1, f"Idle{number}", 0, 0, runs=False) for number in range(30)]
+    assert [row.plain for row in screen.rows(lines, 10)] == ["▶ Pick  going down  (Fetch)"]
+    screen.press("t")
+    assert len(screen.rows(lines, 10)) == 10
+    screen.press("\x1b[6~")
+    assert screen.rows(lines, 10)[0].plain.strip() == "○ Idle8"
+    assert [screen.press(key) for key in ("b", *"Pq", "\x7f", "x", "\r")] == ["", "", "", "", "", "Px"]
+    assert screen.typing is None
+
+
+def test_a_monitor_tells_why_in_the_words_of_the_tree(make: Callable[..., Bench]) -> None:
+    bench = make()
+    client = MonitorClient(bench.port)
+    try:
+        bench.tick()
+        assert bench.served(client.why) == str(bench.tree.why())
+        assert "Count" in bench.served(client.why)
+    finally:
+        client.close()
+
+
+def test_a_view_waits_until_a_run_begins() -> None:
+    client, waited = MonitorClient(free_port()), list[str]()
+    try:
+        with pytest.raises(InputError, match="nothing answers"):
+            client.awaited(0.0, lambda: waited.append("told"))
+        assert waited == []
     finally:
         client.close()
 

@@ -1,0 +1,73 @@
+"""Why a run failed stands in the log's outcome, and everything that tells of a log says it in the same words."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from cell.commands.main import main
+from cell.log.read.reader import Log
+from cell.log.replay.why import why_at
+from cell.log.report.query import info, ticks, why_of
+from cell.log.report.report import report_html
+from cell.log.report.summary import node_rows, with_cause
+from cell.log.report.text import info_lines, tick_lines, why_lines
+from trees.engine.why import Reason, Step
+
+ROOT = Step("job", 1, "Sequence", "job", "commission.xml", 4, "FAILURE")
+SHORT = Step("job/ready", 990, "ScriptCondition", "ready?", "commission.xml", 9, "FAILURE", "'n > 3' is false, n = 2",
+             "if 'n > 3' were true")  # fmt: skip
+WHY = Reason((ROOT, SHORT))
+SENTENCE = "ScriptCondition 'ready?' (commission.xml:9): 'n > 3' is false, n = 2"
+
+
+@pytest.fixture
+def failed_log(commission_log: Log) -> Log:
+    """The same run, whose tree failed in its last tick by a node that nobody saw running."""
+    ran = list(commission_log.ticks)
+    last = max(place for place, tick in enumerate(ran) if tick.status != "STOPPING")
+    ran[last] = replace(ran[last], status="FAILURE")
+    outcome = {**commission_log.outcome, "end": "failed", "reason": "the tree failed", "cause": str(WHY),
+               "why": json.dumps(WHY.plain())}  # fmt: skip
+    return replace(commission_log, ticks=tuple(ran), outcome=outcome)
+
+
+def test_info_and_ticks_tell_the_cause(failed_log: Log) -> None:
+    assert (why_of(failed_log) or {})["text"] == SENTENCE
+    told = f"{SENTENCE}; otherwise if 'n > 3' were true"
+    assert f"  why       {told}" in list(info_lines(info(failed_log)))
+    last = [tick for tick in ticks(failed_log) if tick["status"] == "FAILURE"]
+    assert f"  why        {told}" in list(tick_lines(last[0]))
+
+
+def test_the_report_begins_with_the_cause_and_marks_the_node_however_short_it_was(failed_log: Log) -> None:
+    page = report_html(failed_log)
+    first = page[page.index("<main>") :].split("</p>")[0]
+    assert SENTENCE.replace("'", "&#39;").replace(">", "&gt;") in first
+    assert '<text class="decided"' in page
+    [marked] = [row for row in with_cause(node_rows(failed_log), failed_log, why_of(failed_log)) if row.decided]
+    assert (marked.uid, marked.runs[-1].ending, marked.runs[-1].feedback) == (990, "decided", SHORT.words)
+
+
+def test_a_log_that_does_not_say_has_no_cause(commission_log: Log) -> None:
+    assert why_of(commission_log) is None
+    assert 'class="why' not in report_html(commission_log)
+
+
+def test_a_moment_of_a_log_is_explained_from_the_root(commission_log: Log) -> None:
+    middle_s = commission_log.ticks[len(commission_log.ticks) // 2].time_s
+    then = why_at(commission_log, middle_s)
+    assert then.remark == ""
+    assert then.tick.time_s == pytest.approx(middle_s)
+    plain = then.why.plain()
+    assert plain["tree"]["steps"][0]["path"] == commission_log.ticks[0].changes[0].path
+    lines = list(why_lines({"time_s": 1.0, "tick": 25, "status": "RUNNING", **plain}))
+    assert lines[0].endswith(str(then.why))
+    assert plain["tree"]["words"] in lines[0]
+
+
+def test_a_time_before_the_log_begins_is_refused(commission_log: Log, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["log", "why", str(commission_log.path), "--at", "-1"]) == 2
+    assert "holds no tick of the tree up to -1 s; its first one is at" in capsys.readouterr().err

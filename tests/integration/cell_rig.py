@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.configuration import Configuration, load_configuration, load_faults, load_product
+from cell.configuration import Configuration, load_configuration, load_product
 from cell.interfaces.product import Product
-from cell.runs.options import Files
-from cell.runs.run import drive
-from cell.watching.observer import Observer, Outcome, TickRecord
-from cell.wiring.devices import attached
-from cell.wiring.services import load_planners
+from cell.testing import Recorded as Recorded  # who runs a tree reads it
+from cell.testing import SimulatedCell
+from cell.watching.observer import Outcome
 from sim.cell import SimCell
 from sim.scene.parts import ScenePart
 from skills.motion.planner import MotionPlanner
 from tests import ROOT
-from trees.files.loader import load_tree
-from trees.node_library import node_registry
 
 ASSEMBLE = ROOT / "trees" / "assemble.xml"
 COMMISSION = ROOT / "trees" / "commission.xml"
@@ -28,31 +23,6 @@ PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
 SIMULATION = CONFIGURATION.devices.simulation
 CAN = CONFIGURATION.devices.gripper_bus
-
-
-@dataclass
-class Recorded(Observer):
-    """An observer that keeps what decides a test.
-
-    Attributes:
-        notes: (time_s, topic, fields) of every note that nodes made.
-        joints: measured joints of every tick.
-        statuses: status changes of every tick.
-    """
-
-    notes: list[tuple[float, str, dict[str, object]]] = field(default_factory=list)
-    joints: list[tuple[float, ...]] = field(default_factory=list)
-    statuses: list[tuple[tuple[str, str], ...]] = field(default_factory=list)
-
-    def tick(self, record: TickRecord) -> None:
-        time_s = record.observation.time_s
-        self.notes += [(time_s, topic, dict(fields)) for topic, fields in record.notes]
-        self.joints.append(record.observation.arm.positions_rad)
-        self.statuses.append(tuple((change.path, change.new.name) for change in record.changes))
-
-    def reasons(self) -> list[str]:
-        """What skills and guards said, in order."""
-        return [str(fields.get("reason")) for _, topic, fields in self.notes if topic in ("skill", "verdict")]
 
 
 @contextmanager
@@ -103,12 +73,7 @@ def run_tree(
     configuration: Configuration = CONFIGURATION,
 ) -> tuple[Outcome, Recorded]:
     """Run a tree to its end on a cell."""
-    recorded = recorded or Recorded()
-    loaded = load_tree(tree, node_registry(PRODUCT), main, provided)
-    planners, faults = load_planners(configuration, PRODUCT), load_faults(configuration)
-    files = Files(configuration, PRODUCT, loaded, planners, faults)
-    with attached(configuration, PRODUCT, cell.devices) as devices:
-        return drive(files, devices, motion_planner(), (recorded,)), recorded
+    return SimulatedCell(configuration, PRODUCT, cell, motion_planner()).run(tree, main, provided, recorded)
 
 
 def lifted(cell: SimCell, part: str, height_m: float = 0.03) -> bool:

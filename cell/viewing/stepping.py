@@ -69,7 +69,7 @@ class Stepper:
         found = {uid for uid, names in self._names.items() if word in {one.lower() for one in names}}
         if not found:
             known = sorted({one for names in self._names.values() for one in names})
-            near = get_close_matches(name.strip(), known, 3, 0.4)
+            near = get_close_matches(name.strip(), known, 3, 0.6)
             self.told = f"there is no node {name.strip()!r}" + (f"; near to it: {', '.join(near)}" if near else "")
             return
         try:

@@ -21,12 +21,10 @@ CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
 
 
 class Origin(NamedTuple):
-    """What a node was made of: its tag and its attributes as the file writes them, and where they stand."""
+    """What a node was made of: its tag and its attributes as the file writes them."""
 
     tag: str
     attributes: Mapping[str, str]
-    place: Place | None = None
-    places: Mapping[str, Place] = {}
 
 
 @runtime_checkable
@@ -62,6 +60,7 @@ class Tree:
         nodes: all nodes, by uid - 1.
         blackboard: entries of the main tree.
         origins: what each node was made of, by uid - 1.
+        places: where each node and its attributes stand, by uid - 1 and name; the node itself by an empty one.
         texts: text of every file that the tree was loaded from, for the log.
         scopes: the main tree's blackboard and those of all SubTrees, outer ones first.
         unused: entries that were set from outside, and that nothing in the tree names.
@@ -78,6 +77,7 @@ class Tree:
         origins: Sequence[Origin] = (),
         scopes: Sequence[Scope] = (),
         unused: Iterable[str] = (),
+        places: Sequence[Mapping[str, Place]] = (),
     ) -> None:
         self.name = name
         self.root = root
@@ -85,6 +85,7 @@ class Tree:
         self.blackboard = blackboard
         self.texts = texts
         self.origins = tuple(origins)
+        self.places = tuple(places)
         self.scopes = tuple(scopes) or (blackboard,)
         self.unused = frozenset(unused)
         self._runtime = runtime
@@ -138,8 +139,8 @@ class Tree:
 
     def place_of(self, node: TreeNode, attribute: str = "") -> tuple[str, int]:
         """File, named from the folder that holds all files of the tree, and line of a node or one of its attributes."""
-        origin = self.origins[node.uid - 1] if node.uid <= len(self.origins) else None
-        place = None if origin is None else origin.places.get(attribute, origin.place)
+        places = self.places[node.uid - 1] if node.uid <= len(self.places) else {}
+        place = places.get(attribute) or places.get("")
         return ("", 0) if place is None else (self.short_name(place.file), place.line or 0)
 
     def short_name(self, file: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from trees.files.build.registry import BUILT_IN, Registry
 from trees.files.checks.meant import check_main, check_meant
 from trees.files.checks.structure import fits
 from trees.files.loader import built, find_doubts, find_mistakes, in_order, unused_entries
-from trees.files.parse.library import Library, read_library
+from trees.files.parse.library import PROBLEM_LIMIT, Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
 
 
@@ -68,13 +69,16 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     for path, library in libraries.items():
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
-        meant = [*library.warnings, *check_main(library, path, libraries.values())]
+        meant: list[Problem] = []
         if library.main in library.trees and not library.incomplete:
             trees[path], between, builder = built(library, nodes, library.main, known.provided)
             doubts = doubts + between
-            meant += [] if known.stubs else check_meant(builder, library, library.main)
+            if not (mistakes or doubts or known.stubs):
+                meant += islice(check_meant(builder, library, library.main), PROBLEM_LIMIT)
         problems += in_order(mistakes if known.stubs else mistakes + doubts)
-        warnings += in_order([*(doubts if known.stubs else []), *(meant if not mistakes + doubts else [])])
+        if not (mistakes or doubts):
+            meant += [*library.warnings, *check_main(library, path, libraries.values())]
+        warnings += in_order([*(doubts if known.stubs else []), *meant])
         notes += in_order(library.notes)
     problems += unused_entries(trees)
     return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))

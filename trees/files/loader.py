@@ -111,7 +111,9 @@ def built(library: Library, registry: Registry, main: str, provided: Mapping[str
     given |= builder.mentioned
     problems += check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
-    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused)
+    tree = Tree(
+        main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused, builder.places
+    )
     return Built(tree, problems, builder)
 
 

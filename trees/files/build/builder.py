@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -94,7 +95,7 @@ class Builder:
 
     Attributes:
         nodes: by uid, the first one has uid 1.
-        origins: what they were made of.
+        origins, places: what they were made of, and where that stands.
         scopes: blackboards of the SubTrees, outer ones first.
         uses: who reads and writes which entry.
         calls: what passes values into SubTrees, outer ones first.
@@ -107,6 +108,7 @@ class Builder:
         self._runtime = runtime
         self.nodes: list[TreeNode] = []
         self.origins: list[Origin] = []
+        self.places: list[Mapping[str, Place]] = []
         self.scopes: list[Scope] = []
         self.uses: list[Use] = []
         self.calls: list[Call] = []
@@ -122,8 +124,8 @@ class Builder:
         self.nodes.append(None)  # type: ignore[arg-type]  # the uid is taken before those of the children
         tag = node_tag(element)
         values = {key: attribute.value for key, attribute in element.attributes.items()}
-        places = {key: attribute.place for key, attribute in element.attributes.items()}
-        self.origins.append(Origin(tag, values, element.place, places))
+        self.origins.append(Origin(tag, values))
+        self.places.append({"": element.place, **{key: one.place for key, one in element.attributes.items()}})
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
         path = f"{scope.name}/{name}" if scope.name else name

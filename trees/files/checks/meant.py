@@ -14,6 +14,8 @@ from trees.files.checks.dataflow import Order
 from trees.files.parse.library import Library, called
 from trees.files.parse.xml_file import Element
 
+NAMES_N = 200  # entries among which a name that is alike is looked for
+
 
 def check_main(library: Library, path: Path, others: Iterable[Library]) -> Iterator[Problem]:
     """Trees of a file that nothing calls, and a file with several that does not say which to run.
@@ -44,7 +46,7 @@ def check_meant(builder: Builder, library: Library, main: str) -> Iterator[Probl
         by_entry[id(use.entry)].append(use)
     order = Order(builder.nodes)
     yield from _unread(builder, by_entry, set(library.models.get(main, ())))
-    yield from _at_once(builder, by_entry, order)
+    yield from _at_once(builder, by_entry)
     yield from _unread_attributes(builder, library, order)
     yield from _needed(builder, order)
 
@@ -72,32 +74,45 @@ def _below(library: Library, element: Element) -> list[Element]:
 
 def _unread(builder: Builder, by_entry: Mapping[int, list[Use]], ports: set[str]) -> Iterator[Problem]:
     """What scripts and SetBlackboard write, and nothing reads."""
+    read = {group[0].entry.name for group in by_entry.values() if any(use.reads for use in group)}
     for key, group in by_entry.items():
         entry, first = group[0].entry, group[0]
         if key in builder.mentioned or entry.name in ports or any(use.reads for use in group):
             continue
         if all(use.sign or use.names_entry for use in group):
-            near = f"did you mean {names[0]}?" if (names := _alike(entry.name, by_entry)) else "remove it"
-            yield Problem(first.place, f"{first.user} writes {{{entry.name}}}, and nothing reads it", near)
+            near = get_close_matches(entry.name, read, 1, 0.7) if len(read) <= NAMES_N else []
+            legal = f"did you mean {{{near[0]}}}?" if near else "remove it"
+            yield Problem(first.place, f"{first.user} writes {{{entry.name}}}, and nothing reads it", legal)
 
 
-def _alike(name: str, by_entry: Mapping[int, list[Use]]) -> list[str]:
-    read = {group[0].entry.name for group in by_entry.values() if any(use.reads for use in group)}
-    return [f"{{{one}}}" for one in get_close_matches(name, read, 1, 0.7)]
-
-
-def _at_once(builder: Builder, by_entry: Mapping[int, list[Use]], order: Order) -> Iterator[Problem]:
+def _at_once(builder: Builder, by_entry: Mapping[int, list[Use]]) -> Iterator[Problem]:
     """Children that run at the same time, and write one entry without looking at it."""
-    together = [node for node in builder.nodes if node.traits.at_once]
+    parents = {child.uid: node for node in builder.nodes for child in node.children}
     for group in by_entry.values():
-        writers = [use for use in group if use.begins and not use.passes]
-        for node in together if len(writers) > 1 else ():
-            by = {child.uid: use for use in reversed(writers) for child in node.children if order.holds(child, use.uid)}
-            if len(by) > 1:
-                first, second, *_ = (by[uid] for uid in sorted(by))
-                what = f"{second.user} writes {{{second.entry.name}}} while {first.user} at {first.place} may"
-                yield Problem(second.place, what, "whoever is ticked last wins; give each an entry of its own")
-                break
+        both = _both_at_once([use for use in group if use.begins and not use.passes], parents)
+        if both is not None:
+            first, second = both
+            what = f"{second.user} writes {{{second.entry.name}}} while {first.user} at {first.place} may"
+            yield Problem(second.place, what, "whoever is ticked last wins; give each an entry of its own")
+
+
+def _both_at_once(writers: list[Use], parents: Mapping[int, TreeNode]) -> tuple[Use, Use] | None:
+    """The first two that stand below different children of one node."""
+    first: dict[int, tuple[int, Use]] = {}  # by that node: its first child that writes, and by what
+    for use in writers if len(writers) > 1 else ():
+        for uid, child in _around(use.uid, parents):
+            known, other = first.setdefault(uid, (child, use))
+            if known != child:
+                return other, use
+    return None
+
+
+def _around(uid: int, parents: Mapping[int, TreeNode]) -> Iterator[tuple[int, int]]:
+    """The nodes above one whose children run at the same time, and the child of each that it is, or is below."""
+    while (parent := parents.get(uid)) is not None:
+        if parent.traits.at_once:
+            yield parent.uid, uid
+        uid = parent.uid
 
 
 def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iterator[Problem]:
@@ -122,16 +137,15 @@ def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iter
 def _needed(builder: Builder, order: Order) -> Iterator[Problem]:
     """Nodes that need what no node before them brings about."""
     givers: dict[str, list[int]] = defaultdict(list)
+    foreign = next((node.uid for node in builder.nodes if _is_foreign(node)), len(builder.nodes) + 1)
     for node in builder.nodes:
         for what in node.traits.gives:
             givers[what].append(node.uid)
     for node in builder.nodes:
         for what in node.traits.needs:
-            before = [uid for uid in givers[what] if uid < node.uid]
-            unknown = any(other.uid < node.uid and _is_foreign(other) for other in builder.nodes)
-            if not before and not unknown and not order.comes_back(node.uid, givers[what]):
-                place = builder.origins[node.uid - 1].place
-                assert place is not None, "who builds a tree knows the places of its nodes"
+            first = min([foreign, *givers[what][:1]])
+            if first > node.uid and not order.comes_back(node.uid, givers[what]):
+                place = builder.places[node.uid - 1][""]
                 yield Problem(place, f"{node.name} needs {what}, and nothing before it sees to that", "PickPart does")
 
 

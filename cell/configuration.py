@@ -35,6 +35,7 @@ from sim.scene.person import load_person
 from skills.drivers.settings import CanSettings, SignalSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
+from trees.node_library import USUAL_FOLDER
 
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
@@ -143,9 +144,13 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
 
 
 def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:
-    """Nodes that a configuration names: absolute where there is such a file or folder, else the name of a package."""
+    """Nodes that a configuration names: absolute where there is such a file or folder, else the name of a package.
+
+    The folder in which `cell new leaf` writes may be made later.
+    """
     folders = (folder.resolve(), folder.resolve().parent)
-    return tuple(next((str(one / name) for one in folders if (one / name).exists()), name) for name in names)
+    found = {name: next((str(one / name) for one in folders if (one / name).exists()), name) for name in names}
+    return tuple(path for name, path in found.items() if path != name or name != str(USUAL_FOLDER))
 
 
 def simulated(configuration: Configuration, look: str | None = None, person: str | None = None) -> Configuration:

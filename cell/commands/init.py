@@ -18,8 +18,7 @@ SHIPPED = {
     "trees": ("ahead.xml", "algorithm1.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")
-NODES = "nodes: [nodes] # folders with nodes of your own; every command loads them\n"
-OWN_NODES = "Nodes of your own, one Python file or more; `cell new leaf NAME` writes the first one.\n"
+NODES = "nodes: [nodes] # nodes of your own, which every command loads; `cell new leaf NAME` writes the first\n"
 # For the XML language server of Visual Studio Code, which then completes nodes and ports in tree files.
 EDITOR = """{
   "xml.fileAssociations": [{"pattern": "trees/**/*.xml", "systemId": "config/schema/trees.xsd"}]
@@ -45,7 +44,7 @@ def new_cell() -> dict[str, bytes]:
     files |= {name: shipped("cell.commands", "new_cell", name) for name in OWN}
     contents = {name: file.read_bytes() for name, file in files.items()}
     cell = contents["config/cell.yaml"].decode().replace("\nbench:", f"{NODES}\nbench:", 1)
-    contents |= {"config/cell.yaml": cell.encode(), "nodes/README.md": OWN_NODES.encode()}
+    contents["config/cell.yaml"] = cell.encode()
     for name in ("cell", "sim", "products"):
         first_line = f"{modeline(f'schema/{name}.json')}\n".encode()
         contents[f"config/{name}.yaml"] = first_line + contents[f"config/{name}.yaml"]

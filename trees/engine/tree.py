@@ -86,6 +86,7 @@ class Tree:
         self.texts = texts
         self.origins = tuple(origins)
         self.places = tuple(places)
+        self._names: dict[Path, str] = {}
         self.scopes = tuple(scopes) or (blackboard,)
         self.unused = frozenset(unused)
         self._runtime = runtime
@@ -145,8 +146,10 @@ class Tree:
 
     def short_name(self, file: Path) -> str:
         """A file of the tree, as its log names it: from the folder that holds all of them."""
-        folder = self.folder
-        return file.resolve().relative_to(folder).as_posix() if file.resolve().is_relative_to(folder) else file.name
+        if file not in self._names:
+            whole, folder = file.resolve(), self.folder
+            self._names[file] = whole.relative_to(folder).as_posix() if whole.is_relative_to(folder) else file.name
+        return self._names[file]
 
     @cached_property
     def folder(self) -> Path:

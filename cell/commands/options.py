@@ -151,9 +151,14 @@ def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path,
     return tuple(nodes), tuple(trees)
 
 
-def beside_config() -> Path | None:
-    """The configuration of the folder in which the command is called; None where there is none."""
-    return OWN_CONFIGURATION if OWN_CONFIGURATION.is_file() else None
+def beside_config(files: Iterable[Path] = ()) -> Path | None:
+    """The configuration of the folder in which the command is called; None where there is none.
+
+    Args:
+        files: that must lie in this folder for it to count.
+    """
+    within = all(file.resolve().is_relative_to(Path.cwd()) for file in files)
+    return OWN_CONFIGURATION if within and OWN_CONFIGURATION.is_file() else None
 
 
 def always_loaded() -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant."""
-    config = None if no_config else config or beside_config()
+    config = None if no_config else config or beside_config(files)
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, registry_of(config, nodes), known)

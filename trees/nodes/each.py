@@ -12,7 +12,6 @@ from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InputPort, OutputPort, Port, further_of
 from trees.engine.status import NodeError, Status
 from trees.engine.vocabulary import Hole, Part
-from trees.nodes.services import Services
 
 
 class ForEach(Decorator):
@@ -22,7 +21,7 @@ class ForEach(Decorator):
 
     if_empty = InputPort(Status, "result if there is no item", default=SUCCESS)
     number = OutputPort(int, "number of this round, from 0")
-    services: Services
+    services: Any
 
     _items: list[Any]
     _round = 0
@@ -87,6 +86,8 @@ class ForEachType(ForEach):
     part = OutputPort(Part, "the type of this round", name="type")
 
     def items(self) -> list[Any]:
+        if self.services is None:  # a tree that is tried without a cell: once, for no type in particular
+            return [""]
         return list(self.services.tools.product.parts)
 
     def begin(self, item: Any) -> None:

@@ -45,7 +45,8 @@ def check_meant(builder: Builder, library: Library, main: str) -> Iterator[Probl
     for use in builder.uses:
         by_entry[id(use.entry)].append(use)
     order = Order(builder.nodes)
-    yield from _unread(builder, by_entry, set(library.models.get(main, ())))
+    if main not in library.models:  # else whoever calls it may read what it writes
+        yield from _unread(builder, by_entry)
     yield from _at_once(builder, by_entry)
     yield from _unread_attributes(builder, library, order)
     yield from _needed(builder, order)
@@ -72,12 +73,12 @@ def _below(library: Library, element: Element) -> list[Element]:
     return called(library, element) if known else element.children
 
 
-def _unread(builder: Builder, by_entry: Mapping[int, list[Use]], ports: set[str]) -> Iterator[Problem]:
+def _unread(builder: Builder, by_entry: Mapping[int, list[Use]]) -> Iterator[Problem]:
     """What scripts and SetBlackboard write, and nothing reads."""
     read = {group[0].entry.name for group in by_entry.values() if any(use.reads for use in group)}
     for key, group in by_entry.items():
         entry, first = group[0].entry, group[0]
-        if key in builder.mentioned or entry.name in ports or any(use.reads for use in group):
+        if key in builder.mentioned or any(use.reads for use in group):
             continue
         if all(use.sign or use.names_entry for use in group):
             near = get_close_matches(entry.name, read, 1, 0.7) if len(read) <= NAMES_N else []

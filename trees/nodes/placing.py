@@ -11,7 +11,7 @@ from trees.engine.ports import InOutPort, InputPort
 from trees.engine.status import Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
-from trees.nodes.skill_node import HELD, SkillNode
+from trees.nodes.skill_node import SkillNode
 
 TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 
@@ -19,7 +19,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 18)."""
 
-    traits = replace(SkillNode.traits, needs_guard=True, needs=(HELD,))
+    traits = replace(SkillNode.traits, needs_guard=True)
 
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")

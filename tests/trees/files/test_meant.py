@@ -15,6 +15,10 @@ ROOT = '<root BTCPP_format="4" main_tree_to_execute="M">\n{}\n</root>'
 MAIN = '<BehaviorTree ID="M"><Sequence>\n{}\n</Sequence></BehaviorTree>'
 READS = '<BehaviorTree ID="S"><ScriptCondition code="x == 1"/></BehaviorTree>'
 DOUBTFUL = {
+    '<Parallel success_count="5"><AlwaysSuccess/><AlwaysSuccess/></Parallel>': (
+        2, "2 children can never succeed 5 times; at most 2",
+    ),
+    '<ParallelAll max_failures="3"><AlwaysSuccess/></ParallelAll>': (2, "1 child can never fail 3 times; at most 1"),
     '<RetryUntilSuccessful num_attempts="0"><AlwaysSuccess/></RetryUntilSuccessful>': (
         2, "port 'num_attempts' is '0'; at least 1, or -1",
     ),
@@ -75,11 +79,6 @@ def test_what_is_meant_is_not_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        (
-            '<Parallel success_count="5"><AlwaysSuccess/><AlwaysSuccess/></Parallel>',
-            "2 children can never succeed 5 times",
-        ),
-        ('<ParallelAll max_failures="3"><AlwaysSuccess/></ParallelAll>', "1 child can never fail 3 times"),
         ('<AskForHelp text=" " part="o1"/>', "port 'text' is empty"),
         ('<SubTree ID="S" wait="-1"/>', "port 'wait_s' of AskForHelp at m.xml:1:175 gets -1"),
     ],

@@ -128,7 +128,8 @@ class _Checker:
         ports = self._registry.ports_in(tag, element.attributes)
         values = {name: attribute.value for name, attribute in element.attributes.items()}
         if (wrong := node.traits.impossible(len(element.children), values)) is not None:
-            self._report(element.place_of(wrong[0]), wrong[1], f"at most {len(element.children)}")
+            where, legal = element.place_of(wrong[0]), f"at most {len(element.children)}"
+            self._library.warnings.append(Problem(where, wrong[1], legal))  # the language runs it, and it fails
         for name, attribute in element.attributes.items():
             if name in ports:
                 self._port(attribute, ports[name])

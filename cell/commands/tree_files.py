@@ -50,8 +50,8 @@ def check(
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, registry_of(config, nodes), known)
     if config is not None:
-        stuck, beside = bench_of(config)
-        problems, warnings = [*problems, *stuck], [*warnings, *beside]
+        stuck, odd = bench_of(config)
+        problems, warnings = [*problems, *stuck], [*warnings, *odd]
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     doubtful = bool(warnings) and not stubs

@@ -51,7 +51,7 @@ class Frame:
     def seen_from(self, world_from_camera: Pose) -> Frame:
         """The same frame, of a camera that is elsewhere than its driver reports: waits for the image."""
         told = self.camera, self.sequence, self.time_s
-        return Frame(*told, self.image, world_from_camera, self.robot_m, self.depth_mm)
+        return Frame(*told, self.image, world_from_camera, self.robot_m, depth_mm=self.depth_mm)
 
     @property
     def pixels(self) -> NDArray[np.uint8]:

@@ -39,7 +39,7 @@ class Failure(Message, frozen=True):
     kind: str
     words: str
     device: str = ""
-    places: tuple[tuple[tuple[str, ...], str], ...] = ()
+    places: tuple[tuple[tuple[str | int, ...], str], ...] = ()
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:

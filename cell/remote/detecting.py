@@ -177,7 +177,7 @@ def _detecting(detect: Callable[[], DetectByCamera], images: SharedImages) -> Ca
         image = prepared.pop((job.camera, job.sequence), None) if job.image is None else job.image
         image = images.copy(job.camera, job.lies) if image is None else image
         (colours, depth_mm), told = apart(image), (job.camera, job.sequence, job.time_s)
-        frame = Frame(*told, colours, job.world_from_camera, job.robot_m, depth_mm)
+        frame = Frame(*told, colours, job.world_from_camera, job.robot_m, depth_mm=depth_mm)
         return seen(detectors[job.camera](frame))
 
     def prepare(job: Prepare) -> Done:

@@ -80,7 +80,7 @@ def _chosen(perception: Perception, chosen: str) -> Perception:
 
 def _frames(log: Log, motion: MotionPlanner) -> Iterator[Frame]:
     """All images with the poses of their cameras, in the order in which they were taken."""
-    frames, bodies = Frames(log), RobotPoseHistory(motion.separation.outline)
+    frames, bodies = Frames(log), RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
     poses = {camera: _poses(log, camera) for camera in VIEWS}
     taken = sorted(
         (message.time_ns, message.topic.removeprefix(CAMERA))

@@ -31,7 +31,12 @@ class Growing(work_orders.WorkOrders):
     def tick(self, record: TickRecord) -> None:
         super().tick(record)
         for topic, fields in record.notes:
-            if topic == "bracket" and fields["edge"] == "end" and (line := LATE.get(fields["number"])) and self._path:
+            if (
+                topic == "bracket"
+                and fields["edge"] == "end"
+                and (line := LATE.get(int(str(fields["number"]))))
+                and self._path
+            ):
                 with self._path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(line) + "\n")
 

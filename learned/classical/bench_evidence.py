@@ -167,11 +167,11 @@ class BenchEvidence:
         self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
 
     def _by_depth(self, frame: Frame, hidden: NDArray[np.bool_]) -> str:
-        """What stands over the bench that colours do not show, in words."""
+        """What stands over the bench that colours do not show, in words; a robot that nobody tells of would count."""
         if self._depth is None:
             return ""
         risen = None if frame.depth_mm is None else self._depth.risen(frame.depth_mm, hidden)
-        return COVERED if risen is None else RISES if risen.any() else ""
+        return COVERED if risen is None else RISES if risen.any() and frame.robot_m is not None else ""
 
     def _look(self, small: Mask, grey: Mask, hidden: NDArray[np.bool_]) -> int:
         """How many groups of landmarks are not where the calibration has them; at first, bins without contrast, too."""

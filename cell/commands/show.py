@@ -75,7 +75,7 @@ def monitor(
     port: PortOption = MONITOR_PORT,
     wait_s: Annotated[float, typer.Option("--wait", min=0, help="Seconds to wait for a run to begin.")] = 600.0,
 ) -> None:
-    """Watch what runs in the tree of a run, and why; `cell run --monitor` lets it be watched.
+    """Watch the tree of a run in the terminal: what runs, and why. `cell run --monitor` lets it be watched.
 
     Keys: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
     """

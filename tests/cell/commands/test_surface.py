@@ -138,7 +138,7 @@ def test_without_the_lab_the_product_says_where_it_is(
 
 def test_a_product_command_imports_no_other_and_no_lab() -> None:
     script = (
-        "import sys; from cell.commands.main import main; main(['check', 'trees/ahead.xml']); "
+        "import sys; from cell.commands.main import main; main(['check', '--no-config', 'trees/ahead.xml']); "
         "print([name for name in sys.modules if '.lab' in name or name in ('cell.commands.run', 'cell.configuration')])"
     )
     told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)

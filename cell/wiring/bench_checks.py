@@ -9,7 +9,6 @@ from cell.errors import SettingError
 from cell.files.model import Location
 from cell.interfaces.product import Product
 from learned.classical.box_model import View, obstacle_mask
-from sim.scene.storage import overlapping
 from skills.motion.grasp_pose import hole_pose
 from skills.motion.planner import MotionPlanner
 
@@ -18,6 +17,8 @@ Wrong = tuple[Location, str]  # where in the configuration, and what
 
 def bench_problems(configuration: Configuration, product: Product) -> tuple[list[Wrong], list[Wrong]]:
     """What a run would not begin with, and what is doubtful."""
+    from sim.scene.storage import overlapping
+
     bench = configuration.bench
     stuck = _stuck(MotionPlanner(product, bench, configuration.motion))
     doubtful = overlapping(product, bench)

@@ -18,7 +18,6 @@ from skills.motion.grip import STROKE_M, Hold
 from skills.motion.kinematics import OTHERS, USUAL, Kinematics
 from skills.motion.lying_grasp import LyingHold
 from skills.motion.outline import Shape
-from skills.motion.search import ways_around
 from skills.motion.separation import SeparationMonitor
 from skills.motion.settings import MotionSettings
 from skills.motion.trajectory import blended, joint_move, line_move
@@ -125,6 +124,8 @@ class MotionPlanner:
 
     def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
         """A lift is often enough; then whatever a search finds."""
+        from skills.motion.search import ways_around  # most runs never search
+
         leaving = self.scene(Load(load.opening_m, close=True))
         for lift_m, drop_m in LIFTS_M:
             yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)

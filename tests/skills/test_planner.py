@@ -100,7 +100,7 @@ def test_a_held_part_is_hardly_tilted_on_a_way_around(behind_a_post: MotionPlann
 def test_a_way_that_is_not_found_says_which_two_things_are_in_the_way(
     behind_a_post: MotionPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("skills.motion.planner.ways_around", lambda *_, **__: iter(()))
+    monkeypatch.setattr("skills.motion.search.ways_around", lambda *_, **__: iter(()))
     start, goal = next(ways(behind_a_post))
     told = pieces(behind_a_post, start, goal)[0]
     assert isinstance(told, str)

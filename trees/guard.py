@@ -127,10 +127,9 @@ class Guard:
             question = "is this {goal}? A goal that I do not know has probability {unknown:.3f}"
             return Verdict("ask", Message(question, goal=plan.goal, unknown=unknown), TOLD)
         if probability < self._act_probability:
-            least, too_low = self._act_probability, "{placement} has probability {probability:.3f} < {least:.3f}"
-            words = Message(
-                f"{too_low}, as many goals are in use", placement=placement, probability=probability, least=least
-            )
+            least = self._act_probability
+            too_low = "{placement} has probability {probability:.3f} < {least:.3f}, as many goals are in use"
+            words = Message(too_low, placement=placement, probability=probability, least=least)
             return Verdict("wait", words, f"if {placement} had at least {least:.3f}")
         words = Message("{placement} has probability {probability:.2f}", placement=placement, probability=probability)
         return Verdict("act", words, f"if {placement} had less than {least}")

@@ -121,7 +121,7 @@ class PendingFrame(Frame):
 
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
         told = self.camera, self.sequence, self.time_s
-        return Frame, (*told, self.image, self.world_from_camera, self.robot_m, self.depth_mm)
+        return Frame, (*told, self.image, self.world_from_camera, self.robot_m, self.at_tool, self.depth_mm)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,13 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from cell.files.words.message import SPEC
 from tests import ROOT
 
 FOLDERS = ("cell/running", "cell/viewing", "cell/interfaces", "trees/guard.py", "trees/nodes", "skills")
 SPOKEN = ("Answer", "Detection", "FingersRest", "Instruction", "Move", "Progress", "SetGripper", "Verdict", "_Ending")
 SPOKEN_TOO = ("_also", "_mode", "_restarted", "_with", "ask", "done", "failed", "show")
+OF_DOCTOR = ("cameras.py", "robotiq.py", "ur_dashboard.py", "ur_examined.py")  # what `cell doctor` says of devices
 STATIC = ROOT / "cell" / "viewing" / "page" / "static"
 QUOTED = r'"((?:[^"\\]|\\.)*)"'
 KEPT = {"feedback_message", "reason", "TODO", "DONE_BY", "FINISHED", "ACKNOWLEDGE"}
@@ -29,14 +31,18 @@ def spoken() -> dict[str, str]:
     found: dict[str, str] = {}
     for folder in FOLDERS:
         path = ROOT / folder
-        for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
+        for file in (
+            [path]
+            if path.is_file()
+            else sorted(set(path.rglob("*.py")) - {path / "drivers" / name for name in OF_DOCTOR})
+        ):
             found |= {text: f"{file.relative_to(ROOT)}:{line}" for text, line in _of_python(file)}
     for file in (STATIC / "page.js", STATIC / "scene.js"):
         found |= {text: str(file.relative_to(ROOT)) for text in _of_script(file.read_text(encoding="utf-8"))}
     for file in sorted((ROOT / "trees").glob("*.xml")):
         asked = re.findall(r'(?:AskForHelp|AskOperator|ShowMessage) text="([^"{]+)"', file.read_text(encoding="utf-8"))
         found |= dict.fromkeys(asked, file.name)
-    return {text: place for text, place in found.items() if text not in NOT_SHOWN}
+    return {SPEC.sub(r"{\1}", text): place for text, place in found.items() if text not in NOT_SHOWN}
 
 
 def _of_python(file: Path) -> Iterator[tuple[str, int]]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from string import Formatter
 from typing import Any
+
+SPEC = re.compile(r"\{(\w+):[^{}]*\}")
 
 
 class Message(str):
@@ -13,6 +17,8 @@ class Message(str):
         id: the English text with {names}; the key of every catalogue.
         values: what stands for the names; messages among them are translated, too.
 
+    A format as in {probability:.2f} is applied at once: the id is without it, and other programs need not know of it.
+
     Example:
         Message("bringing {part} to {position}", part="o1", position="p3")
     """
@@ -21,6 +27,9 @@ class Message(str):
     values: Mapping[str, Any]
 
     def __new__(cls, id: str, /, **values: Any) -> Message:
+        if values:
+            values = {name: f"{values[name]:{spec}}" if spec else values[name] for name, spec in _fields(id)}
+            id = SPEC.sub(r"{\1}", id)
         made = super().__new__(cls, id.format(**values) if values else id)
         made.id, made.values = id, values
         return made
@@ -46,3 +55,8 @@ def data_of(text: str | None) -> Any:
 
 def _made(id: str, values: Mapping[str, Any]) -> Message:
     return Message(id, **values)
+
+
+def _fields(template: str) -> Iterator[tuple[str, str]]:
+    """Names in a template, each with its format."""
+    return ((name, spec or "") for _, name, spec, _ in Formatter().parse(template) if name is not None)

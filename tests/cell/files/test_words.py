@@ -28,6 +28,12 @@ def test_a_message_is_english_text_and_data_that_another_language_fills_in() -> 
     assert catalogue("de")("what nobody translated") == "what nobody translated"
 
 
+def test_a_number_is_written_at_once_so_that_ids_are_without_formats() -> None:
+    sure = Message("{part} has probability {share:.2f}", part="o1", share=0.912)
+    assert sure == "o1 has probability 0.91"
+    assert data_of(sure) == ["{part} has probability {share}", {"part": "o1", "share": "0.91"}]
+
+
 def test_a_message_stays_one_in_another_process_and_a_text_on_the_wire() -> None:
     again = pickle.loads(pickle.dumps(NEAR))
     assert catalogue("de")(again) == catalogue("de")(NEAR)

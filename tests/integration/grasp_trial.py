@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cell.errors import DeviceFault
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.skill import SkillStatus
+from cell.interfaces.skill import Progress, SkillStatus
 from sim.scene.world import World
 from skills.grasping.handling import joints_of
 from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
@@ -144,7 +145,10 @@ def try_grasp(parts: Sequence[Standing], target: int, hold: Hold, descent: Desce
         before = [robot.world.part_pose(body).position_m for body in others]
         height_m = robot.world.part_pose(wanted).position_m[2]
         seen = robot.detection(wanted, np.random.default_rng(0), 0.0, 0.0)
-        progress = robot.run(BlindGrasp(robot.planner, seen, hold, descent))
+        try:
+            progress = robot.run(BlindGrasp(robot.planner, seen, hold, descent))
+        except DeviceFault as stop:  # the tool met something hard
+            progress = Progress(SkillStatus.FAILURE, stop.reason)
         after = [robot.world.part_pose(body).position_m for body in others]
         moved_m = max((math.dist(a, b) for a, b in zip(before, after, strict=True)), default=0.0)
         held = progress.status is SkillStatus.SUCCESS

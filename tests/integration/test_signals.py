@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import DeviceFault
+from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import ManualClock
 from sim.cell import SimCell
 from sim.devices.signal_node import SignalNode
@@ -73,12 +73,12 @@ def test_a_tree_sets_signals_and_waits_for_them(tmp_path: Path) -> None:
     assert 0.4 < outcome.sim_time_s < 2.0
 
 
-def test_a_signal_that_nobody_knows_is_a_failure(tmp_path: Path) -> None:
+def test_a_signal_that_nobody_knows_is_told_before_anything_moves(tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(TREE)
     cell = SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 1, "g0", worker=False, clutter=())
     try:
-        outcome, _ = run_tree(cell, file)
+        with pytest.raises(InputError, match=r"tree\.xml:2:26: the bench has no signal 'ready'"):
+            run_tree(cell, file)
     finally:
         cell.close()
-    assert outcome.end == "failed"

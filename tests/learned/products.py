@@ -14,7 +14,7 @@ DEFAULT = Product.model_validate(yaml.safe_load(Path("config/products.yaml").rea
 def with_goals(*goals: str) -> Product:
     """The default product with other goals, each written as digits: "111223"."""
     types = {f"g{i}": tuple(f"o{digit}" for digit in goal) for i, goal in enumerate(goals)}
-    return Product.model_validate({**DEFAULT.model_dump(), "goals": types})
+    return Product.model_validate({**DEFAULT.model_dump(), "goals": types, "goal_titles": {}})
 
 
 HARDER = with_goals("111223", "112132", "122311")

@@ -74,6 +74,7 @@ def four_types(product: Product, bench: Bench) -> tuple[Product, Bench]:
         "g0": ("o1", "o1", "o1", "o2", "o2", "o3", "o4", "o4"),
         "g1": ("o4", "o1", "o4", "o1", "o2", "o3", "o1", "o2"),
     }
+    data["goal_titles"] = {}
     bins = {**bench.bins_m, "o4": (1.02, -0.26, 0.004)}
     return Product.model_validate(data), bench.model_copy(update={"bins_m": bins})
 

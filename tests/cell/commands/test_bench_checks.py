@@ -35,7 +35,7 @@ def test_what_is_doubtful_is_told_with_its_line(
     obstacle: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = bench_with(tmp_path, obstacle)
-    assert main(["check", TREE, "--config", str(path)]) == 0
+    assert main(["check", TREE, "--config", str(path)]) == 1
     told = capsys.readouterr().err
     assert words in told
     line = 1 + path.read_text().splitlines().index("  obstacles:")

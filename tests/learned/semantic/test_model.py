@@ -69,7 +69,9 @@ def test_no_unknown_goal_is_left_where_all_arrangements_are_goals() -> None:
     parts = {name: {**DEFAULT.parts[name].model_dump(), "quantity": 1} for name in ("o1", "o2")}
     bracket = {**DEFAULT.bracket.model_dump(), "holes_m": {"p1": (0.0, 0.0), "p2": (0.0, 0.1)}}
     goals = {"ahead": ("o1", "o2"), "back": ("o2", "o1")}
-    both = Product.model_validate({**DEFAULT.model_dump(), "parts": parts, "bracket": bracket, "goals": goals})
+    both = Product.model_validate(
+        {**DEFAULT.model_dump(), "parts": parts, "bracket": bracket, "goals": goals, "goal_titles": {}}
+    )
     assert load_semantic_planner("bayes", None, both).plan(AssemblyState({})).goal_belief[UNKNOWN_GOAL] == 0.0
 
 

@@ -98,6 +98,7 @@ def test_large_products_are_sampled() -> None:
             "parts": parts,
             "bracket": {**product.bracket.model_dump(), "holes_m": holes},
             "goals": {"forwards": tuple(parts), "backwards": tuple(reversed(parts))},
+            "goal_titles": {},
         }
     )
     whole = scenarios(Layout.of(large), 0)

@@ -252,7 +252,7 @@ def test_an_order_that_a_person_builds_against_is_asked_about_once_and_nothing_i
     assert to.tools.guard.sure_goal(plan, gone) is None
     node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
     assert node.execute() is Status.RUNNING
-    assert to.now.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
+    assert to.now.display.questions[0].reason == "I took this for bracket B, and what I placed was taken out again"
     again = gone.told("g1")
     assert not to.tools.guard.asks_for_goal(plan, again)
     assert to.tools.guard.sure_goal(plan, again) == "g1"

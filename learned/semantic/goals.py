@@ -123,7 +123,8 @@ class OpenGoals:
             ValidationError: a learned goal does not fit the product.
         """
         goals = self.listed.goals | {name: goal.parts for name, goal in self.learned.items()}
-        return Product.model_validate({**self.listed.model_dump(), "goals": goals})
+        titles = {name: title for name, title in self.listed.goal_titles.items() if name in goals}
+        return Product.model_validate({**self.listed.model_dump(), "goals": goals, "goal_titles": titles})
 
     def prior(self, share: Floats | None = None) -> Floats:
         """(z + 1,) probability of the goals in the order of `product`, and of none of them.

@@ -117,7 +117,7 @@ def test_where_parts_lie_on_all_sides_one_of_them_is_set_upright_first() -> None
 
 def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand is there for a second while the fingers go down; the cell here has no person, so it is told."""
-    near_s, tell = (4.0, 5.0), WaitForHandClearOfPart.update
+    near_s, tell = (3.0, 4.0), WaitForHandClearOfPart.update
 
     def update(node: WaitForHandClearOfPart) -> Status:
         near = near_s[0] <= node.services.now.observation.time_s < near_s[1]

@@ -16,7 +16,7 @@ def test_of_two_parts_side_by_side_each_is_taken_by_its_ends_alone(target: int, 
     across = try_grasp(SIDE_BY_SIDE, target, Hold(Grip.WIDTH), DESCENT, f"{request.node.name} width")
     assert not across.good
     assert across.touched
-    assert across.moved_m > MOVED_M
+    assert across.moved_m > MOVED_M or "protective stop" in across.reason
     along = try_grasp(SIDE_BY_SIDE, target, Hold(Grip.LENGTH), DESCENT, f"{request.node.name} length")
     assert along.good, along
 

@@ -13,7 +13,6 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
 from cell.interfaces.skill import SkillStatus
-from sim.scene.clutter import standing
 from sim.scene.parts import ScenePart
 from sim.scene.world import WorldPart
 from skills.lying import PickLying, SetUpright
@@ -119,7 +118,7 @@ def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:
     side = laid_out(PRODUCT.parts["o3"], "-y")
     assert side is not None
     spot = Pose.from_yaw((0.52, -0.42, BENCH.tray.centre_m[2] + 0.001), 0.6)
-    scene = [ScenePart("o3", spot @ side[0]), standing(PRODUCT, BENCH.tray, "o1", (0.62, -0.28), 1.0)]
+    scene = [ScenePart("o3", spot @ side[0])]
     with robot_alone(scene, seed=3) as cell:
         outcome, recorded = run_tree(cell, ROOT / "trees" / "clear_and_grasp.xml")
         assert outcome.end == "finished", outcome

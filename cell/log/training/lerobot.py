@@ -160,7 +160,7 @@ def _after(log: Log) -> Array:
 def _asked(log: Log, measured: Array) -> Array:
     """Joints and opening that were asked for at each tick: (ticks, 7).
 
-    A trajectory is followed at the share of speed that the supervisor allowed; after its end the arm stays there.
+    How far along its trajectory the arm is, it tells, or it follows at the share of speed that was allowed.
     """
     asked = measured.copy()
     joints, opening = measured[0, :6], measured[0, 6]
@@ -168,7 +168,8 @@ def _asked(log: Log, measured: Array) -> Array:
     path_s = 0.0
     for place, tick in enumerate(log.ticks):
         period_s = tick.time_s - log.ticks[place - 1].time_s if place else 0.0
-        path_s += period_s * tick.observation.share
+        told_s = tick.observation.arm.path_s
+        path_s = path_s + period_s * tick.observation.share if told_s is None else told_s
         command = tick.command or {}
         follow = command.get("sent_follow") or (command.get("follow") if command.get("sent_as_asked") else None)
         if follow:

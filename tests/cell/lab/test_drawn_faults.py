@@ -13,6 +13,7 @@ from cell.files.row_store import Row
 from cell.lab.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
 
 TICK = 150  # the arm is under way, and will be for a while
+HELD_TICK = 120  # it was told to stand, as somebody paused it
 TRIED = {
     "arm.pace:foreign:1": "dangerous detected",
     "arm.state:stuck": "dangerous detected",
@@ -27,7 +28,10 @@ TRIED = {
 def rows() -> dict[str, Row]:
     """What came of some faults at one moment, by fault."""
     told: list[Row] = []
-    trials = [Drawn(number, fault, TICK, 0.6) for number, fault in enumerate(TRIED)]
+    trials = [
+        Drawn(number, fault, HELD_TICK if fault.startswith("arm.pace") else TICK, 0.6)
+        for number, fault in enumerate(TRIED)
+    ]
     drawn_rows(DEFAULT_CONFIGURATION, trials, 41, told.append)
     return {str(row["fault"]): row for row in told}
 

@@ -51,7 +51,7 @@ def planner_of(
 def first_goals(product: Product, count: int) -> Product:
     """The product with its first goals only."""
     goals = dict(list(product.goals.items())[:count])
-    return Product.model_validate({**product.model_dump(), "goals": goals})
+    return Product.model_validate({**product.model_dump(), "goals": goals, "goal_titles": {}})
 
 
 def random_goals(product: Product, count: int, rng: np.random.Generator) -> Product:
@@ -62,7 +62,8 @@ def random_goals(product: Product, count: int, rng: np.random.Generator) -> Prod
         arrangement = tuple(str(name) for name in rng.permutation(parts))
         if arrangement not in goals:
             goals.append(arrangement)
-    return Product.model_validate({**product.model_dump(), "goals": {f"g{i}": goal for i, goal in enumerate(goals)}})
+    named = {f"g{i}": goal for i, goal in enumerate(goals)}
+    return Product.model_validate({**product.model_dump(), "goals": named, "goal_titles": {}})
 
 
 def generated_product(product: Product, positions: int, types: int, goals: int, rng: np.random.Generator) -> Product:
@@ -73,7 +74,7 @@ def generated_product(product: Product, positions: int, types: int, goals: int, 
     holes = {f"p{i + 1}": (0.0, 0.08 * i) for i in range(positions)}
     arrangement = tuple(f"o{i % types + 1}" for i in range(positions))
     bracket = {**product.bracket.model_dump(), "holes_m": holes}
-    one = {**product.model_dump(), "parts": parts, "bracket": bracket, "goals": {"g0": arrangement}}
+    one = {**product.model_dump(), "parts": parts, "bracket": bracket, "goals": {"g0": arrangement}, "goal_titles": {}}
     return random_goals(Product.model_validate(one), goals, rng)
 
 

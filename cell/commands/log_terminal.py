@@ -44,13 +44,14 @@ def fetched(paths: list[Path]) -> list[Path]:
     return found
 
 
+def logs_argument(help: str) -> Any:
+    """An argument of one log or more, in files or at addresses."""
+    return typer.Argument(metavar="LOG...", help=help, callback=fetched)
+
+
 LogArgument = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="LOG...",
-        help="Log of a run (MCAP), or parts of it; the first part stands for all. Or addresses (s3://...).",
-        callback=fetched,
-    ),
+    logs_argument("Log of a run (MCAP), or parts of it; the first part stands for all. Or addresses (s3://...)."),
 ]
 
 

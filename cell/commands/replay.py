@@ -14,7 +14,7 @@ from cell.commands.log_terminal import (
     DIFFERS,
     FromOption,
     UntilOption,
-    fetched,
+    logs_argument,
     read,
     say,
     spared,
@@ -35,12 +35,7 @@ from cell.recording.parts import whole_path
 LONGEST_VALUE = 200
 MOST_KEPT = 2000  # differences for a page
 ManyLogs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="LOG...",
-        help="Log of a run (MCAP), or parts of it; of several runs one table is made.",
-        callback=fetched,
-    ),
+    list[Path], logs_argument("Log of a run (MCAP), or parts of it; of several runs one table is made.")
 ]
 
 

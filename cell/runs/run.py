@@ -163,8 +163,11 @@ def _run(
             progress.alarm(trouble)
             devices.panel.alarm(trouble)
 
+        def running() -> Tree:
+            return ticked.tree if isinstance(ticked, WatchedTree) else ticked
+
         def blackboard() -> Mapping[str, object]:
-            return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
+            return running().blackboard.values()
 
         devices = _opened(options, files, drivers, stack, lambda: recorder.settle())
 
@@ -185,7 +188,7 @@ def _run(
         lateness = _lateness(files, devices, alarm)
         counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
         words = catalogue(configuration.page.language)
-        why_now = WhyNow(lambda: ticked.tree if isinstance(ticked, WatchedTree) else ticked)
+        why_now = WhyNow(running)
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words, why_now)
         jobs = WorkOrders(product.goals, options.work_orders)
         shift = options.brackets is not None
@@ -208,11 +211,7 @@ def _run(
         stack.enter_context(real_time.preferred(options.pace == "real"))
 
         def begun(services: Services, supervisor: Supervisor) -> None:
-            def state() -> Mapping[str, object]:
-                tree = ticked.tree if isinstance(ticked, WatchedTree) else ticked
-                return state_of(tree, services, supervisor)
-
-            recorder.state = state
+            recorder.state = lambda: state_of(running(), services, supervisor)
 
         outcome = drive(
             files,

@@ -24,8 +24,6 @@ from learned.holes.model import VOTES
 from learned.parts.data import PartRow
 from learned.training.still_dataset import StillRow
 
-PALM = "palm"  # what MediaPipe calls so is another point than the cell's
-
 
 class Often:
     """Reads the holes of single pictures: it looks at each as often as a reader wants to see a hole (HoleReader)."""
@@ -89,7 +87,7 @@ class Suggester:
                 HandRow(
                     side="left" if one.left > 0.5 else "right",
                     box_px=_inside(one.box_px, width, height),
-                    points_px={name: (float(x), float(y)) for name, (x, y) in one.points_px.items() if name != PALM},
+                    points_px={name: (float(x), float(y)) for name, (x, y) in one.points_px.items()},
                     known=False,
                 )
                 for one in reader.read(image)

@@ -93,6 +93,8 @@ class HandRow(Model):
         side, held_part, visible: which hand, what it holds (None: nothing), and how much of it shows.
         points_m, points_px: (x, y, z) and (column, row) by name in POINTS; those that nobody knows are left out.
         known: false where held_part is a guess, so that nothing is learned from it.
+        across: palm and wrist are as far from the camera, so that points_px tell how large the hand seems.
+        joints_px: of a simulated human hand, as MediaPipe orders its landmarks; nothing is learned from them.
     """
 
     acting: StrictBool = True
@@ -103,6 +105,8 @@ class HandRow(Model):
     points_m: dict[str, Vector] = Field(default_factory=dict)
     points_px: dict[str, Point] = Field(default_factory=dict)
     known: StrictBool = True
+    across: StrictBool = False
+    joints_px: tuple[Point, ...] = ()
 
     @property
     def centre_px(self) -> Array:
@@ -270,6 +274,8 @@ def _sample(
     box[:] = regions.inside(np.array(hand.box_px).reshape(2, 2), centre).reshape(4)
     heights_m = [hand.points_m[name][2] if name in hand.points_m else math.nan for name in ("palm", "pinch")]
     log_angle = math.nan
+    if hand.across and {"palm", "wrist"} <= hand.points_px.keys():
+        log_angle = math.log(math.dist(hand.points_px["palm"], hand.points_px["wrist"]) / regions.focal_px)
     if not math.isnan(hand.palm_length_m):
         log_angle = math.log(hand.palm_length_m / float(view.depths(np.array([hand.points_m["palm"]]))[0]))
     left = math.nan if hand.side is None else float(hand.side == "left")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cell.interfaces.pose import Array
-from learned.hands.augment import turned_points, varied
+from learned.hands.augment import drawn_turns, turned_images, turned_points, varied
 from learned.hands.data import EDGE_PX, HandData
 from learned.hands.network import FINDER_CELLS
 from learned.hands.refinement import Closeup, middle_of, to_the_right_rad
@@ -25,6 +25,19 @@ RATIO, OFF_SHARE, OFF_RAD, WRONG_SIDE = 0.1, 0.15, 0.12, 0.03  # of what the ref
 PLAIN_SHARE = 0.5  # of close-ups that keep light, colours and sharpness: in clear ones sizes can be told exactly
 PATCH_MIDDLE = (PATCH_PX - 1) / 2
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
+
+
+def finder_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
+    """Small images of frames, some turned, half of the batches mirrored; what is true of their cells."""
+    turns, mirrored_all = drawn_turns(len(rows), rng), rng.random() < 0.5
+    small = planes(turned_images(data.small[rows], turns))
+    image, _ = varied(torch.from_numpy(small), rng, FINDER_NOISE)
+    score, offset, weight = (torch.from_numpy(one) for one in finder_targets(data, rows, turns))
+    batch = {"image": image, "score": score, "offset": offset, "weight": weight}
+    if mirrored_all:
+        batch = {name: one.flip(-1) for name, one in batch.items()}
+        batch["offset"][:, 0] = 1 - batch["offset"][:, 0]
+    return batch
 
 
 def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tuple[NDArray[np.float32], ...]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from learned.hands.network import HEAT_PX, Reader, split_facts
+from learned.hands.network import HEAT_PX, Finder, Reader, split_facts
 from learned.hands.refiner import Maps, Refiner
 from learned.training.training_loop import short_numbers
 
@@ -28,8 +28,11 @@ WEIGHTS = {
 NOTHING_WEIGHT = 0.4  # of hands that hold nothing
 
 
-def finder_loss(logits: Tensor, score: Tensor, offset: Tensor, weight: Tensor) -> Tensor:
+def finder_loss(network: Finder, batch: Mapping[str, Tensor]) -> Tensor:
     """Focal loss of the scores, mean distance of the offsets, for each hand."""
+    with short_numbers():
+        seen = network.logits(batch["image"])
+    logits, score, offset, weight = seen.float(), batch["score"], batch["offset"], batch["weight"]
     found = torch.sigmoid(logits[:, :1]).clamp(1e-4, 1 - 1e-4)
     hit = score == 1
     right = -((1 - found) ** FOCAL_EASY) * found.log()
@@ -51,7 +54,7 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     wanted = torch.nan_to_num(batch["points"])
     likely = F.binary_cross_entropy_with_logits(told.likely, torch.nan_to_num(batch["facts"]), reduction="none")
     typed = hand & batch["paint"] & (batch["held"] >= 0)
-    sized = hand & ~batch["angle"].isnan() & ~batch["heights"].isnan().any(dim=1)
+    sized, raised = hand & ~batch["angle"].isnan(), hand & ~batch["heights"].isnan().any(dim=1)
     sided = hand & ~batch["facts"][:, 1].isnan()
     batch = {**batch, **{name: torch.nan_to_num(batch[name]) for name in ("angle", "heights")}}
     held = batch["held"].clamp(min=0)
@@ -59,7 +62,7 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
         "points": _mean((points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
         "box": _mean((told.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
-        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), sized),
+        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), raised),
         "angle": _mean(unlikely(told.log_angle - batch["angle"], told.angle_error), sized),
         "present": likely[:, 0].mean(),
         "side": _mean(likely[:, 1], sided),
@@ -88,7 +91,7 @@ def refiner_loss(network: Refiner, batch: Mapping[str, Tensor]) -> Tensor:
 
 def heat_target(points: Tensor, side: int = HEAT_PX) -> Tensor:
     """Normal distributions about points (n, k, 2), as (n, k, cells) that sum to 1."""
-    middles = torch.arange(side) + 0.5
+    middles = torch.arange(side, device=points.device) + 0.5
     away = ((points[..., None] * side - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
     logits = -(away[:, :, 1, :, None] + away[:, :, 0, None, :]) / 2
     return torch.softmax(logits.flatten(2), dim=2)

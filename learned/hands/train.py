@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -16,17 +18,18 @@ from cell.errors import InputError, ModelError
 from cell.files.model import Model
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.product import Product
-from learned.hands.augment import drawn_turns, turned_images, varied
 from learned.hands.data import HandData, load_hands
-from learned.hands.examples import FINDER_NOISE, finder_targets, reader_batch, refiner_batch
+from learned.hands.examples import finder_batch, reader_batch, refiner_batch
 from learned.hands.losses import finder_loss, reader_loss, refiner_loss
 from learned.hands.model import FINDER_KIND, READER_KIND, REFINER_KIND, finder_file, refiner_file
 from learned.hands.network import Finder, Found, Read, Reader
 from learned.hands.refiner import Refined, Refiner
 from learned.hands.regions import planes
 from learned.inference.onnx_model import ModelCard, OnnxModel
-from learned.training.recipe import Losses, Recipe, Task
-from learned.training.training_loop import short_numbers
+from learned.training.recipe import Recipe, Task
+from learned.training.training_loop import Epoch
+
+Network = TypeVar("Network", bound=nn.Module)
 
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 1.0  # of the reader's epochs
@@ -126,70 +129,61 @@ def _is_made(path: Path, wanted: ModelCard) -> bool:
 def finder_recipe(training: Training) -> Recipe:
     """The network that finds hands in whole images."""
     torch.manual_seed(training.seed)
-    rng = np.random.default_rng([training.seed, 6])
     data, network = training.data, Finder().to(memory_format=torch.channels_last)
-
-    def losses(_: int) -> Iterator[Tensor]:
-        for rows in _batches(np.arange(len(data.small)), rng):
-            flip = rng.random() < 0.5
-            turns = drawn_turns(len(rows), rng)
-            small = planes(turned_images(data.small[rows], turns))
-            images, _mixed = varied(torch.from_numpy(small), rng, FINDER_NOISE)
-            wanted = [torch.from_numpy(one) for one in finder_targets(data, rows, turns)]
-            if flip:
-                images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]
-                wanted[1][:, 0] = 1 - wanted[1][:, 0]
-            with short_numbers():
-                logits = network.logits(images)
-            yield finder_loss(logits.float(), *wanted)
-
     epochs = max(1, round(FINDER_EPOCHS_SHARE * training.epochs))
-    return _recipe(FINDER_KIND, training, network, losses, len(data.small), epochs, rng)
+    rows = np.arange(len(data.small))
+    return _recipe(FINDER_KIND, training, network, epochs, finder_loss, finder_batch, lambda rng: rng.permutation(rows))
 
 
 def reader_recipe(training: Training) -> Recipe:
     """The network that reads one hand."""
     torch.manual_seed(training.seed)
-    rng = np.random.default_rng([training.seed, 7])
     data, network = training.data, Reader(len(training.types)).to(memory_format=torch.channels_last)
     hands, empty = _rows_of_hands(data), np.flatnonzero(data.facts[:, 0] == 0)
     most = min(len(empty), round(NO_HANDS_SHARE * len(hands)))
 
-    def losses(_: int) -> Iterator[Tensor]:
-        chosen = np.concatenate([hands, rng.permutation(empty)[:most]])
-        for rows in _batches(chosen, rng):
-            yield reader_loss(network, reader_batch(data, rows, rng))
+    def drawn(rng: np.random.Generator) -> NDArray[np.int64]:
+        return rng.permutation(np.concatenate([hands, rng.permutation(empty)[:most]]))
 
-    return _recipe(READER_KIND, training, network, losses, len(hands) + most, training.epochs, rng)
+    return _recipe(READER_KIND, training, network, training.epochs, reader_loss, reader_batch, drawn)
 
 
 def refiner_recipe(training: Training) -> Recipe:
     """The network that looks at one hand once more."""
     torch.manual_seed(training.seed)
-    rng = np.random.default_rng([training.seed, 8])
-    data, network = training.data, Refiner().to(memory_format=torch.channels_last)
-    hands = _rows_of_sizes(data)
-
-    def losses(_: int) -> Iterator[Tensor]:
-        for rows in _batches(hands, rng):
-            yield refiner_loss(network, refiner_batch(data, rows, rng))
-
-    epochs = round(REFINER_EPOCHS_SHARE * training.epochs)
-    return _recipe(REFINER_KIND, training, network, losses, len(hands), epochs, rng)
+    network = Refiner().to(memory_format=torch.channels_last)
+    hands, epochs = _rows_of_sizes(training.data), round(REFINER_EPOCHS_SHARE * training.epochs)
+    drawn = lambda rng: rng.permutation(hands)  # noqa: E731
+    return _recipe(REFINER_KIND, training, network, epochs, refiner_loss, refiner_batch, drawn)
 
 
 def _recipe(
     kind: str,
     training: Training,
-    network: nn.Module,
-    losses: Losses,
-    rows: int,
+    network: Network,
     epochs: int,
-    rng: np.random.Generator,
+    loss: Callable[[Network, Mapping[str, Tensor]], Tensor],
+    batch: Callable[[HandData, NDArray[np.int64], np.random.Generator], dict[str, Tensor]],
+    drawn: Callable[[np.random.Generator], NDArray[np.int64]],
 ) -> Recipe:
-    data = training.data
+    """One of the three.
+
+    Args:
+        batch: of rows of the data.
+        drawn: the rows of an epoch in their order.
+    """
+    data, which = training.data, zlib.crc32(kind.encode())
+    rows = len(drawn(np.random.default_rng(0)))
     if (batches := len(range(0, rows - BATCH + 1, BATCH))) == 0:
         raise InputError(f"{kind}: {rows} examples are too few to learn from; {BATCH} are needed, or --simulated")
+
+    def losses(epoch: int) -> Iterator[Tensor]:
+        seed = training.seed, which, epoch
+        order = drawn(np.random.default_rng(seed))
+        chosen = [np.sort(order[start : start + BATCH]) for start in range(0, batches * BATCH, BATCH)]
+        for one in Epoch(chosen, partial(batch, data), seed).batches():
+            yield loss(network, one)
+
     return Recipe(
         kind=kind,
         network=network,
@@ -201,7 +195,6 @@ def _recipe(
         settings=HandTraining(epochs=training.epochs),
         vocabulary={"parts": training.types},
         data_sha256=data.sha256,
-        rng=rng,
         more={
             "frames": len(data.small),
             "hands": len(_rows_of_hands(data)),
@@ -209,13 +202,6 @@ def _recipe(
             "palm_spread": PALM_SPREAD,
         },
     )
-
-
-def _batches(rows: NDArray[np.int64], rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
-    """Whole batches in a new order."""
-    order = rng.permutation(rows)
-    for start in range(0, len(rows) - BATCH + 1, BATCH):
-        yield np.sort(order[start : start + BATCH])
 
 
 def _rows_of_hands(data: HandData) -> NDArray[np.int64]:

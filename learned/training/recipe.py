@@ -19,7 +19,7 @@ from cell.files.model import Model
 from learned.inference.onnx_model import Inputs, ModelCard
 from learned.training.schedule import Schedule
 from learned.training.torch_model import TOLERANCE, TorchModel, write_weights
-from learned.training.training_loop import LARGEST_GRADIENT, Checkpoint, fit
+from learned.training.training_loop import LARGEST_GRADIENT, Checkpoint, fit, training_device
 
 Example = TypeVar("Example")
 Losses = Callable[[int], Iterable[Tensor]]
@@ -88,6 +88,7 @@ class Recipe:
         """Train the network in place; interrupted and begun again it gets the same weights as in one go."""
         path = checkpoint_of(task.out) if task.out is not None else None
         kept = None if path is None else Checkpoint(path, f"{self.identity} {task.seed}", self.stays)
+        self.network.to(training_device())
         optimiser = self.optimiser(self.network.parameters(), lr=self.rate, weight_decay=self.decay)
         fit(
             self.network,
@@ -100,7 +101,7 @@ class Recipe:
             checkpoint=kept,
             quiet=task.quiet,
         )
-        self.network.to(memory_format=torch.contiguous_format)
+        self.network.to("cpu").to(memory_format=torch.contiguous_format)
         self.network.eval()
 
     def card(self, task: Task, scores: Mapping[str, float] | None = None) -> ModelCard:

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
+from torch.utils.data import DataLoader, Dataset
 
 from cell.files.files import write_whole
 
 CHECKPOINTS = 20  # in the course of a fit
 LARGEST_GRADIENT = 5.0
+FEEDERS = 5  # processes that make batches for a GPU
 
 _Stateful = nn.Module | torch.optim.Optimizer | torch.optim.lr_scheduler.LRScheduler
 
@@ -89,13 +92,47 @@ def fit(
     network.eval()
 
 
-def short_numbers() -> torch.autocast:
-    """Inside, convolutions take 16-bit numbers (bfloat16), where the processor has instructions for them.
+def training_device() -> torch.device:
+    """What networks are trained on: a GPU where there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
-    One that has none computes with them nine times as long as with 32-bit ones.
+
+def short_numbers() -> torch.autocast:
+    """Inside, convolutions take 16-bit numbers (bfloat16), where what they run on has instructions for them.
+
+    A processor that has none computes with them nine times as long as with 32-bit ones.
     """
-    has_them = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
-    return torch.autocast("cpu", torch.bfloat16, enabled=has_them)
+    device = training_device().type
+    has_them = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported() or device == "cuda"
+    return torch.autocast(device, torch.bfloat16, enabled=has_them)
+
+
+@dataclass(frozen=True)
+class Epoch(Dataset[dict[str, Tensor]]):
+    """The batches of one epoch, each made when its turn comes: which ones follows from the seed alone.
+
+    Attributes:
+        rows: of each batch.
+        make: a batch of its rows; it draws from a generator of its own.
+        seed: of the epoch.
+    """
+
+    rows: Sequence[NDArray[np.int64]]
+    make: Callable[[NDArray[np.int64], np.random.Generator], dict[str, Tensor]]
+    seed: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        return self.make(self.rows[index], np.random.default_rng([*self.seed, index]))
+
+    def batches(self) -> Iterator[dict[str, Tensor]]:
+        """All of them where the network is trained; a GPU is fed by several processes."""
+        device = training_device()
+        workers = FEEDERS if device.type == "cuda" else 0
+        for batch in DataLoader(self, batch_size=None, num_workers=workers):
+            yield {name: one.to(device) for name, one in batch.items()}
 
 
 @dataclass(frozen=True)

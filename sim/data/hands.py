@@ -39,6 +39,7 @@ HEIGHT_STEP_M = 0.03
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")  # radial: the thumb's edge of the palm
 THUMB_TIP, INDEX_KNUCKLE, INDEX_TIP, LITTLE_KNUCKLE = 4, 5, 8, 17  # of a human hand's joints
+FOREARM_BEGINS = 1.8  # of the way from the palm to a human wrist: as far as a drawn hand's, so that sizes compare
 HALF_PALM = 0.62  # of the way between the outer knuckles: with the flesh beside them
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
 SHOWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
@@ -230,7 +231,9 @@ class _HandModel:
         """Palm, wrist, tips of thumb and index finger, and the way from the palm to its edge at the thumb's side."""
         if len(joints_m):
             edge = (joints_m[INDEX_KNUCKLE] - joints_m[LITTLE_KNUCKLE]) * HALF_PALM
-            return joints_m[-1], joints_m[0], joints_m[THUMB_TIP], joints_m[INDEX_TIP], edge
+            palm_m = joints_m[-1]
+            wrist_m = palm_m + FOREARM_BEGINS * (joints_m[0] - palm_m)
+            return palm_m, wrist_m, joints_m[THUMB_TIP], joints_m[INDEX_TIP], edge
         centres = poses[GEOM_POSITIONS]
         palm_m = centres[self.palm]
         thumb, index = (fingertip(self.world.model, poses, bone, palm_m) for bone in (self.thumb, self.index))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from cell.commands.lab.hands import compose
 from cell.commands.lab.planners import draw_grasp, draw_semantic
 from cell.commands.lab.stacks import draw_stacks
 from cell.commands.log import write_training
@@ -19,6 +20,7 @@ data_app = app_of(record_beside_robot)
 data_app.command("grasp")(draw_grasp)
 data_app.command("semantic")(draw_semantic)
 data_app.command("stacks")(draw_stacks)
+data_app.command("photographs")(compose)
 
 
 @data_app.callback(invoke_without_command=True)

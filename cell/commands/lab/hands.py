@@ -6,24 +6,57 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-from typer import Option
+from typer import Argument, Option
 
 from cell.commands.lab.shared import Shared
-from cell.commands.options import JsonOption, takes
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, takes
 from cell.commands.terminal import console, print_json, table
-from cell.configuration import Configuration
+from cell.configuration import Configuration, load_configuration
 from cell.errors import InputError, ModelError
+from cell.files.files import whole_folder
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
 from cell.lab.hands import ONLY, evaluate_hands
+from cell.pictures.photographs import photographs_of, write_photographs
 from cell.wiring.detectors import Detectors
+from learned.hands.data import frames_of
 from learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_folder
 from learned.inference.onnx_model import OnnxModel
 from learned.lab.mediapipe_fetch import fetch as fetch_networks
 from learned.lab.photographs import compare_photographs, load_truth
+from sim.data.folder import DataFolder
 
 _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
+
+
+def compose(
+    photographs: Annotated[Path, Argument(help="Folder of photographs of hands.")],
+    out: Annotated[Path, Option("--out", "-o", help="New folder.")],
+    onto: Annotated[
+        list[Path] | None,
+        Option(help="Frames of the bench, of `cell lab data hands` or `cell label`; may be repeated."),
+    ] = None,
+    copies: Annotated[int, Option(min=1, help="Images of each hand.")] = 2,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Real hands on the bench: found in photographs by MediaPipe, cut out, and laid onto frames."""
+    setup = load_configuration(config).bench.overhead
+    files, frames = photographs_of(photographs), [one for folder in onto or () for one in frames_of(folder)]
+    hands = MediaPipeHands(model_folder(), "full")
+    with whole_folder(out) as partial:
+        folder = DataFolder(partial, f"cell lab data photographs {photographs}")
+        seen = write_photographs(files, hands, setup, folder, frames, copies, seed)
+        if not seen:
+            raise InputError(f"{photographs}: MediaPipe finds no hand in {len(files)} photographs")
+        folder.close({"photographs": len(files), "with_hands": seen, "hands": folder.counts["hands"]})
+    told = {"photographs": len(files), "with hands": seen, "images": folder.counts["hands"]}
+    if as_json:
+        print_json(told)
+    else:
+        console().print(table(str(out), told))
 
 
 @takes(Shared, *_OPTIONS, physics=True)

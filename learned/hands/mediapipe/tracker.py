@@ -29,11 +29,31 @@ from learned.hands.reading import Reading
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
 
-PALM = (WRIST, INDEX_BASE, MIDDLE_BASE, RING_BASE, LITTLE_BASE)
+KNUCKLES = (INDEX_BASE, MIDDLE_BASE, RING_BASE, LITTLE_BASE)
+# What the bench calls palm, wrist and edges, by the simulator's human hand. Its wrist lies behind the landmark, where
+# the forearm begins. Shares of the way from wrist to knuckles, and of that between the outer knuckles:
+PALM_AHEAD, WRIST_BEHIND, HALF_BREADTH = 0.42, 0.34, 0.62
+PALM_TO_WRIST_M = 0.063
 USUAL_M, BELIEVED = 0.10, 0.25  # height over the table, and how much of its difference from that a hand's size proves:
 # hands differ in size by a tenth, as much as 14 cm of height, and work within some 8 cm of the usual height
 BOX_MARGIN = 0.12  # of the hand's extent
 ACTS, RESTS = 0.9, 0.1  # the hand that reaches farther into the view acts
+
+
+def bench_points(points: Array) -> dict[str, Array]:
+    """The points of a hand that the bench knows by name, of its landmarks (21, 2)."""
+    wrist, ahead = points[WRIST], points[list(KNUCKLES)].mean(axis=0) - points[WRIST]
+    palm, aside = wrist + PALM_AHEAD * ahead, HALF_BREADTH * (points[INDEX_BASE] - points[LITTLE_BASE])
+    thumb, index = points[THUMB_TIP], points[INDEX_TIP]
+    return {
+        "palm": palm,
+        "pinch": (thumb + index) / 2,
+        "thumb": thumb,
+        "index": index,
+        "wrist": wrist - WRIST_BEHIND * ahead,
+        "radial": palm + aside,
+        "ulnar": palm - aside,
+    }
 
 
 def mediapipe_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:  # noqa: ARG001 (as all trackers)
@@ -64,7 +84,6 @@ class MediaPipeReader:
 
     def _reading(self, hand: Hand, acts: bool) -> Reading:
         points = hand.points_px
-        thumb, index = points[THUMB_TIP], points[INDEX_TIP]
         height = self._height_m(hand)
         low, high = points.min(axis=0), points.max(axis=0)
         margin = BOX_MARGIN * (high - low)
@@ -73,13 +92,7 @@ class MediaPipeReader:
             confidence=hand.presence,
             left=hand.left,
             acting=ACTS if acts else RESTS,
-            points_px={
-                "palm": points[list(PALM)].mean(axis=0),
-                "pinch": (thumb + index) / 2,
-                "thumb": thumb,
-                "index": index,
-                "wrist": points[WRIST],
-            },
+            points_px=bench_points(points),
             box_px=(left, top, right, bottom),
             heights_m=(height, height),
         )

@@ -53,7 +53,12 @@ class Share:
     physics: bool = False
 
 
-HANDS = (Share("people", 0.55, 0), Share("varied", 0.28, 300_000), Share("nominal", 0.17, 500_000))
+HANDS = (
+    Share("people", 0.5, 0),
+    Share("varied", 0.2, 300_000),
+    Share("human", 0.15, 320_000),
+    Share("nominal", 0.15, 500_000),
+)
 STILLS = (Share("wide", 0.55, 0), Share("varied", 0.3, 300_000), Share("nominal", 0.15, 500_000))
 ACTIONS = (
     Share("people", 0.28, 0),

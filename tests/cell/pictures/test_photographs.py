@@ -1,0 +1,117 @@
+"""Hands of photographs on the bench: labels stay on the hand, wherever it is laid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.commands.options import CONFIGURATION
+from cell.configuration import load_configuration
+from cell.errors import InputError
+from cell.interfaces.observation import Image
+from cell.interfaces.pose import Array
+from cell.pictures.photographs import CutHand, compose, cut_hands, photographs_of
+from learned.hands.data import HandRow, frames_of, load_hands
+from learned.hands.mediapipe.hands import Landmarks
+from learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
+from sim.data.folder import DataFolder
+
+SETUP = load_configuration(CONFIGURATION).bench.overhead
+SKIN, WALL = (220, 150, 120), (40, 90, 60)
+FINGERS = [(-38, -10), (-20, -52), (0, -58), (18, -52), (34, -38)]  # tips, from the middle of the knuckles
+
+
+def landmarks(wrist: Array, turn: float = 0.0) -> Array:
+    """A flat hand of 21 points that points up, turned."""
+    points = [np.array([0.0, 0.0])]
+    for number, tip in enumerate(FINGERS):
+        base = np.array([(-26.0, -20.0), (-18.0, -50.0), (-4.0, -54.0), (8.0, -52.0), (20.0, -46.0)][number])
+        end = np.array([0.0, -52.0]) + np.array(tip) if number else np.array([-48.0, -52.0])
+        points += [base + share * (end - base) for share in (0.0, 1 / 3, 2 / 3, 1.0)]
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.array(points) @ np.array([[cos, sin], [-sin, cos]]) + wrist
+
+
+def photograph(points: Array) -> Image:
+    """Skin before a wall."""
+    image = np.full((300, 300, 3), WALL, np.uint8)
+    for chain in ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (0, 9, 10, 11, 12), (0, 13, 14, 15, 16), (0, 17, 18, 19, 20)):
+        cv2.polylines(image, [points[list(chain)].round().astype(np.int32)], False, SKIN, 14)
+    cv2.fillConvexPoly(image, cv2.convexHull(points[[0, 1, 5, 9, 13, 17]].round().astype(np.int32)), SKIN)
+    return image
+
+
+class Teacher:
+    """Says where the one hand is (MediaPipeHands)."""
+
+    def __init__(self, points: Array | None) -> None:
+        self._points = points
+
+    def picture(self, image: Image) -> list[Landmarks]:  # noqa: ARG002
+        return [] if self._points is None else [Landmarks(self._points, np.zeros((21, 3)), 1.0, 0.1)]
+
+
+def cut(turn: float = 0.3) -> CutHand:
+    points = landmarks(np.array([150.0, 200.0]), turn)
+    return next(cut_hands(photograph(points), Teacher(points)))  # type: ignore[arg-type]
+
+
+def test_a_hand_is_cut_out_of_its_photograph() -> None:
+    hand = cut()
+    at_palm, beside = bench_points(hand.points_px)["palm"].round().astype(int), (15, 15)
+    assert hand.mask[at_palm[1], at_palm[0]] > 0.9
+    assert hand.mask[beside[1], beside[0]] == 0
+    assert np.abs(hand.behind[at_palm[1], at_palm[0]].astype(int) - WALL).max() < 60
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_points_lie_on_the_hand_that_is_seen(seed: int) -> None:
+    frame = np.full((SETUP.height_px, SETUP.width_px, 3), 90, np.uint8)
+    image, rows = compose(cut(), (frame, []), SETUP, np.random.default_rng(seed))
+    assert len(rows) == 1
+    column, row = (round(value) for value in rows[0].points_px["palm"])
+    skin = image[row, column].astype(float)
+    assert skin[0] > skin[2] + 20  # skin is red, the frame grey
+    left, top, right, bottom = rows[0].box_px
+    assert 0 <= left < right <= SETUP.width_px
+    assert 0 <= top < bottom <= SETUP.height_px
+
+
+def test_a_hand_is_as_large_as_hands_at_the_bench_are() -> None:
+    lengths = []
+    for seed in range(40):
+        _, rows = compose(cut(), None, SETUP, np.random.default_rng(seed))
+        points = rows[0].points_px
+        lengths.append(np.linalg.norm(np.subtract(points["palm"], points["wrist"])))
+    low_px, high_px = (SETUP.focal_px * PALM_TO_WRIST_M / (SETUP.mount.position_m[2] - height) for height in (0.0, 0.3))
+    assert low_px < float(np.median(lengths)) < high_px
+
+
+def test_what_the_new_hand_hides_of_another_shows_less() -> None:
+    under = HandRow(box_px=(0.0, 0.0, float(SETUP.width_px), float(SETUP.height_px)), visible=1.0)
+    frame = np.zeros((SETUP.height_px, SETUP.width_px, 3), np.uint8)
+    _, rows = compose(cut(), (frame, [under]), SETUP, np.random.default_rng(0))
+    assert 0.5 < rows[1].visible < 1.0
+
+
+def test_rows_are_learned_from(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data", "test")
+    image, rows = compose(cut(), None, SETUP, np.random.default_rng(3))
+    name = folder.image("images/0.jpg", image)
+    told = [one.model_dump(mode="json", exclude_unset=True) for one in rows]
+    folder.row("hands", {"file": name, "log": "photograph-0", "hands": told})
+    assert len(frames_of(tmp_path / "data")) == 1
+    data = load_hands([tmp_path / "data"], SETUP, ("o1",), 0)
+    seen = np.flatnonzero(data.facts[:, 0] == 1)
+    assert not np.isnan(data.log_angles[seen]).any()  # how large it seems is known,
+    assert np.isnan(data.heights_m[seen]).all()  # how high it is, nobody knows
+
+
+def test_a_folder_without_photographs_is_told(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("none")
+    with pytest.raises(InputError, match=r"holds no photographs; legal are \.png"):
+        photographs_of(tmp_path)
+    assert list(cut_hands(np.zeros((50, 50, 3), np.uint8), Teacher(None))) == []  # type: ignore[arg-type]

@@ -39,6 +39,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("source")
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "docs", folder / "docs")
     shutil.copy(ROOT / "pyproject.toml", folder)
     build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
     told = finished([sys.executable, "-c", build, str(folder / "dist")], folder, {"PYTHONPATH": ""})
@@ -47,14 +48,17 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
-    names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    guides = {name.partition("/share/doc/bracket-cell/")[2] for name in inside if ".data/" in name}
+    assert guides == {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    names = {name for name in inside if ".data/" not in name}
     assert names == sources()
     assert {"trees/assemble.xml", "config/gripper.dbc", "learned/weights/grasp_pairwise.onnx"} <= names
 
 
 @pytest.mark.slow
 def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_path: Path) -> None:
-    """As a user does it, in a new environment and without the clone; downloads 0.5 GB."""
+    """As a user does it, in a new environment and without the clone; downloads 0.3 GB."""
     program = tmp_path / "env" / "bin"
     nowhere = {"PYTHONPATH": "", "VIRTUAL_ENV": ""}
     for command in (
@@ -64,10 +68,18 @@ def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_
     ):
         told = finished(command, tmp_path, nowhere)
         assert told.returncode == 0, told.stderr
-    told = finished([str(program / "cell"), "run", "--goal", "g1", "--seed", "2", "--json"], tmp_path / "demo", nowhere)
+    demo = tmp_path / "demo"
+    told = finished([str(program / "cell"), "run", "--goal", "g1", "--seed", "2", "--json"], demo, nowhere)
     assert told.returncode == 0, told.stderr
     assert '"correct": true' in told.stdout
-    assert list((tmp_path / "demo" / "runs").glob("*.mcap"))
+    assert list((demo / "runs").glob("*.mcap"))
+    for command in (
+        [str(program / "cell"), "docs", "shift"],
+        [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), "pytest"],
+        [str(program / "pytest"), "-q"],
+    ):
+        told = finished(command, demo, nowhere)
+        assert told.returncode == 0, told.stdout + told.stderr
 
 
 def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:

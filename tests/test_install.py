@@ -95,6 +95,15 @@ def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:
         assert requirement.specifier.contains(pinned[name]), f"{name} {pinned[name]} is out of range: make constraints"
 
 
+def test_make_verifies_the_files_of_every_pinned_package() -> None:
+    first, *hashed = (ROOT / "constraints-hashed.txt").read_text().replace(" \\\n    --", " --").splitlines()
+    assert first.startswith("#")
+    assert all(re.fullmatch(r"\S+==\S+( --hash=sha256:[0-9a-f]{64})+", line) for line in hashed)
+    plain = (ROOT / "constraints.txt").read_text().splitlines()[1:]
+    assert [line.split()[0] for line in hashed] == plain, "make constraints"
+    assert "--constraints constraints-hashed.txt" in (ROOT / "Makefile").read_text()
+
+
 def test_what_nothing_imports_is_not_pinned() -> None:
     text = (ROOT / "constraints.txt").read_text()
     left_out = [Requirement(one).name for one in PROJECT["tool"]["uv"]["override-dependencies"]]

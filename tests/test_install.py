@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -161,6 +162,17 @@ def test_the_example_of_a_workflow_calls_what_there_is() -> None:
     packages = re.search(r"SYSTEM_PACKAGES := (.*)", made)
     assert packages is not None
     assert any(packages[1] in line for line in lines), "the packages that make would install as root"
+
+
+def test_the_container_has_what_make_would_install_as_root_and_no_environment_of_the_clone() -> None:
+    text = (ROOT / ".devcontainer" / "Containerfile").read_text()
+    packages = re.search(r"SYSTEM_PACKAGES := (.*)", (ROOT / "Makefile").read_text())
+    assert packages is not None
+    assert packages[1] in text
+    assert text.index("\nUSER cell\n") < text.index("RUN make")
+    assert ".venv" in (ROOT / ".dockerignore").read_text().splitlines()
+    told = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text())
+    assert (ROOT / ".devcontainer" / told["build"]["dockerfile"]).is_file()
 
 
 def test_an_installation_that_was_broken_off_is_made_anew(tmp_path: Path) -> None:

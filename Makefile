@@ -25,7 +25,7 @@ uv_setting = $(if $(2),$(1)="$(2)")
 uv_settings = $(call uv_setting,UV_DEFAULT_INDEX,$(index)) $(call uv_setting,SSL_CERT_FILE,$(certificates)) \
   $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180 UV_LINK_MODE=copy
 UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python --compile-bytecode \
-  --constraints constraints.txt --build-constraints constraints.txt
+  --constraints constraints-hashed.txt --build-constraints constraints-hashed.txt
 # What breaks an installation off leaves this file, and the next call makes .venv anew; a failure that is told does not.
 UNFINISHED := .venv/unfinished
 ifneq ($(wildcard $(UNFINISHED)),)
@@ -48,7 +48,7 @@ help:
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
-	@echo "make constraints  newest versions of all packages into constraints.txt"
+	@echo "make constraints  newest versions of all packages, with hashes, into constraints*.txt"
 	@echo "make doctor     what is missing on this machine"
 
 run: .venv/system
@@ -113,12 +113,14 @@ readers: .venv/tests
 	@ldconfig -p | grep -q libavcodec || if [ "$$(id -u)" = 0 ]; then $(APT) ffmpeg >/dev/null; \
 	  else echo "ffmpeg is missing: sudo apt-get install -y ffmpeg"; exit 2; fi
 
-# The ranges of pyproject.toml hold; what they allow is pinned by name and version, without addresses.
+# The ranges of pyproject.toml hold; what they allow is pinned by name, version and hash, without addresses. pip takes no
+# hash beside a folder that it installs, so it gets the same pins without them.
 constraints: .venv/uv
-	{ echo '# All packages, pinned. Made by: make constraints'; \
+	{ echo '# All packages, pinned, with the hashes of their files. Made by: make constraints'; \
 	  $(uv_settings) $(BIN)/uv pip compile --quiet --all-extras --no-header --no-annotate --no-emit-index-url \
-	  --python-version 3.11 pyproject.toml; } > constraints.new
-	mv constraints.new constraints.txt
+	  --generate-hashes --python-version 3.11 pyproject.toml; } > constraints.new
+	{ echo '# All packages, pinned. Made by: make constraints'; sed -n 's/^\([a-z0-9-]*==[^ ]*\).*/\1/p' constraints.new; } > constraints.txt
+	mv constraints.new constraints-hashed.txt
 
 clean:
 	rm -rf .venv .venv-readers build site *.egg-info
@@ -133,7 +135,7 @@ clean:
 	@$(call whole,$(PYTHON) -m venv .venv && $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt uv)
 	@touch $@
 
-.venv/runtime: .venv/uv pyproject.toml constraints.txt
+.venv/runtime: .venv/uv pyproject.toml constraints-hashed.txt
 	@echo 'installing what the cell needs into .venv (1.0 GB)'; $(call whole,$(UV) --editable .)
 	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@

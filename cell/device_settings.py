@@ -130,7 +130,7 @@ SimulationFile = Annotated[SimSettings, BeforeValidator(_from_file, json_schema_
 
 
 class DeviceSettings(Model):
-    """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (docs/drivers.md).
+    """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (`cell docs drivers`).
 
     Attributes:
         arm: simulated, a driver of the project, or your own.
@@ -144,7 +144,7 @@ class DeviceSettings(Model):
     """
 
     moved: ClassVar[Mapping[str, str]] = {
-        "factory": "each device has its own driver now: arm: {kind: MODULE:CLASS, ...}, gripper: ... (docs/drivers.md)"
+        "factory": "each device has its own driver now: arm: {kind: MODULE:CLASS, ...}, ...; see `cell docs drivers`"
     }
     arm: ArmDevice = SimulatedDevice()
     gripper: GripperDevice = SimulatedDevice()

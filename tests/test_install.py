@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -39,6 +40,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("source")
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "docs", folder / "docs")
     shutil.copy(ROOT / "pyproject.toml", folder)
     build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
     told = finished([sys.executable, "-c", build, str(folder / "dist")], folder, {"PYTHONPATH": ""})
@@ -47,14 +49,17 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
-    names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    guides = {name.partition("/share/doc/bracket-cell/")[2] for name in inside if ".data/" in name}
+    assert guides == {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    names = {name for name in inside if ".data/" not in name}
     assert names == sources()
     assert {"trees/assemble.xml", "config/gripper.dbc", "learned/weights/grasp_pairwise.onnx"} <= names
 
 
 @pytest.mark.slow
 def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_path: Path) -> None:
-    """As a user does it, in a new environment and without the clone; downloads 0.5 GB."""
+    """As a user does it, in a new environment and without the clone; downloads 0.3 GB."""
     program = tmp_path / "env" / "bin"
     nowhere = {"PYTHONPATH": "", "VIRTUAL_ENV": ""}
     for command in (
@@ -64,10 +69,18 @@ def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_
     ):
         told = finished(command, tmp_path, nowhere)
         assert told.returncode == 0, told.stderr
-    told = finished([str(program / "cell"), "run", "--goal", "g1", "--seed", "2", "--json"], tmp_path / "demo", nowhere)
+    demo = tmp_path / "demo"
+    told = finished([str(program / "cell"), "run", "--goal", "g1", "--seed", "2", "--json"], demo, nowhere)
     assert told.returncode == 0, told.stderr
     assert '"correct": true' in told.stdout
-    assert list((tmp_path / "demo" / "runs").glob("*.mcap"))
+    assert list((demo / "runs").glob("*.mcap"))
+    for command in (
+        [str(program / "cell"), "docs", "shift"],
+        [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), "pytest"],
+        [str(program / "pytest"), "-q"],
+    ):
+        told = finished(command, demo, nowhere)
+        assert told.returncode == 0, told.stdout + told.stderr
 
 
 def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:
@@ -81,6 +94,15 @@ def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:
         name = requirement.name.lower().replace("_", "-")
         assert name in pinned, f"{name} is not pinned: make constraints"
         assert requirement.specifier.contains(pinned[name]), f"{name} {pinned[name]} is out of range: make constraints"
+
+
+def test_make_verifies_the_files_of_every_pinned_package() -> None:
+    first, *hashed = (ROOT / "constraints-hashed.txt").read_text().replace(" \\\n    --", " --").splitlines()
+    assert first.startswith("#")
+    assert all(re.fullmatch(r"\S+==\S+( --hash=sha256:[0-9a-f]{64})+", line) for line in hashed)
+    plain = (ROOT / "constraints.txt").read_text().splitlines()[1:]
+    assert [line.split()[0] for line in hashed] == plain, "make constraints"
+    assert "--constraints constraints-hashed.txt" in (ROOT / "Makefile").read_text()
 
 
 def test_what_nothing_imports_is_not_pinned() -> None:
@@ -140,6 +162,17 @@ def test_the_example_of_a_workflow_calls_what_there_is() -> None:
     packages = re.search(r"SYSTEM_PACKAGES := (.*)", made)
     assert packages is not None
     assert any(packages[1] in line for line in lines), "the packages that make would install as root"
+
+
+def test_the_container_has_what_make_would_install_as_root_and_no_environment_of_the_clone() -> None:
+    text = (ROOT / ".devcontainer" / "Containerfile").read_text()
+    packages = re.search(r"SYSTEM_PACKAGES := (.*)", (ROOT / "Makefile").read_text())
+    assert packages is not None
+    assert packages[1] in text
+    assert text.index("\nUSER cell\n") < text.index("RUN make")
+    assert ".venv" in (ROOT / ".dockerignore").read_text().splitlines()
+    told = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text())
+    assert (ROOT / ".devcontainer" / told["build"]["dockerfile"]).is_file()
 
 
 def test_an_installation_that_was_broken_off_is_made_anew(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ LAB = "lab"
 COMMANDS: Table = {
     "init": Command("cell.commands.init:init", "Make a folder for a cell of your own.", START),
     "doctor": Command("cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
+    "docs": Command("cell.commands.docs:docs", "Read the guides: all of them by their titles, or one.", START),
     "run": Command("cell.commands.run:run", "Run the cell: assemble one bracket, or a shift of them.", START),
     "calibrate": Command(
         "cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START

@@ -110,7 +110,7 @@ def cell(
     text = files["config/cell.yaml"].decode()
     text = re.sub(r"(?m)^robot: \S+", f"robot: {arm}", text)
     devices = "".join(_device(role, kind) for role, kind in chosen.items())
-    head = "devices: # `cell doctor` tries each without motion, and says what to do (docs/real_cell.md)\n"
+    head = "devices: # `cell doctor` tries each without motion, and says what to do (`cell docs real_cell`)\n"
     text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
     write_new(folder, {**files, "config/cell.yaml": text.encode()})
     steps = "cell doctor; cell teach bracket; cell calibrate; cell bench; cell move park; cell run --dry"

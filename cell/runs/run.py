@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from cell.configuration import (
@@ -23,43 +21,31 @@ from cell.configuration import (
 )
 from cell.errors import InputError, LogError, Place, Problem
 from cell.faults.injection import Injection, Injections
-from cell.files.words.catalogue import catalogue
-from cell.interfaces.clock import PacedClock, WakingClock
-from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
-from cell.interfaces.observation import Observation
-from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.resume import read_resume_state, world_of
 from cell.recording.recorder import McapRecorder
-from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor, make_supervisor
 from cell.running.watchdog import TICK_S, Watchdog
-from cell.running.work_orders import WorkOrders
-from cell.runs.heading import Counts, heading, log_path, summary_of
+from cell.runs.assembled import Assembled
+from cell.runs.heading import log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
-from cell.runs.viewers import open_viewers
 from cell.viewing.gate import Address
 from cell.viewing.moments import Moments
-from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
-from cell.watching.brackets import BracketTally, FinishedBrackets
-from cell.watching.lateness import Lateness
-from cell.watching.observer import End, Level, Observer, Outcome
-from cell.watching.statistics import Fluency, RunStatistics
-from cell.watching.why_now import WhyNow
+from cell.watching.brackets import BracketTally
+from cell.watching.observer import End, Observer, Outcome
 from cell.wiring.bench_checks import refuse_blocked
-from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
-from cell.wiring.devices import Drivers, attached, find_drivers
-from cell.wiring.no_render_host import without_pixels
+from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from cell.wiring.devices import Drivers, find_drivers
 from cell.wiring.reload import WatchedTree
-from cell.wiring.run_state import state_of
 from cell.wiring.services import TickClock, load_planners, make_services
 from sim.process import pacing as real_time
-from sim.process.opening import connect, drawn_from, is_there, open_simulation, own_world
+from sim.process.opening import drawn_from, is_there
 from skills.drivers.can_gripper import CanGripper, Tap
 from skills.drivers.checked_arm import CheckedArm
 from skills.motion.planner import MotionPlanner
@@ -154,83 +140,30 @@ def _run(
     console: Console,
     watchdog: Watchdog,
 ) -> RunResult:
-    configuration, product = files.configuration, files.product
+    injection = None if options.inject is None else Injection.parse(options.inject)
     with ExitStack() as stack:
-
-        def alarm(time_s: float, level: Level, text: str) -> None:
-            progress.message(time_s, level, text)
-            trouble = text if level == "error" else ""
-            progress.alarm(trouble)
-            devices.panel.alarm(trouble)
-
-        def running() -> Tree:
-            return ticked.tree if isinstance(ticked, WatchedTree) else ticked
-
-        def blackboard() -> Mapping[str, object]:
-            return running().blackboard.values()
-
-        devices = _opened(options, files, drivers, stack, lambda: recorder.settle())
-
-        def truth() -> Sequence[TruthEvent]:
-            return devices.truth()
-
-        model = CellModel(product, configuration.bench, motion)
-
-        def result() -> Mapping[str, object]:
-            return counts.job(devices)
-
-        told, in_step = heading(options, files), options.pace == "fast"
-        recorder = McapRecorder(
-            log, configuration.log, told, model, alarm, blackboard, truth, result, in_step, options.overwrite
-        )
-        stack.callback(recorder.abandon)
-        moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
-        lateness = _lateness(files, devices, alarm)
-        counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
-        words = catalogue(configuration.page.language)
-        why_now = WhyNow(running)
-        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words, why_now)
-        jobs = WorkOrders(product.goals, options.work_orders)
-        shift = options.brackets is not None
-        operator = OperatorChannel(product.goals, options.attended, options.brackets or None, shift, jobs)
-        if options.orders is not None:
-            options.orders(operator.put, lambda: operator.questions, console.print)
-        viewers = open_viewers(options, files, recorder, operator.press, devices.clock.now_s, stack, model)
-        for line in viewers.addresses:
-            console.print(line, highlight=False, soft_wrap=True)
-        observers: tuple[Observer, ...] = (
-            *(recorder, why_now, progress, moments, jobs),
-            *(*counts.observers, *viewers.observers),
-        )
-        if (goals := configuration.planners.semantic.goals) is not None:
-            observers = (*observers, FinishedBrackets(goals, product))
-        ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree
-        injection = None if options.inject is None else Injection.parse(options.inject)
-        for observer in observers if files.unsafe else ():
-            observer.message(devices.clock.now_s(), "error", f"UNSAFE: {'; '.join(files.unsafe)}")
+        parts = Assembled(options, files, motion, drivers, tally, log, console, stack)
+        parts.say_unsafe()
         stack.enter_context(real_time.preferred(options.pace == "real"))
-
-        def begun(services: Services, supervisor: Supervisor) -> None:
-            recorder.state = lambda: state_of(running(), services, supervisor)
-
         outcome = drive(
             files,
-            devices,
+            parts.devices,
             motion,
-            observers,
-            recorder.can_frame,
+            parts.observers,
+            parts.recorder.can_frame,
             options.pace,
-            ticked,
+            parts.ticked,
             injection,
-            operator,
+            parts.operator,
             watchdog,
-            begun=begun,
+            begun=parts.begun,
         )
         watchdog.step("the contact sheet")
-        sheet, outcome = _sheet(options, log, recorder, moments, outcome)
+        sheet, outcome = _sheet(options, log, parts.recorder, parts.moments, outcome)
         watchdog.step("the summary")
-        summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
-        return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
+        summary = summary_of(options, files, outcome, parts.counts, parts.devices, parts.recorder, sheet)
+        rows = run_summary(summary, files.product, files.configuration.controller.tick_hz)
+        return RunResult(outcome, summary, rows)
 
 
 def drive(
@@ -290,18 +223,6 @@ def _allowed_weaknesses(options: RunOptions, configuration: Configuration, table
     return tuple(found)
 
 
-def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str], None]) -> Lateness:
-    """Counts how late ticks begin, and asks the clock why."""
-    period_s, clock = 1.0 / files.configuration.controller.tick_hz, devices.clock
-    return Lateness(period_s, lambda: getattr(clock, "delays", {}), devices.lost_s, say)
-
-
-def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, float]:
-    """Where the tool is above the bench, (x, y)."""
-    x, y, _ = motion.kinematics.position_m(np.array(seen.arm.positions_rad)).tolist()
-    return x, y
-
-
 def _sheet(
     options: RunOptions, log: Path, recorder: McapRecorder, moments: Moments, outcome: Outcome
 ) -> tuple[str, Outcome]:
@@ -315,38 +236,3 @@ def _sheet(
         problem = f"no contact sheet: {error}"
         return "", replace(outcome, observer_problems=(*outcome.observer_problems, problem))
     return str(sheet) if made else "", outcome
-
-
-def _watched(
-    options: RunOptions, files: Files, observers: Sequence[Observer], edited: Callable[[Tree, float], None]
-) -> WatchedTree:
-    """A tree whose edits take over."""
-
-    def again() -> Tree:
-        return options.load(files.product, files.configuration)
-
-    return WatchedTree(files.tree, again, options.tree, observers, edited)
-
-
-def _opened(
-    options: RunOptions, files: Files, drivers: Drivers, stack: ExitStack, awake: Callable[[], None]
-) -> Devices:
-    """The devices; in simulated time each tick begins once the one before is on the disk, the wall's does not wait."""
-    configuration, product, simulated = files.configuration, files.product, options.devices
-    if simulated is None and configuration.devices.simulated:
-        simulated = _simulated(options, configuration, product)
-        stack.callback(simulated.close)
-    devices = stack.enter_context(attached(configuration, product, simulated, drivers, options.slower))
-    return devices if options.pace == "real" else replace(devices, clock=WakingClock(devices.clock, awake))
-
-
-def _simulated(options: RunOptions, configuration: Configuration, product: Product) -> Devices:
-    """The simulator's devices: of a world that is there, of a world of their own, or of this process."""
-    if options.world is not None:
-        return connect(configuration, product, options.world, options.pace).devices
-    if options.pace == "real" and options.pixels:
-        return own_world(configuration, product, options.seed, options.goal).devices
-    detect = partial(detectors_of, configuration.bench, product, configuration.perception)
-    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels, detect)
-    devices = cell.devices if options.pixels else without_pixels(cell, configuration, product)
-    return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices

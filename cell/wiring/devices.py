@@ -216,7 +216,7 @@ def _own_driver(role: str, device: OwnDevice) -> Driver:
     make = _class_of(role, device)
     lacking = [name for name in _methods(PROTOCOLS[role]) if not callable(getattr(make, name, None))]
     if lacking:
-        raise SettingError((_kind(role), f"{device.kind} lacks {', '.join(lacking)}; see docs/drivers.md"))
+        raise SettingError((_kind(role), f"{device.kind} lacks {', '.join(lacking)}; see `cell docs drivers`"))
     return Driver(role, make, _settings_of(role, make, device), _asked(role, make))
 
 
@@ -319,7 +319,7 @@ def _refuse_mixture(configuration: Configuration, drivers: Drivers) -> None:
         what = (
             f"cannot work with the simulated {', '.join(simulated)}: these know the simulated bench alone. "
             "Give them drivers of their own, too (panel may be none), or let this driver ask for `simulated` "
-            "(docs/drivers.md)"
+            "(`cell docs drivers`)"
         )
         raise SettingError(*((_kind(role), f"{role} {what}") for role in wrong))
 

@@ -29,7 +29,7 @@ SKIN_PX = 8  # the skin reaches this far beyond its points
 LEAST_SEEN = 2  # points of the hand that must be seen
 NEAR_HOLE_M, HELD_M = 0.03, 0.05
 ABOVE_M = 0.004
-SHIFTS_PX = 64  # of the noise, along both axes: a live camera never sends the same image twice
+SHIFTS_PX = 64  # of the noise, along both axes, then of its negative: a live camera never sends the same image twice
 KEPT = 64  # frames that may still be asked about
 NOISE = 2.0  # grey levels
 
@@ -76,8 +76,9 @@ class GroundTruthPerception:
     def _image(self, sequence: int) -> NDArray[np.uint8]:
         """The still one, with other noise in each frame."""
         height, width = self._still.shape[:2]
-        down, right = divmod(sequence % SHIFTS_PX**2, SHIFTS_PX)
-        noise = self._noise[down : down + height, right : right + width]
+        turn, shift = divmod(sequence, SHIFTS_PX**2)
+        down, right = divmod(shift, SHIFTS_PX)
+        noise = self._noise[down : down + height, right : right + width] * (-1) ** turn
         return np.clip(self._still + noise, 0, 255).astype(np.uint8)
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ AT_MOST = ("slow_m_s", "leaving_m_s")
 
 
 class SeparationSettings(Model):
-    """Distance and speed of the arm beside a person; not safety-rated: docs/safety.md has what is left out.
+    """Distance and speed of the arm beside a person; not safety-rated: `cell docs safety` has what is left out.
 
     Attributes:
         hand_speed_m_s: how fast a hand may become that is slow now, and v_h of a hand whose speed is not measured.

@@ -20,7 +20,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-import cell.runs.run
+import cell.runs.assembled
 from cell.interfaces.observation import JointSamples
 from cell.interfaces.perception import Frame
 from cell.recording import joint_samples
@@ -112,14 +112,14 @@ def measured(name: str, recorder: type[McapRecorder], goal: str, seed: int) -> C
         return found
 
     SimArm.samples = counted  # type: ignore[method-assign]
-    setattr(cell.runs.run, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
+    setattr(cell.runs.assembled, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
     try:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             outcome = run(RunOptions(goal=goal, seed=seed, log=log), Console(quiet=True)).outcome
             size_mb = log.stat().st_size / 1e6
     finally:
-        setattr(cell.runs.run, "McapRecorder", McapRecorder)  # noqa: B010
+        setattr(cell.runs.assembled, "McapRecorder", McapRecorder)  # noqa: B010
         for owner, method, original in originals:
             setattr(owner, method, original)
     values = (

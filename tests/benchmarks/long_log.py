@@ -23,7 +23,7 @@ from typing import Any
 import cv2
 from rich.console import Console
 
-import cell.runs.run
+import cell.runs.assembled
 from cell.configuration import SHIFT_PART_S, load_configuration, load_product
 from cell.interfaces.perception import Frame
 from cell.recording.recorder import McapRecorder
@@ -139,7 +139,7 @@ def one_bracket(folder: Path, seed: int) -> Kept:
             kept.tick(record)
             super().tick(record)
 
-    cell.runs.run.McapRecorder = Keeping  # type: ignore[attr-defined]
+    cell.runs.assembled.McapRecorder = Keeping  # type: ignore[attr-defined]
     options = RunOptions(seed=seed, log=folder / "one.mcap", one_process=True)
     outcome = run(options, Console(quiet=True)).outcome
     size = (folder / "one.mcap").stat().st_size

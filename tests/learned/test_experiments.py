@@ -63,6 +63,7 @@ def squared(number: int) -> dict[str, int]:
     return {"square": number**2}
 
 
+@pytest.mark.slow
 def test_workers_measure_what_one_process_does(tmp_path: Path) -> None:
     several = [Cell({"number": number}, partial(squared, number)) for number in range(3)]
     alone = measured("a test", several, kept(tmp_path / "alone"), quiet=True)

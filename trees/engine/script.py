@@ -361,7 +361,7 @@ def _unknown(source: str, offset: int) -> ScriptError:
         return ScriptError(what, offset, f"close it with {quote}")
     word = re.match(r"\S\w*", source[offset:])
     what = f"'{word[0] if word else source[offset]}' has no meaning here"
-    return ScriptError(what, offset, "see docs/trees.md for the operators")
+    return ScriptError(what, offset, "see `cell docs trees` for the operators")
 
 
 def _number(token: _Token) -> int | float:

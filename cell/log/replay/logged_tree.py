@@ -51,7 +51,7 @@ def upgrade(folder: Path) -> None:
     if not isinstance(data, dict):
         return
     if "nodes" in data:  # those of the folder in which it is replayed; others are named with --with
-        data["nodes"] = [str(path.resolve()) for one in data["nodes"] if (path := Path(one)).exists()]
+        data["nodes"] = [str(Path(one).resolve()) for one in data["nodes"] if Path(one).exists()]
     devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
     for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
         if (settings := data.pop(key, None)) is not None:

@@ -12,7 +12,7 @@ import json
 import secrets
 import threading
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -24,8 +24,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from starlette.types import Receive, Scope, Send
 
 from cell.errors import InputError
 from cell.files.words.catalogue import catalogue, languages
@@ -33,22 +32,17 @@ from cell.interfaces.observation import Image
 from cell.interfaces.operator import OperatorOrder, OrderKind
 from cell.settings import PageSettings
 from cell.viewing.gate import LOOPBACK, Address
+from cell.viewing.page import callers
+from cell.viewing.page.callers import Connection, NamedAlone
 
 STATIC = Path(__file__).parent / "static"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
-CLIENTS_N, CONNECTIONS_N = 16, 64
+CLIENTS_N = 16
 BACKLOG_N = 32  # so many are let in before one that is too much is closed: handles do not run out
-ASKS_S = 5.0  # a connection that has not said in this time what it wants is closed
 KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
 STOP_S = 3.0
-HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
 Role = Literal["operate", "look"]
 NO_ROLE = "this needs a token: open an address that `cell run` printed"
 
@@ -104,10 +98,10 @@ class PageServer:
             Route("/order", self._order, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        app = _Gate(Starlette(routes=routes), self._hosts, self.scheme)
+        app = NamedAlone(Starlette(routes=routes), self._hosts, self.scheme)
         config = uvicorn.Config(
             app,
-            http=_Connection,
+            http=Connection,
             log_level="critical",
             lifespan="off",
             access_log=False,
@@ -238,7 +232,7 @@ class PageServer:
             return PlainTextResponse("an order must be JSON", 415)
         body = b""
         try:
-            async with asyncio.timeout(ASKS_S):
+            async with asyncio.timeout(callers.ASKS_S):
                 async for piece in request.stream():
                     body += piece
                     if len(body) > BODY_BYTES:
@@ -291,67 +285,6 @@ class _Events(Response):
     async def _tell(self, send: Send, name: bytes, data: bytes) -> None:
         body = b"event: " + name + b"\ndata: " + data + b"\n\n"
         await asyncio.wait_for(_sent(send, body), SLOW_S)
-
-
-class _Connection(H11Protocol):
-    """A caller, who must say in time what it wants; so callers that say nothing take no handles of the controller."""
-
-    _patience: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_N:
-            transport.close()
-        else:
-            self._wait()
-
-    def data_received(self, data: bytes) -> None:
-        super().data_received(data)
-        if self.cycle is not None and not self.cycle.response_complete:
-            self._stop_waiting()
-        elif self._patience is None:
-            self._wait()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._stop_waiting()
-        super().connection_lost(exc)
-
-    def _wait(self) -> None:
-        self._patience = self.loop.call_later(ASKS_S, self.transport.close)
-
-    def _stop_waiting(self) -> None:
-        if self._patience is not None:
-            self._patience.cancel()
-            self._patience = None
-
-
-class _Gate:
-    """Lets in who asks for the server by its name: other names and other pages' requests are refused."""
-
-    def __init__(self, app: ASGIApp, hosts: set[str], scheme: str) -> None:
-        self._app, self._hosts, self._scheme = app, hosts, scheme
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            return
-        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
-        origin = headers.get("origin")
-        if headers.get("host") not in self._hosts:
-            await PlainTextResponse("unknown host", 403)(scope, receive, send)
-        elif origin is not None and origin not in {f"{self._scheme}://{host}" for host in self._hosts}:
-            await PlainTextResponse("foreign origin", 403)(scope, receive, send)
-        else:
-            await self._app(scope, receive, _with_headers(send))
-
-
-def _with_headers(send: Send) -> Callable[[Any], Awaitable[None]]:
-    async def sending(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-            message = {**message, "headers": [*message.get("headers", ()), *extra]}
-        await send(message)
-
-    return sending
 
 
 async def _gone(receive: Receive) -> None:

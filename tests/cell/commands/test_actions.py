@@ -39,6 +39,7 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
     assert "--steel-share" not in made[validation]
 
 
+@pytest.mark.slow
 def test_steel_changes_what_is_seen_and_not_what_is_done(tmp_path: Path) -> None:
     words = ["lab", "data", "actions", "--look", "nominal", "--seeds", "3:4", "--thin"]
     found = {}

@@ -44,6 +44,7 @@ def test_the_worst_figure_decides_and_those_without_a_share_have_none() -> None:
     assert told.rows["mm"] == "3 -> 9"
 
 
+@pytest.mark.slow
 def test_planners_are_scored_on_the_same_trays_and_orders_whatever_their_cards_tell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tests import ROOT
 
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
-    "Start": ["init", "doctor", "run", "calibrate", "teach", "bench", "move"],
+    "Start": ["init", "doctor", "docs", "run", "calibrate", "teach", "bench", "move"],
     "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],
@@ -32,9 +33,15 @@ RUN = {
 }
 
 
+@cache
+def whole() -> Any:
+    """The whole command line, for which every command is imported."""
+    return get_command(application())
+
+
 def command(*path: str) -> Any:
-    """A command of the whole command line."""
-    found: Any = get_command(application())
+    """One of its commands."""
+    found = whole()
     for name in path:
         found = found.commands[name]
     return found

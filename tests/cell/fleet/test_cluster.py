@@ -15,8 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from cell.errors import CellError, InputError
-from cell.fleet.engine import cluster, mapped, results
+from cell.errors import InputError
+from cell.fleet.engine import cluster, results
 from cell.fleet.spec import Task
 from tests import ROOT
 from tests.cell.fleet import working
@@ -62,6 +62,7 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
             process.wait()
 
 
+@pytest.mark.slow
 def test_default_workers_do_all_runs_though_one_is_killed_and_one_lacks_the_package(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,8 +86,3 @@ def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeyp
     monkeypatch.setattr("cell.fleet.engine.CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(1, address):
         pass
-
-
-def test_a_lost_call_says_how_its_process_ended() -> None:
-    with pytest.raises(CellError, match="SIGKILL"):
-        list(mapped(working.dies, [()], workers=2))

@@ -54,6 +54,7 @@ def test_values_are_scored_once_and_drawn(tmp_path: Path, capsys: pytest.Capture
     assert drawn.shape[1] > 300
 
 
+@pytest.mark.slow
 def test_hands_are_scored_by_rule_where_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["lab", "eval", "knobs", "hands", "--seeds", "807100:807101", "--no-physics", "--json"]
     assert main([*words, "--knob", "camera.brightness_ev=0"]) == 0

@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from cell.running import work_orders
+from cell.runs import assembled
 from cell.runs import run as runs
 from cell.runs.options import RunOptions
 from cell.watching.observer import TickRecord
@@ -62,7 +63,7 @@ def shift(folder: Path, lines: list[dict[str, Any]], goal: str, brackets: int, *
 
 @pytest.mark.slow
 def test_twelve_orders_with_two_changes_and_a_cancellation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "WorkOrders", Growing)
+    monkeypatch.setattr(assembled, "WorkOrders", Growing)
     lines = [{"id": str(number), "variant": variant} for number, variant in enumerate(VARIANTS, 1)]
     wanted = {line["id"]: line["variant"] for line in lines} | {"4": "g2"}
     summary, told = shift(tmp_path, lines, ",".join(wanted[order] for order in BUILT), len(BUILT))

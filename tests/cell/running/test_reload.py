@@ -254,7 +254,7 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     path, log = tmp_path / "tree.xml", tmp_path / "log.mcap"
     path.write_text(WHOLE.format('<Sleep msec="4000"/>'))
     monkeypatch.setattr(EditingStatistics, "path", path, raising=False)
-    monkeypatch.setattr("cell.runs.run.RunStatistics", EditingStatistics)
+    monkeypatch.setattr("cell.runs.assembled.RunStatistics", EditingStatistics)
     result = run(RunOptions(tree=path, seed=1, goal="g0", log=log, watch=True), Console(file=StringIO()))
     assert result.outcome.end == "failed"
     assert result.outcome.ticks < 20
@@ -297,7 +297,7 @@ def test_an_assembly_goes_on_with_its_graph_when_its_tree_is_edited(
     for name in ("assemble.xml", "clear_and_grasp.xml"):
         (tmp_path / name).write_text((ROOT / "trees" / name).read_text())
     monkeypatch.setattr(ImpatientStatistics, "folder", tmp_path, raising=False)
-    monkeypatch.setattr("cell.runs.run.RunStatistics", ImpatientStatistics)
+    monkeypatch.setattr("cell.runs.assembled.RunStatistics", ImpatientStatistics)
     log, told = tmp_path / "log.mcap", StringIO()
     options = RunOptions(tree=tmp_path / "assemble.xml", seed=3, goal="g1", log=log, watch=True)
     result = run(options, Console(file=told, width=200))

@@ -45,6 +45,7 @@ def test_hands_are_found_read_and_told_apart(look: str) -> None:
     assert scores["others_imagined"] < 0.1
 
 
+@pytest.mark.slow
 def test_most_hands_are_found_in_looks_beyond_those_of_training() -> None:
     configuration = simulated(load_configuration(), "hard", "varied")
     product = load_product(configuration)
@@ -74,7 +75,7 @@ def test_the_other_hand_is_not_the_one_that_works() -> None:
 
 
 @pytest.mark.parametrize("look", LOOKS)
-@pytest.mark.parametrize("turn_rad", [-1.6, -1.0, 1.0, 1.6])
+@pytest.mark.parametrize("turn_rad", [-1.6, 1.0, *(pytest.param(one, marks=pytest.mark.slow) for one in (-1.0, 1.6))])
 def test_hands_that_point_to_any_side_are_found_and_read(
     look: str, turn_rad: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -180,7 +180,7 @@ def test_varied_images_keep_their_shape_and_the_same_seed_gives_the_same() -> No
 def test_the_reader_learns_a_batch(data: HandData) -> None:
     torch.manual_seed(0)
     network, rng = Reader(len(TYPES)), np.random.default_rng(1)
-    batch = reader_batch(data, np.arange(16), rng)
+    batch = reader_batch(data, np.arange(8), rng)
     optimiser = torch.optim.AdamW(network.parameters(), lr=3e-3)
     losses = []
     for _ in range(25):
@@ -229,7 +229,7 @@ def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Pat
         out,
         seed=0,
         score=lambda: score_readings(SlimReader(SETUP, TYPES, out), BENCH, folder),
-        epochs=2,
+        epochs=1,
         quiet=True,
     )
     assert out.exists()

@@ -118,6 +118,7 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     assert losses[1] < losses[0]
 
 
+@pytest.mark.slow
 def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path: Path) -> None:
     from learned.parts.rcnn import train_rcnn
     from learned.parts.settings import RcnnTraining

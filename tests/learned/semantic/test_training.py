@@ -111,7 +111,7 @@ def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: 
     whole = scenarios(LAYOUT, 0)
     train, held_out = split(whole, 0.5, 0)
     card = ModelCard(kind=f"semantic.{kind}", vocabulary=LAYOUT.vocabulary, data_sha256="", command="", seed=0)
-    network = TorchModel(train_network(LAYOUT, train, short(kind), seed=0), OUTPUTS[kind], card)
+    network = TorchModel(train_network(LAYOUT, train, short(kind, 0.1), seed=0), OUTPUTS[kind], card)
     path = tmp_path / "planner.onnx"
     write_weights(network, path, [{"edges": edges} for edges in one_hot(train.seen, 3)], lambda: {"a": 1.0})
     model = OnnxModel.load(path, f"semantic.{kind}")
@@ -191,6 +191,7 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
         assert np.allclose(found.placements, exact(edges).placements, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_habits_that_are_shown_are_learned() -> None:
     from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
     from learned.lab.semantic_models import exact_scores, optimal_scores, planner_of

@@ -19,7 +19,7 @@ from tests.learned.stacks.folders import picture
 from tests.learned.stacks.made_up import scene
 
 WIDTH = 6
-pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
+pytestmark = [pytest.mark.slow, pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 BRIEF = StackTraining(share=0.05, heads=Schedule(epochs=1))
 
 

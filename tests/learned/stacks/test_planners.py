@@ -89,7 +89,10 @@ def test_padding_changes_nothing() -> None:
     assert torch.allclose(alone[0], beside[0, :2], atol=1e-5)
 
 
-@pytest.mark.parametrize(("kind", "epochs"), [("default", 6), ("vmrn", 12), ("gvmrn_rf", 12)])
+SLOW = [pytest.param(kind, 12, marks=pytest.mark.slow) for kind in ("vmrn", "gvmrn_rf")]
+
+
+@pytest.mark.parametrize(("kind", "epochs"), [("default", 6), *SLOW])
 def test_each_kind_learns_who_lies_on_whom(kind: Kind, epochs: int) -> None:
     settings = StackTraining(share=0.05, heads=Schedule(epochs=epochs, batch=8, peak_rate=3e-3))
     found = score(train_planner(kind, TAUGHT, 1, settings), ASKED)

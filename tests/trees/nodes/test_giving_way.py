@@ -157,7 +157,7 @@ def waits_until_the_arm_has_left(room_m: float) -> Hand:
 
 def test_without_it_person_and_arm_wait_for_each_other_for_ever(tmp_path: Path) -> None:
     world = World(waits_until_the_arm_has_left(0.045))
-    assert run(world, "<AlwaysSuccess/>", tmp_path, 20.0) is Status.RUNNING
+    assert run(world, "<AlwaysSuccess/>", tmp_path, 10.0) is Status.RUNNING
     assert world.away_m < 0.001
 
 
@@ -174,7 +174,7 @@ def test_the_arm_goes_out_of_the_way_of_a_hand_that_waits_and_goes_on_when_it_ha
 
 def test_it_gives_way_after_a_while_only(tmp_path: Path) -> None:
     world = World(waits_until_the_arm_has_left(0.045))
-    assert run(world, '<GiveWay after_s="8"/>', tmp_path, 7.9) is Status.RUNNING
+    assert run(world, '<GiveWay after_s="4"/>', tmp_path, 3.9) is Status.RUNNING
     assert world.away_m < 0.001
 
 
@@ -210,7 +210,7 @@ def test_a_hand_that_stays_for_ever_keeps_the_arm_away(tmp_path: Path) -> None:
     """It comes again after a while to see, and never nearer than it was."""
     rests = resting(0.045)
     world = World(lambda _: rests)
-    assert run(world, '<GiveWay after_s="4" wait_s="5"/>', tmp_path, 30.0) is Status.RUNNING
+    assert run(world, '<GiveWay after_s="2" wait_s="3"/>', tmp_path, 18.0) is Status.RUNNING
     assert min(room for room, _ in world.rooms) > world.rooms[0][0] - 0.002
 
 
@@ -220,5 +220,5 @@ def test_where_too_little_is_known_nothing_moves(what: str, tmp_path: Path) -> N
     if what == "speed not known":
         rests = replace(rests, velocity_m_s=None)
     world = World(lambda _: rests, unknown="it vanished" if what == "blind" else "")
-    assert run(world, '<GiveWay after_s="2"/>', tmp_path, 6.0) is Status.RUNNING
+    assert run(world, '<GiveWay after_s="2"/>', tmp_path, 4.0) is Status.RUNNING
     assert world.away_m < 0.001

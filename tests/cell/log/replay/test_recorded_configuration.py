@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
 import yaml
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
@@ -50,3 +51,15 @@ def test_the_robot_of_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> No
     robot = default_robot().model_copy(update={"name": "mine"})
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot.model_dump(mode="json")))
     assert as_recorded(tmp_path, robot="robots/mine.yaml").robot.name == "mine"
+
+
+def test_folders_of_nodes_are_those_of_the_folder_in_which_it_is_replayed_and_nothing_is_written_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, log = tmp_path / "here", tmp_path / "log"
+    for folder in (here / "mine", log):
+        folder.mkdir(parents=True)
+    monkeypatch.chdir(here)
+    read = as_recorded(log, nodes=["nodes", "mine"], devices={"simulation": "sim.yaml"})
+    assert read.nodes == (str(here / "mine"),)
+    assert [one.name for one in here.iterdir()] == ["mine"]

@@ -22,7 +22,7 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import PageSettings
 from cell.viewing.gate import Address
-from cell.viewing.page import server
+from cell.viewing.page import callers, server
 from cell.viewing.page.page import OperatorPage
 from tests.cell.viewing.page.rig import HELP, MODEL, PageRig
 
@@ -244,13 +244,13 @@ def brightness(rig: PageRig, path: str) -> float:
 def test_callers_that_never_say_what_they_want_are_hung_up_on(
     begun: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(server, "ASKS_S", 0.3)
+    monkeypatch.setattr(callers, "ASKS_S", 0.3)
     rig = PageRig()
     with ExitStack() as stack:
         stack.callback(rig.page.abandon)
-        port, callers = rig.page.port, range(server.CONNECTIONS_N + 40)
-        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5)) for _ in callers]
-        for one in idle[: server.CONNECTIONS_N]:
+        port, everybody = rig.page.port, range(callers.CONNECTIONS_N + 40)
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5)) for _ in everybody]
+        for one in idle[: callers.CONNECTIONS_N]:
             one.sendall(begun.format(port=port).encode())
         for one in idle:
             while one.recv(65536):
@@ -263,13 +263,13 @@ def test_a_crowd_that_comes_at_once_takes_no_more_handles_than_are_let_in(
     rig: PageRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[int] = []
-    plain = server._Connection.connection_made
+    plain = callers.Connection.connection_made
 
-    def made(connection: server._Connection, transport: asyncio.Transport) -> None:
+    def made(connection: callers.Connection, transport: asyncio.Transport) -> None:
         plain(connection, transport)
         opened.append(_handles())
 
-    monkeypatch.setattr(server._Connection, "connection_made", made)
+    monkeypatch.setattr(callers.Connection, "connection_made", made)
     assert rig.order(PAUSE) == (204, "")
     loop = rig.page._server._loop
     assert loop is not None
@@ -285,7 +285,7 @@ def test_a_crowd_that_comes_at_once_takes_no_more_handles_than_are_let_in(
         busy.set()
         while len(opened) < server.BACKLOG_N:
             time.sleep(0.01)
-    assert max(opened) <= before + server.CONNECTIONS_N + server.BACKLOG_N + 8
+    assert max(opened) <= before + callers.CONNECTIONS_N + server.BACKLOG_N + 8
 
 
 def _handles() -> int:
@@ -293,7 +293,7 @@ def _handles() -> int:
 
 
 def test_an_order_that_never_ends_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "ASKS_S", 0.3)
+    monkeypatch.setattr(callers, "ASKS_S", 0.3)
     rig = PageRig()
     head = f"POST /order HTTP/1.1\r\nHost: localhost:{rig.page.port}\r\nX-Cell-Token: {rig.token}\r\n"
     try:

@@ -56,6 +56,13 @@ class Person:
         coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
         return coming
 
+    def most_m_s(self, hastens: float = 1.0) -> float:
+        """Bound of `coming_m_s`, whatever the way."""
+        if self.velocity_m_s is None:
+            return self.hand_speed_m_s
+        speed = float(np.linalg.norm(self.velocity_m_s))
+        return min(max(hastens, 0.5) * speed, max(self.hand_speed_m_s, speed))
+
 
 class PersonSpace:
     """Seen from the overhead camera.

@@ -34,10 +34,11 @@ class Rooms:
         self.distances_m, self.ways = np.full(placed.shape[:2], np.inf), np.zeros((*placed.shape[:2], 3))
 
     def measure(self, wanted: NDArray[np.bool_]) -> None:
-        """Measure those (K, L) that are wanted and were not measured so far."""
+        """Measure those of the first times, or of all, that are wanted and were not measured so far."""
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        numbers, rows = np.nonzero(wanted & ~self._asked)
-        self._asked |= wanted
+        asked = self._asked[: len(wanted)]
+        numbers, rows = np.nonzero(wanted & ~asked)
+        asked |= wanted
         for number, row in zip(numbers.tolist(), rows.tolist(), strict=True):
             at = self._placed[number, row]
             result.clear()
@@ -72,14 +73,14 @@ class ArmOutline:
         """Where the links are at K times, from joints (K, 6): world_from_link (K, L, 4, 4)."""
         return self._places.at(joints_rad)
 
-    def rooms(self, placed: Array, body: coal.Convex, holding: bool) -> Rooms:
-        """The same as `distances` at K times, all measured."""
-        rooms = self.least_rooms(placed, self.corners_m(placed), body, holding)
-        rooms.measure(np.isfinite(rooms.least_m))
+    def rooms(self, placed: Array, body: coal.Convex, holding: bool, below_m: float = np.inf) -> Rooms:
+        """The same as `distances` at K times; measured where they may be below a limit."""
+        rooms = self.least_rooms(placed, turned(self.corners_m(placed)), body, holding)
+        rooms.measure(rooms.least_m < below_m)
         return rooms
 
     def least_rooms(self, placed: Array, corners_m: Array, body: coal.Convex, holding: bool) -> Rooms:
-        """Bounds of `distances` at K times, from the links' corners there; nothing is measured."""
+        """Bounds of `distances` at K times, from the links' corners there (3, 8, K, L); nothing is measured."""
         least_m = bounds_m(corners_m, body)
         if not holding:
             least_m[:, ~self._always] = np.inf
@@ -95,12 +96,16 @@ class ArmOutline:
         return corners
 
 
+def turned(corners_m: Array) -> Array:
+    """Corners (K, L, 8, 3) as (3, 8, K, L), as sums and minima over them are made quickly then."""
+    return np.ascontiguousarray(corners_m.transpose(3, 2, 0, 1))
+
+
 def bounds_m(corners_m: Array, body: coal.Convex) -> Array:
-    """(...) that no point between corners (..., 8, 3) is nearer to a body: how far they are beyond one of its faces."""
+    """(K, L) that no point between corners (3, 8, K, L) is nearer to a body: how far they are beyond one of its faces."""
     normals, reach_m = _faces(body)
-    corners = np.ascontiguousarray(corners_m.reshape(-1, 8, 3).T).reshape(3, -1)  # sums and minima go along them
-    beyond_m = (normals @ corners).reshape(len(normals), 8, -1).min(axis=1)
-    bounds: Array = (beyond_m - reach_m[:, np.newaxis]).max(axis=0).reshape(corners_m.shape[:-2]) - MARGIN_M
+    beyond_m = (normals @ corners_m.reshape(3, -1)).reshape(len(normals), *corners_m.shape[1:]).min(axis=1)
+    bounds: Array = (beyond_m - reach_m[:, np.newaxis, np.newaxis]).max(axis=0) - MARGIN_M
     return bounds
 
 
@@ -108,9 +113,13 @@ def bounds_m(corners_m: Array, body: coal.Convex) -> Array:
 def _faces(body: coal.Convex) -> tuple[Array, Array]:
     """Outward normals (F, 3) of a body's faces, and how far it reaches along them."""
     points = np.array(body.points())
-    corners = points[[[corner[0], corner[1], corner[2]] for corner in map(body.polygons, range(body.num_polygons))]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals *= np.sign(np.einsum("fi,fi->f", normals, corners[:, 0] - points.mean(axis=0)))[:, np.newaxis]
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, np.newaxis]
-    normals = np.unique(normals.round(6), axis=0)  # of two triangles of one face
+    triangles = [body.polygons(number) for number in range(0, body.num_polygons, 2)]  # two make a face of a prism
+    first, second, third = (points[[corner[i] for corner in triangles]] for i in range(3))
+    normals = _cross((second - first).T, (third - first).T).T
+    normals *= np.sign(((first - points.mean(axis=0)) * normals).sum(axis=1))[:, np.newaxis]
+    normals /= np.sqrt((normals * normals).sum(axis=1))[:, np.newaxis]
     return normals, (points @ normals.T).max(axis=0)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

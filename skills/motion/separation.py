@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array
-from skills.motion.arm_outline import ArmOutline, Rooms
+from skills.motion.arm_outline import ArmOutline, Rooms, turned
 from skills.motion.collision import CollisionChecker, placed
 from skills.motion.person_space import Person, PersonSpace
 from skills.motion.retreat import retreat_share
@@ -102,27 +102,30 @@ class SeparationMonitor:
         """
         path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * MARK_S)
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
-        corners_m = self.outline.corners_m(placed)
+        corners_m = turned(self.outline.corners_m(placed))
+        known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]
         worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
-        for person in (one for one in persons if one.waited_for):
+        for person, rooms in ((one, of) for one, of in known if one.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
             hastens = 2 + takes_s / self._mean_over_s
-            rooms = self.outline.least_rooms(placed[:1], corners_m[:1], person.body, holding)
-            least_left_m = rooms.least_m - person.most_m_s(hastens) * takes_s
+            least_left_m = rooms.least_m[0] - person.most_m_s(hastens) * takes_s
             asked = least_left_m == least_left_m.min()
             for _ in range(2):  # the link that may be worst, then those that may be worse
-                rooms.measure(asked)
+                rooms.measure(asked[np.newaxis])
                 coming_m_s = person.coming_m_s(rooms.ways[0], hastens)
                 left_m = rooms.distances_m[0] - coming_m_s * takes_s
                 asked = least_left_m <= left_m.min()
             link = int(left_m.argmin())
-            room_m, least_m = float(rooms.distances_m[0, link]), self.protective_m(float(coming_m_s[link]), person.age_s)
+            room_m, least_m = (
+                float(rooms.distances_m[0, link]),
+                self.protective_m(float(coming_m_s[link]), person.age_s),
+            )
             clear_m = least_m + self.settings.hysteresis_m
             if room_m < clear_m:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
             if room_m - least_m < worst.distance_m - worst.least_m:
                 worst = Separation(room_m, 1.0, least_m, self.outline.names[link])
-        share = 1.0 if ahead is None else self._share(path_rad, placed[1:], corners_m[1:], persons, holding)
+        share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
         return replace(worst, share=share, leaving=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, *, leaves: bool = False) -> float:
@@ -146,36 +149,34 @@ class SeparationMonitor:
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
         times_s: Array = MARK_S * np.arange(int(np.ceil(path.duration_s / MARK_S)) + 1, dtype=np.float64)
-        fastest_m_s = self._speeds_m_s(self.outline.corners_m(self.outline.placed(path.along(times_s)))).max(initial=0.0)
+        fastest_m_s = self._speeds_m_s(turned(self.outline.corners_m(self.outline.placed(path.along(times_s))))).max(
+            initial=0.0
+        )
         return self.settings.slow_m_s / max(float(fastest_m_s), self.settings.slow_m_s)
 
     def _speeds_m_s(self, corners_m: Array) -> Array:
-        """(K - 1, L) of the fastest point of each link between K places of the path."""
-        steps_m = np.linalg.norm(np.diff(corners_m, axis=0), axis=3)
-        speeds: Array = steps_m.max(axis=2, initial=0.0) / MARK_S
+        """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L)."""
+        squares = np.square(np.diff(corners_m, axis=2))
+        speeds: Array = np.sqrt((squares[0] + squares[1] + squares[2]).max(axis=0, initial=0.0)) / MARK_S
         return speeds
 
-    def _share(
-        self, path_rad: Array, placed: Array, corners_m: Array, persons: Sequence[Person], holding: bool
-    ) -> float:
+    def _share(self, path_rad: Array, corners_m: Array, known: Sequence[tuple[Person, Rooms]]) -> float:
         """The largest share of speed from which every link is slow before anybody could be there.
 
         Args:
             path_rad: (MARKS + 2, 6), from the mark before the arm on, as it trails.
-            placed: (MARKS + 2, L, 4, 4) of the links there.
-            corners_m: (MARKS + 2, L, 8, 3) of them.
+            corners_m: (3, 8, MARKS + 2, L) of the links there.
+            known: persons, and their rooms at all places that are looked at; the last MARKS + 1 are before the arm.
         """
         between, slow_m_s = self._speeds_m_s(corners_m), self.settings.slow_m_s
         speeds_m_s = np.maximum(between[:-1], between[1:])
         if (least := slow_m_s / max(float(speeds_m_s.max()), slow_m_s)) >= 1:
             return 1.0
         shares: Array = np.linspace(least, 1.0, SHARES)
-        arrivals = [
-            _Arrival(one, self.outline.least_rooms(placed[1:], corners_m[1:], one.body, holding), self._off_m, self.settings)
-            for one in persons
-        ]
+        arrivals = [_Arrival(*one, self._off_m, self.settings) for one in known]
+        braking = self._braking(path_rad)
         for count in (2, SHARES):  # often the first share above the least is too much already
-            until_s = self._fast_until_s(path_rad, speeds_m_s, shares[:count])[1:]
+            until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]
             for most in (FIRST_ASKED, None):  # the likely places, then all that could forbid a smaller share
                 needed_s = until_s.max(axis=0, initial=-np.inf)
                 soonest: Array = np.full(needed_s.shape, np.inf)
@@ -187,17 +188,26 @@ class SeparationMonitor:
                 return float(shares[len(until_s) - 1])
         return 1.0
 
-    def _fast_until_s(self, path_rad: Array, speeds_m_s: Array, shares: Array) -> Array:
+    def _braking(self, path_rad: Array) -> tuple[Array, Array, Array]:
+        """By how much the share of speed may fall in a second, in each piece of the path.
+
+        Returns:
+            What each joint may do (6, MARKS), what the path adds to that at full share, and the least of it (MARKS,).
+        """
+        ways_rad = path_rad[2:] - path_rad[:-2]
+        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * MARK_S), TINY)
+        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
+        limits = np.ascontiguousarray((self._acceleration_rad_s2 / joints_rad_s).T)
+        along = np.ascontiguousarray((bends_rad_s2 * np.sign(ways_rad) / joints_rad_s).T)
+        return limits, along, LEAST_BRAKING * limits.min(axis=0)
+
+    def _fast_until_s(self, braking: tuple[Array, Array, Array], speeds_m_s: Array, shares: Array) -> Array:
         """(S, MARKS, L) until when a link is fast in a piece of the path; minus infinity where it never is.
 
         The arm goes on during its reaction; then it brakes along its path, from each of S shares to the first, the
         least: there no link is fast.
         """
-        joints_rad_s = np.maximum(np.abs(path_rad[2:] - path_rad[:-2]) / (2 * MARK_S), TINY)
-        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
-        limits = (self._acceleration_rad_s2 / joints_rad_s).T.copy()
-        along = (bends_rad_s2 * np.sign(path_rad[2:] - path_rad[:-2]) / joints_rad_s).T.copy()
-        floors = LEAST_BRAKING * limits.min(axis=0)
+        limits, along, floors = braking
         least, now, way_s, time_s = shares[0], shares, np.zeros(len(shares)), 0.0
         pieces: list[NDArray[np.int_]] = []
         played: list[Array] = []
@@ -262,13 +272,11 @@ class _Arrival:
     """From when on somebody could be where a link is in a piece of the path.
 
     Args:
-        rooms: of links at the ends of the pieces (MARKS + 1, L).
+        rooms: of links; the last MARKS + 1 places are the ends of the pieces.
         off_m: what rooms may be less than they look.
     """
 
-    def __init__(
-        self, person: Person, rooms: Rooms, off_m: tuple[float, float], settings: SeparationSettings
-    ) -> None:
+    def __init__(self, person: Person, rooms: Rooms, off_m: tuple[float, float], settings: SeparationSettings) -> None:
         self._person, self._rooms, self._off_m, self._settings = person, rooms, off_m, settings
         self._least_s = self._of(rooms.least_m, np.array(person.most_m_s())) - TINY
         self._asked = np.zeros(self._least_s.shape, dtype=bool)
@@ -285,15 +293,15 @@ class _Arrival:
             asked = urgent_s <= np.partition(urgent_s, most, axis=None)[most]
         self._asked |= asked
         ends = np.zeros(self._rooms.least_m.shape, dtype=bool)
-        ends[:-1] |= asked
-        ends[1:] |= asked
+        ends[-MARKS - 1 : -1] |= asked
+        ends[-MARKS:] |= asked
         self._rooms.measure(ends)
-        found = self._of(self._rooms.distances_m, self._person.coming_m_s(self._rooms.ways[:-1]))
+        found = self._of(self._rooms.distances_m, self._person.coming_m_s(self._rooms.ways[-MARKS - 1 : -1]))
         return np.where(self._asked, found, np.inf)
 
     def _of(self, rooms_m: Array, coming_m_s: Array) -> Array:
         hand_m, arm_m = self._off_m
-        rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - hand_m - arm_m
+        rooms_m = np.minimum(rooms_m[-MARKS - 1 : -1], rooms_m[-MARKS:]) - hand_m - arm_m
         return arrival_s(rooms_m, coming_m_s, self._settings) - self._person.age_s
 
 

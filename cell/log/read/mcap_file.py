@@ -108,10 +108,8 @@ def read_mcap(path: Path) -> McapContent:
         raise LogError(path, f"is damaged at byte {walk.at}: {damage}; {SALVAGE}") from None
     content.cropped = dict(walk.cropped)
     if not walk.closed:
-        in_mid_record = (
-            f"{rest} bytes of an unfinished record at byte {walk.at}" if rest else f"it ends at byte {walk.at}"
-        )
-        content.unfinished = f"was not closed: {in_mid_record}"
+        how = f"{rest} bytes of an unfinished record at" if rest else "it ends at"
+        content.unfinished = f"was not closed: {how} byte {walk.at}"
     elif walk.unindexed:
         content.unfinished = "was not closed: its index is missing, its messages are whole"
     return content

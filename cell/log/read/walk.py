@@ -1,4 +1,4 @@
-"""One walk over an MCAP file: strict, where all must be right, or one that goes on behind damage and says what was lost."""
+"""One walk over an MCAP file: strict, or one that goes on behind damage and says what was lost."""
 
 from __future__ import annotations
 

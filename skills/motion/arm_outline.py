@@ -102,7 +102,7 @@ def turned(corners_m: Array) -> Array:
 
 
 def bounds_m(corners_m: Array, body: coal.Convex) -> Array:
-    """(K, L) that no point between corners (3, 8, K, L) is nearer to a body: so far are they beyond one of its faces."""
+    """(K, L) that no point between corners (3, 8, K, L) is nearer to a body: so far they are beyond a face of it."""
     normals, reach_m = _faces(body)
     beyond_m = (normals @ corners_m.reshape(3, -1)).reshape(len(normals), *corners_m.shape[1:]).min(axis=1)
     bounds: Array = (beyond_m - reach_m[:, np.newaxis, np.newaxis]).max(axis=0) - MARGIN_M

@@ -14,7 +14,8 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
 from cell.log.read.reader import read_log
 from cell.log.replay.compare import Difference
-from cell.log.replay.replay import Changes, Replay, Step
+from cell.log.replay.loading import Changes
+from cell.log.replay.replay import Replay, Step
 from cell.runs import run as runs
 from cell.runs.options import RunOptions
 

@@ -27,7 +27,8 @@ from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, files_of
 from cell.log.replay.compare import Difference
 from cell.log.replay.explain import changed_keys, crossed, replay_row
-from cell.log.replay.replay import Changes, Replay, Step
+from cell.log.replay.loading import Changes
+from cell.log.replay.replay import Replay, Step
 from cell.log.report.replay_page import write_replay
 from cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
 from cell.recording.parts import whole_path

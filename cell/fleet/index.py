@@ -17,9 +17,9 @@ from mcap.reader import SeekingReader
 from cell.errors import InputError, LogError
 from cell.files.packages import needed
 from cell.fleet.intervals import mean, wilson
-from cell.fleet.table import COLUMNS, write_table
-from cell.log.read.mcap_file import PROFILE
+from cell.fleet.table import COLUMNS, order_id, write_table
 from cell.log.read.reader import files_of, read_log
+from cell.log.read.walk import PROFILE
 from cell.recording.parts import part_number, whole_path
 
 Row = Mapping[str, Any]
@@ -223,6 +223,7 @@ def _row(
         **ended,
         **told,
         "seed": _number(run.get("seed", "")),
+        "order_id": order_id(told),
         "cause": outcome.get("cause", ""),
         "failed_leaf": why.get("node", "") if outcome.get("end") == "failed" else "",
     }

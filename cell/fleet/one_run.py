@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 from cell.errors import CellError
 from cell.fleet.spec import Task
 from cell.fleet.store import is_address, put
+from cell.fleet.table import order_id
 
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -194,6 +195,7 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
         nodes=tuple(str(folder / name) for name in task.nodes),
     )
     summary = dict(run(options, Console(file=io.StringIO())).summary)
+    summary["order_id"] = order_id(summary)
     if away:
         summary["log"] = f"{task.logs}/{task.key}.mcap"
         put(log, str(summary["log"]))

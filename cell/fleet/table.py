@@ -76,6 +76,12 @@ def read_table(path: Path, columns: list[str] | None = None) -> list[dict[str, A
     return rows
 
 
+def order_id(row: Row) -> str:
+    """Ids of the work orders that a run's brackets were made for, by commas."""
+    brackets = row.get("brackets") or ()
+    return ", ".join(dict.fromkeys(str(one["order"]) for one in brackets if one.get("order")))
+
+
 def as_type(value: object, kind: type) -> object:
     """A value as its column holds it; None for what is empty, or does not fit."""
     value = _cell(value)

@@ -28,7 +28,7 @@ OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
 OTHER_MASTER = "another master commands the gripper"
 VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
-SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
+SERVO_LAGS_S = np.array([0.0, 0.008, 0.016])  # an arm trails its trajectory by at most the last
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
         return ""
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
-        off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
+        off = float(np.abs(measured - sent.along(path_s - SERVO_LAGS_S)).max(axis=1).min())
         return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > OFF_PATH_RAD else ""
     if seen.arm.moving:  # somewhere along its path
         off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())

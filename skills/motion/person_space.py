@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -50,11 +51,22 @@ class Person:
         """
         if self.velocity_m_s is None:
             return np.full(ways.shape[:-1], self.hand_speed_m_s)
-        velocity = np.array(self.velocity_m_s)
-        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[..., :2], axis=-1)
-        towards = np.where(lengths < TINY_M, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY_M))
+        x_m, y_m, speed = ways[..., 0], ways[..., 1], self._speed_m_s
+        lengths = np.sqrt(x_m * x_m + y_m * y_m)
+        towards = ways[..., :2] @ np.array(self.velocity_m_s) / np.maximum(lengths, TINY_M)
+        towards = np.where(lengths < TINY_M, speed, towards)
         coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
         return coming
+
+    def most_m_s(self, hastens: float = 1.0) -> float:
+        """Bound of `coming_m_s`, whatever the way."""
+        if self.velocity_m_s is None:
+            return self.hand_speed_m_s
+        return min(max(hastens, 0.5) * self._speed_m_s, max(self.hand_speed_m_s, self._speed_m_s))
+
+    @cached_property
+    def _speed_m_s(self) -> float:
+        return float(np.linalg.norm(np.array(self.velocity_m_s)))
 
 
 class PersonSpace:

@@ -39,7 +39,7 @@ def retreat_share(
     times_s: Array = path_s + STEP_S * np.arange(steps + 1, dtype=np.float64)
     path_rad = np.concatenate([joints_rad[np.newaxis], trajectory.along(times_s)])
     placed = outline.placed(path_rad)
-    rooms_m = np.minimum(outline.rooms(placed, person, holding)[0], clear_m)
+    rooms_m = np.minimum(outline.rooms(placed, person, holding, clear_m).distances_m, clear_m)
     nearer_m = np.maximum.accumulate(rooms_m, axis=0) - rooms_m
     gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + SWAY_M)
     if nearer_m.max() > SWAY_M or not gains:

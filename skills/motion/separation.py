@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array
-from skills.motion.arm_outline import ArmOutline
+from skills.motion.arm_outline import ArmOutline, Rooms, turned
 from skills.motion.collision import CollisionChecker, placed
 from skills.motion.person_space import Person, PersonSpace
 from skills.motion.retreat import retreat_share
@@ -36,6 +36,7 @@ TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
 BESIDE_M = 0.03  # what of a hand must be seen beside the tool
 BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
 TINY = 1e-9
+FIRST_ASKED = 8  # places of links and times that are measured first: the likeliest to forbid a share
 Following = tuple[JointTrajectory, float]
 
 
@@ -84,6 +85,7 @@ class SeparationMonitor:
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
         self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + TOOL_LENGTH_M)
+        self._off_m = (self.settings.hand_error_m, self.arm_error_m)
 
     def judge(
         self, joints_rad: Array, persons: Sequence[Person], holding: bool, ahead: Following | None = None
@@ -100,19 +102,30 @@ class SeparationMonitor:
         """
         path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * MARK_S)
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
+        corners_m = turned(self.outline.corners_m(placed))
+        known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]
         worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
-        for person in (one for one in persons if one.waited_for):
-            (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
+        for person, rooms in ((one, of) for one, of in known if one.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
-            coming_m_s = person.coming_m_s(ways, 2 + takes_s / self._mean_over_s)
-            link = int((rooms_m - coming_m_s * takes_s).argmin())
-            room_m, least_m = float(rooms_m[link]), self.protective_m(float(coming_m_s[link]), person.age_s)
+            hastens = 2 + takes_s / self._mean_over_s
+            least_left_m = rooms.least_m[0] - person.most_m_s(hastens) * takes_s
+            asked = least_left_m == least_left_m.min()
+            for _ in range(2):  # the link that may be worst, then those that may be worse
+                rooms.measure(asked[np.newaxis])
+                coming_m_s = person.coming_m_s(rooms.ways[0], hastens)
+                left_m = rooms.distances_m[0] - coming_m_s * takes_s
+                asked = least_left_m <= left_m.min()
+            link = int(left_m.argmin())
+            room_m, least_m = (
+                float(rooms.distances_m[0, link]),
+                self.protective_m(float(coming_m_s[link]), person.age_s),
+            )
             clear_m = least_m + self.settings.hysteresis_m
             if room_m < clear_m:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
             if room_m - least_m < worst.distance_m - worst.least_m:
                 worst = Separation(room_m, 1.0, least_m, self.outline.names[link])
-        share = 1.0 if ahead is None else self._share(path_rad, placed[1:], persons, holding)
+        share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
         return replace(worst, share=share, leaving=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, *, leaves: bool = False) -> float:
@@ -136,59 +149,85 @@ class SeparationMonitor:
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
         times_s: Array = MARK_S * np.arange(int(np.ceil(path.duration_s / MARK_S)) + 1, dtype=np.float64)
-        fastest_m_s = self._speeds_m_s(self.outline.placed(path.along(times_s))).max(initial=0.0)
+        fastest_m_s = self._speeds_m_s(turned(self.outline.corners_m(self.outline.placed(path.along(times_s))))).max(
+            initial=0.0
+        )
         return self.settings.slow_m_s / max(float(fastest_m_s), self.settings.slow_m_s)
 
-    def _speeds_m_s(self, placed: Array) -> Array:
-        """(K - 1, L) of the fastest point of each link between K places of the path."""
-        steps_m = np.linalg.norm(np.diff(self.outline.corners_m(placed), axis=0), axis=3)
-        speeds: Array = steps_m.max(axis=2, initial=0.0) / MARK_S
+    def _speeds_m_s(self, corners_m: Array) -> Array:
+        """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L)."""
+        squares = np.square(np.diff(corners_m, axis=2))
+        speeds: Array = np.sqrt((squares[0] + squares[1] + squares[2]).max(axis=0, initial=0.0)) / MARK_S
         return speeds
 
-    def _share(self, path_rad: Array, placed: Array, persons: Sequence[Person], holding: bool) -> float:
+    def _share(self, path_rad: Array, corners_m: Array, known: Sequence[tuple[Person, Rooms]]) -> float:
         """The largest share of speed from which every link is slow before anybody could be there.
-
-        The arm goes on during its reaction; then it brakes along its path, from each of SHARES shares to the least.
 
         Args:
             path_rad: (MARKS + 2, 6), from the mark before the arm on, as it trails.
-            placed: (MARKS + 2, L, 4, 4) of the links there.
+            corners_m: (3, 8, MARKS + 2, L) of the links there.
+            known: persons, and their rooms at all places that are looked at; the last MARKS + 1 are before the arm.
         """
-        between, slow_m_s = self._speeds_m_s(placed), self.settings.slow_m_s
+        between, slow_m_s = self._speeds_m_s(corners_m), self.settings.slow_m_s
         speeds_m_s = np.maximum(between[:-1], between[1:])
         if (least := slow_m_s / max(float(speeds_m_s.max()), slow_m_s)) >= 1:
             return 1.0
-        arrives_s = self._arrives_s(placed[1:], speeds_m_s > slow_m_s, persons, holding)
-        joints_rad_s = np.maximum(np.abs(path_rad[2:] - path_rad[:-2]) / (2 * MARK_S), TINY)
-        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
-        limits = self._acceleration_rad_s2 / joints_rad_s
-        along = bends_rad_s2 * np.sign(path_rad[2:] - path_rad[:-2]) / joints_rad_s
         shares: Array = np.linspace(least, 1.0, SHARES)
-        now, way_s, time_s, refused = shares, np.zeros(SHARES), 0.0, np.zeros(SHARES, dtype=bool)
-        while (now[1:] > least + TINY).any():
-            piece = np.minimum((way_s / MARK_S).astype(int), MARKS - 1)
-            fast = speeds_m_s[piece] * now[:, np.newaxis] > slow_m_s + TINY  # at the least share none is
-            refused |= (fast & (arrives_s[piece] < time_s + PLAY_S)).any(axis=1)
-            if time_s >= self.settings.reaction_s:
-                can = (limits[piece] + along[piece] * (now * now)[:, np.newaxis]).min(axis=1)
-                can = np.maximum(can, LEAST_BRAKING * limits[piece].min(axis=1))
-                now = np.maximum(now - PLAY_S * can, least)
-            way_s, time_s = way_s + now * PLAY_S, time_s + PLAY_S
-        first = int(refused[1:].argmax())
-        return float(shares[first]) if refused[1:].any() else 1.0
+        arrivals = [_Arrival(*one, self._off_m, self.settings) for one in known]
+        braking = self._braking(path_rad)
+        for count in (2, SHARES):  # often the first share above the least is too much already
+            until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]
+            for most in (FIRST_ASKED, None):  # the likely places, then all that could forbid a smaller share
+                needed_s = until_s.max(axis=0, initial=-np.inf)
+                soonest: Array = np.full(needed_s.shape, np.inf)
+                for arrival in arrivals:
+                    soonest = np.minimum(soonest, arrival.arrives_s(needed_s, most))
+                refused = (soonest < until_s).any(axis=(1, 2))
+                until_s = until_s[: int(refused.argmax()) + 1] if refused.any() else until_s
+            if refused.any():
+                return float(shares[len(until_s) - 1])
+        return 1.0
 
-    def _arrives_s(self, placed: Array, fast: NDArray[np.bool_], persons: Sequence[Person], holding: bool) -> Array:
-        """(MARKS, L) from when on somebody could be where a link is that is fast in a piece; infinite for others."""
-        asked = np.zeros((len(fast) + 1, fast.shape[1]), dtype=bool)
-        asked[:-1] |= fast
-        asked[1:] |= fast
-        soonest: Array = np.full(fast.shape, np.inf)
-        for person in persons:
-            rooms_m, ways = self.outline.rooms(placed, person.body, holding, asked)
-            rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - self.settings.hand_error_m - self.arm_error_m
-            arrives_s = arrival_s(rooms_m, person.coming_m_s(ways[:-1]), self.settings) - person.age_s
-            soonest = np.minimum(soonest, arrives_s)
-        return soonest
+    def _braking(self, path_rad: Array) -> tuple[Array, Array, Array]:
+        """By how much the share of speed may fall in a second, in each piece of the path.
+
+        Returns:
+            What each joint may do (6, MARKS), what the path adds to that at full share, and the least of it (MARKS,).
+        """
+        ways_rad = path_rad[2:] - path_rad[:-2]
+        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * MARK_S), TINY)
+        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
+        limits = np.ascontiguousarray((self._acceleration_rad_s2 / joints_rad_s).T)
+        along = np.ascontiguousarray((bends_rad_s2 * np.sign(ways_rad) / joints_rad_s).T)
+        return limits, along, LEAST_BRAKING * limits.min(axis=0)
+
+    def _fast_until_s(self, braking: tuple[Array, Array, Array], speeds_m_s: Array, shares: Array) -> Array:
+        """(S, MARKS, L) until when a link is fast in a piece of the path; minus infinity where it never is.
+
+        The arm goes on during its reaction; then it brakes along its path, from each of S shares to the first, the
+        least: there no link is fast.
+        """
+        limits, along, floors = braking
+        least, now, way_s, time_s = shares[0], shares, np.zeros(len(shares)), 0.0
+        pieces: list[NDArray[np.int_]] = []
+        played: list[Array] = []
+        times_s: list[float] = []
+        while now[1:].max() > least + TINY:
+            piece = np.minimum((way_s / MARK_S).astype(int), MARKS - 1)
+            pieces.append(piece)
+            played.append(now)
+            times_s.append(time_s + PLAY_S)
+            if time_s >= self.settings.reaction_s:
+                can = (limits.take(piece, axis=1) + along.take(piece, axis=1) * (now * now)).min(axis=0)
+                now = np.maximum(now - PLAY_S * np.maximum(can, floors.take(piece)), least)
+            way_s, time_s = way_s + now * PLAY_S, time_s + PLAY_S
+        until_s: Array = np.full((len(shares), *speeds_m_s.shape), -np.inf)
+        if played:
+            place = np.array(pieces)
+            fast = speeds_m_s[place] * np.array(played)[..., np.newaxis] > self.settings.slow_m_s + TINY
+            step, share, link = np.nonzero(fast)  # of several steps in one piece the last counts
+            until_s[share, place[step, share], link] = np.array(times_s)[step]
+        return until_s
 
     def _leaving(
         self, joints_rad: Array, person: Person, holding: bool, ahead: Following | None, room_m: float, clear_m: float
@@ -227,6 +266,43 @@ class SeparationMonitor:
         return any(
             coal.collide(ray, at, shape, place, request, coal.CollisionResult()) > 0 for place, shape in self._obstacles
         )
+
+
+class _Arrival:
+    """From when on somebody could be where a link is in a piece of the path.
+
+    Args:
+        rooms: of links; the last MARKS + 1 places are the ends of the pieces.
+        off_m: what rooms may be less than they look.
+    """
+
+    def __init__(self, person: Person, rooms: Rooms, off_m: tuple[float, float], settings: SeparationSettings) -> None:
+        self._person, self._rooms, self._off_m, self._settings = person, rooms, off_m, settings
+        self._least_s = self._of(rooms.least_m, np.array(person.most_m_s())) - TINY
+        self._asked = np.zeros(self._least_s.shape, dtype=bool)
+
+    def arrives_s(self, needed_s: Array, most: int | None) -> Array:
+        """(MARKS, L), as measured where it may be before the needed times; infinite elsewhere.
+
+        Args:
+            most: so many, the likeliest, are measured; None for all.
+        """
+        urgent_s = self._least_s - needed_s
+        asked = urgent_s < 0
+        if most is not None and asked.sum() > most:
+            asked = urgent_s <= np.partition(urgent_s, most, axis=None)[most]
+        self._asked |= asked
+        ends = np.zeros(self._rooms.least_m.shape, dtype=bool)
+        ends[-MARKS - 1 : -1] |= asked
+        ends[-MARKS:] |= asked
+        self._rooms.measure(ends)
+        found = self._of(self._rooms.distances_m, self._person.coming_m_s(self._rooms.ways[-MARKS - 1 : -1]))
+        return np.where(self._asked, found, np.inf)
+
+    def _of(self, rooms_m: Array, coming_m_s: Array) -> Array:
+        hand_m, arm_m = self._off_m
+        rooms_m = np.minimum(rooms_m[-MARKS - 1 : -1], rooms_m[-MARKS:]) - hand_m - arm_m
+        return arrival_s(rooms_m, coming_m_s, self._settings) - self._person.age_s
 
 
 def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -> Array:

@@ -10,7 +10,7 @@ import typer
 from cell.commands.lab.hands import compose
 from cell.commands.lab.planners import draw_grasp, draw_semantic
 from cell.commands.lab.stacks import draw_stacks
-from cell.commands.log import write_training
+from cell.commands.log_export import write_training
 from cell.commands.options import JsonOption
 from cell.commands.training.worlds import data_app as app_of
 from cell.errors import InputError

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.errors import LogError
-from cell.log.read.mcap_file import PROFILE, McapContent, Message, metadata_names, profile_of, read_mcap
+from cell.log.read.mcap_file import McapContent, Message, metadata_names, profile_of, read_mcap
 from cell.log.read.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.read.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.read.ticks import Note as Note
+from cell.log.read.walk import PROFILE
 from cell.recording import identity as digest
 from cell.recording.parts import part_number, parts_of, whole_path
 

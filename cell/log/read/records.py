@@ -53,6 +53,10 @@ class TooLarge(Damage):
     """Nothing is wrong with it, but it would take more memory than a file may ask for."""
 
 
+class CutOff(Damage):
+    """The data end before the record does."""
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[mmap.mmap | bytes]:
     """The bytes of a file, which the system reads as they are looked at.
@@ -83,15 +87,37 @@ class _ExactStream(ReadDataStream):
         return data
 
 
-def cut(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
-    """(place, opcode, body) of whole records from a place on; ends before one that runs over the end."""
-    while at + HEAD.size <= len(data):
-        opcode, length = HEAD.unpack_from(data, at)
-        begin = at + HEAD.size
-        if begin + length > len(data):
-            return
-        yield at, opcode, data[begin : begin + length]
-        at = begin + length
+def cut(data: memoryview, at: int) -> tuple[int, memoryview]:
+    """Opcode and body of the record at a place.
+
+    Raises:
+        CutOff: it runs over the end.
+    """
+    if at < 0 or at + HEAD.size > len(data):
+        raise CutOff("the file ends in mid-record")
+    opcode, length = HEAD.unpack_from(data, at)
+    begin = at + HEAD.size
+    if begin + length > len(data):
+        raise CutOff("a record runs over the end of the file")
+    return opcode, data[begin : begin + length]
+
+
+def inside(chunk: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Opcodes and bodies of a chunk's records.
+
+    Raises:
+        Damage: one runs over the chunk's end, or is no whole message.
+    """
+    at = 0
+    while at < len(chunk):
+        try:
+            opcode, body = cut(chunk, at)
+        except CutOff:
+            raise Damage("a chunk ends in mid-record") from None
+        if opcode == Opcode.MESSAGE and len(body) < MESSAGE.size:
+            raise Damage("a message is too short")
+        yield opcode, body
+        at += HEAD.size + len(body)
 
 
 def parse(opcode: int, body: memoryview) -> Any:

@@ -14,8 +14,9 @@ from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
 from cell.log.read.reader import Log, LoggedTick, read_log
 from cell.log.replay.compare import Difference
+from cell.log.replay.loading import Changes, recorded_weights
 from cell.log.replay.logged_tree import write_files
-from cell.log.replay.replay import Changes, Replay, recorded_weights
+from cell.log.replay.replay import Replay
 from cell.recording.copying import CopyingWriter
 from learned.inference.onnx_model import sealed, without_digest
 

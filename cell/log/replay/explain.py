@@ -13,8 +13,9 @@ import yaml
 from cell.errors import InputError, LogError
 from cell.log.read.reader import Log, read_log
 from cell.log.replay.compare import Comparison, Difference
+from cell.log.replay.loading import Changes
 from cell.log.replay.logged_tree import logged_tree
-from cell.log.replay.replay import Changes, Replay
+from cell.log.replay.replay import Replay
 from cell.recording.schemas import plain
 from trees.engine.tree import Tree
 

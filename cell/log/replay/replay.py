@@ -5,65 +5,38 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import Configuration, load_configuration, load_faults, load_product
-from cell.errors import InputError, LogError
-from cell.files.yaml_file import load_yaml
+from cell.errors import LogError
 from cell.interfaces.command import Command
-from cell.interfaces.faults import Action, FaultTable, Judgement
+from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.notes import ListJournal
-from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.read.ticks import Gap
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
-from cell.log.replay.logged_tree import code_differs, recorded_table, write_files
+from cell.log.replay.loading import Changes, load, recorded_tree
+from cell.log.replay.logged_tree import code_differs, write_files
 from cell.log.replay.perceive import perceived
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
 from cell.running.device_writer import withhold
 from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
-from cell.wiring.detectors import fitted
 from cell.wiring.reload import take_over
 from cell.wiring.run_state import StateError, go_on_from
-from cell.wiring.services import Planners, TickClock, load_planners, make_services
-from learned.inference.onnx_model import digest_of
+from cell.wiring.services import TickClock, make_services
 from skills.motion.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange
 from trees.engine.outside import LoggedAnswers
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
 from trees.node_library import node_registry
 from trees.nodes.files import LoggedFiles
 
-PLANNERS = ("semantic", "grasp")
 ENDS = ("SUCCESS", "FAILURE", "ERROR")
 MID_TICK = "interrupted in mid-tick"
-
-
-@dataclass(frozen=True)
-class Changes:
-    """What is to be other than in the log.
-
-    Attributes:
-        weights: ONNX file by planner, "semantic" or "grasp".
-        nodes: files and packages with further nodes.
-        beside: further files, and folders with them, whose trees `tree` may name.
-        perception: a kind of detectors, or a folder with their weights: they see the recorded images again.
-    """
-
-    tree: Path | None = None
-    configuration: Path | None = None
-    weights: Mapping[str, Path] = field(default_factory=dict)
-    nodes: tuple[str, ...] = ()
-    beside: tuple[Path, ...] = ()
-    perception: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,14 +86,8 @@ class Replay:
         """Make everything ready for the tick at a place of the log; beyond the first with the state before it."""
         log, before = self.log, self.log.ticks[max(0, place - 1)]
         edits = [fields["files"] for tick in log.ticks[:place] for kind, fields in tick.inputs if kind == "edit"]
-        try:
-            configuration, product, planners, self.tree, faults = _load(log, self.changes, edits[-1] if edits else {})
-        except InputError as error:
-            own = [name for name in log.attachments if name.startswith("nodes/")]
-            if not own or self.changes.nodes:
-                raise
-            way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
-            raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
+        edited = edits[-1] if edits else {}
+        configuration, product, planners, self.tree, faults = load(log, self.changes, edited)
         self._configured = configuration.nodes
         self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
         if self.changes.perception is not None and log is self.recorded:
@@ -258,7 +225,7 @@ class Replay:
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
             own = node_registry(more=(*self.changes.nodes, *self._configured))
-            following = _tree(self.log, Path(folder), own)
+            following = recorded_tree(self.log, Path(folder), own)
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 
@@ -300,74 +267,3 @@ def _notes(ticks: Sequence[LoggedTick], about: str) -> list[dict[str, Any]]:
 
 def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
-
-
-def _load(
-    log: Log, changes: Changes, edited: Mapping[str, str] | None = None
-) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
-    with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
-        folder = Path(name)
-        _unpack(log, folder)
-        write_files(log, {file: text.encode() for file, text in (edited or {}).items()}, folder)
-        if changes.configuration is None:
-            configuration = load_configuration(folder / "configuration.yaml")
-            product = load_yaml(folder / "product.yaml", Product)
-        else:
-            configuration = load_configuration(changes.configuration)
-            product = load_product(configuration, changes.configuration)
-        registry = node_registry(product, changes.nodes, configuration)
-        tree = (
-            load_tree(changes.tree, registry, None, {}, changes.beside)
-            if changes.tree
-            else _tree(log, folder, registry)
-        )
-        recorded = folder / "faults.yaml"
-        own = changes.configuration is None and recorded.exists()
-        faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
-        configuration, _ = fitted(configuration, product)  # as the run had it
-        configuration = _with_weights(log, configuration, changes)
-        return configuration, product, load_planners(configuration, product), tree, faults
-
-
-def _tree(log: Log, folder: Path, registry: Registry) -> Tree:
-    """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
-    files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
-    return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
-
-
-def _unpack(log: Log, folder: Path) -> None:
-    if "tree" not in log.metadata:
-        raise LogError(log.path, "does not name the tree that ran")
-    for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
-        if needed not in log.attachments:
-            raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
-    write_files(log, log.attachments, folder)
-
-
-def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> Configuration:
-    """The configuration with weights as asked; where nothing else was asked, they must be those of the log."""
-    if unknown := sorted(set(changes.weights) - set(PLANNERS)):
-        raise InputError(f"--weights names unknown planners {unknown}; legal: {', '.join(PLANNERS)}")
-    updates = {}
-    for name, planner in configuration.planners:
-        weights = changes.weights.get(name)
-        if weights is None and changes.configuration is None:
-            weights = recorded_weights(log, name, planner.weights)
-        updates[name] = planner if weights is None else planner.model_copy(update={"weights": weights})
-    return configuration.model_copy(update={"planners": configuration.planners.model_copy(update=updates)})
-
-
-def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
-    """A file with the weights that the log was recorded with; None where that planner had none."""
-    expected = log.metadata.get(f"weights.{name}.sha256")
-    if expected is None:
-        return None
-    recorded = log.metadata.get(f"weights.{name}.file")
-    candidates = [path for path in (found, recorded and Path(recorded)) if path and path.is_file()]
-    hashes = {path: digest_of(path.read_bytes()) for path in candidates}
-    for path, sha256 in hashes.items():
-        if sha256 == expected:
-            return path
-    here = ", ".join(f"{path} is {sha256[:12]}" for path, sha256 in hashes.items()) or "there is no such file here"
-    what = f"was recorded with other {name} weights: {expected[:12]}, but {here}"
-    raise LogError(log.path, f"{what}; name a file to see what it would have done: --weights {name}=FILE")

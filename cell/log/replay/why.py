@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from cell.errors import LogError
 from cell.log.read.reader import Log, LoggedTick
-from cell.log.replay.replay import Changes, Replay, Step
+from cell.log.replay.loading import Changes
+from cell.log.replay.replay import Replay, Step
 from cell.running.controller import STOPPED, STOPPING
 from cell.watching.why_now import Why, WhyNow
 

@@ -113,6 +113,7 @@ class BracketRow:
         questions: what was asked, in words.
         waits_s: seconds by reason in which the cell was held, or a question stood.
         known_wrong: holes that the cell knew to be wrong when it ended.
+        order: id of the work order that it was made for; empty for none.
     """
 
     number: int
@@ -126,6 +127,7 @@ class BracketRow:
     questions: list[str] = field(default_factory=list)
     waits_s: dict[str, float] = field(default_factory=dict)
     known_wrong: list[str] = field(default_factory=list)
+    order: str = ""
 
     @property
     def length_s(self) -> float:
@@ -227,6 +229,8 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
     if not found or found[-1].finished is not None:
         return
     now = found[-1]
+    if topic == "bracket":
+        now.order = str(fields.get("order") or now.order)
     if topic == "bracket" and fields["edge"] == "end":
         now.end_s, now.finished, now.goal = tick.time_s, fields["finished"], fields.get("goal") or ""
         now.known_wrong = list(fields.get("known_wrong") or ())

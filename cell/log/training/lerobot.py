@@ -9,53 +9,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import orjson
 
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
 from cell.files.packages import needed
 from cell.interfaces.pose import Array
-from cell.log.read.frames import CAMERA, Frames
+from cell.log.read.frames import Frames
 from cell.log.read.reader import Log
+from cell.log.training.episodes import Episode, image_times_s, rate_hz_of, rows_of
 from learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, OF_STATE
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"
 AXES = ("height", "width", "channels")
-RATE_HZ = 15.0  # of a data set without images
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
 ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
 PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-
-
-@dataclass
-class Episode:
-    """The rows of one log.
-
-    Attributes:
-        states, actions: (rows, 7) joints and opening, measured and asked for.
-        times_s: of the log's clock.
-        parts_m: (rows, 3) where the part stood that the robot was after; zeros before.
-        task: in words.
-        success: the bracket is right; None where nobody knows.
-        ended: the log holds the run's end.
-    """
-
-    times_s: Array
-    states: Array
-    actions: Array
-    parts_m: Array
-    task: str
-    success: bool | None
-    ended: bool = True
-    pixels: list[Array] = field(default_factory=list)
 
 
 class FilmedVideo:
@@ -105,8 +80,8 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
     if folder.exists():
         raise InputError(f"{folder}: exists already; name a new folder")
     _arrow()  # before anything is written
-    filmed = any(map(_image_times_s, logs))
-    rates = {round(_rate_hz(log, filmed=filmed)) for log in logs}
+    filmed = any(map(image_times_s, logs))
+    rates = {round(rate_hz_of(log, filmed=filmed)) for log in logs}
     if len(rates) > 1:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
     rate_hz = rates.pop()
@@ -125,64 +100,6 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return sum(len(episode.times_s) for episode in episodes)
-
-
-def rows_of(log: Log, rate_hz: float) -> Episode:
-    """Rows at a constant rate from the first overhead image to the last tick."""
-    ticks = log.ticks
-    starts = np.array([tick.time_s for tick in ticks])
-    first_s = max([float(starts[0]), *_image_times_s(log)[:1]])
-    count = int((starts[-1] - first_s) * rate_hz) + 1
-    times_s = first_s + np.arange(count) / rate_hz
-    at = np.clip(np.searchsorted(starts, times_s + 1e-9, side="right") - 1, 0, len(ticks) - 1)
-    measured = np.array([[*tick.observation.arm.positions_rad, tick.observation.gripper.opening_m] for tick in ticks])
-    asked = _asked(log, measured)
-    later = np.minimum(np.searchsorted(starts, times_s + 1 / rate_hz + 1e-9, side="right") - 1, len(ticks) - 1)
-    result = {name: orjson.loads(value) for name, value in log.result.items()}
-    goal = result.get("goal") or log.metadata.get("goal", "")
-    task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
-    rows = times_s, measured[at], asked[later], _after(log)[at]
-    return Episode(*rows, task, result.get("correct"), not log.unfinished)
-
-
-def _after(log: Log) -> Array:
-    """Where the part stood that the newest plan names, at each tick: (ticks, 3)."""
-    found, now = [], (0.0, 0.0, 0.0)
-    for tick in log.ticks:
-        for topic, fields in tick.notes:
-            seen = tick.observation.parts
-            if topic == "plan" and seen is not None and 0 <= fields.get("required", -1) < len(seen.detections):
-                now = seen.detections[fields["required"]].world_from_part.position_m
-        found.append(now)
-    return np.array(found)
-
-
-def _asked(log: Log, measured: Array) -> Array:
-    """Joints and opening that were asked for at each tick: (ticks, 7).
-
-    How far along its trajectory the arm is, it tells, or it follows at the share of speed that was allowed.
-    """
-    asked = measured.copy()
-    joints, opening = measured[0, :6], measured[0, 6]
-    trajectory: tuple[Array, Array] | None = None
-    path_s = 0.0
-    for place, tick in enumerate(log.ticks):
-        period_s = tick.time_s - log.ticks[place - 1].time_s if place else 0.0
-        told_s = tick.observation.arm.path_s
-        path_s = path_s + period_s * tick.observation.share if told_s is None else told_s
-        command = tick.command or {}
-        follow = command.get("sent_follow") or (command.get("follow") if command.get("sent_as_asked") else None)
-        if follow:
-            trajectory, path_s = (np.array(follow["times_s"]), np.array(follow["positions_rad"])), 0.0
-        elif command.get("stop_arm"):
-            trajectory, joints = None, measured[place, :6]
-        if gripper := command.get("sent_gripper"):
-            opening = float(gripper["opening_m"])
-        if trajectory is not None:
-            times_s, points = trajectory
-            joints = np.array([np.interp(path_s, times_s, column) for column in points.T])
-        asked[place] = [*joints, opening]
-    return asked
 
 
 def _write_video(log: Log, episode: Episode, video: FilmedVideo) -> tuple[int, int]:
@@ -340,26 +257,6 @@ def _spread(values: Array) -> dict[str, list[float]]:
         "std": values.std(axis=0).tolist(),
         "count": [len(values)],
     }
-
-
-def _image_times_s(log: Log) -> list[float]:
-    return [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}overhead"]
-
-
-def _rate_hz(log: Log, *, filmed: bool) -> float:
-    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it.
-
-    Of logs without images it is RATE_HZ.
-    """
-    if not filmed and log.ticks:
-        return RATE_HZ
-    times_s = _image_times_s(log)
-    if len(times_s) < 2 or not log.ticks:
-        raise LogError(
-            log.path, f"holds {len(times_s)} overhead images and {len(log.ticks)} ticks; an episode needs both"
-        )
-    steps_s = np.diff(times_s)
-    return 1 / float(np.mean(steps_s[steps_s < 1.5 * np.median(steps_s)]))
 
 
 def _file(number: int, ending: str) -> str:

@@ -157,6 +157,18 @@ def test_a_question_leaves_no_word_about_the_program_that_answers(tmp_path: Path
     assert (asked.returncode, asked.stderr) == (0, "")
 
 
+def test_a_run_names_the_work_orders_of_its_brackets_and_null_where_there_was_none(tmp_path: Path) -> None:
+    for name, orders in (("made", ("A-7", "A-7", "", "A-8")), ("none", ("",))):
+        told = {"brackets": [{"number": number, "order": order} for number, order in enumerate(orders, 1)]}
+        recorder = McapRecorder(tmp_path / f"{name}.mcap", LogSettings(), Heading({"run_id": name}), result=told.copy)
+        recorder.close(Outcome("finished", "", 1, 0, 1.0, 1.0))
+    refresh(tmp_path)
+    assert ask(tmp_path, "select run_id, order_id from runs order by run_id")[1] == [
+        ("made", "A-7, A-8"),
+        ("none", None),
+    ]
+
+
 def test_one_log_without_a_head_changes_no_type_and_what_is_empty_is_null(tmp_path: Path) -> None:
     failed(tmp_path / "a.mcap", 2, "x")
     failed(tmp_path / "b.mcap", 12, "x")

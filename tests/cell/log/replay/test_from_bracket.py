@@ -12,7 +12,8 @@ from rich.console import Console
 from cell.commands.main import main
 from cell.errors import LogError
 from cell.log.read.reader import read_log
-from cell.log.replay.replay import Changes, Replay
+from cell.log.replay.loading import Changes
+from cell.log.replay.replay import Replay
 from cell.recording.parts import parts_of
 from cell.runs.options import RunOptions
 from cell.runs.run import run

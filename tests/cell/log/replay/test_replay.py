@@ -19,7 +19,8 @@ from cell.configuration import DEFAULT_CONFIGURATION
 from cell.errors import InputError, LogError
 from cell.log.read.reader import Log, LoggedTick, read_log
 from cell.log.read.ticks import Gap
-from cell.log.replay.replay import Changes, Replay, Step, _load
+from cell.log.replay.loading import Changes, load
+from cell.log.replay.replay import Replay, Step
 from cell.log.report.query import Query, diff, info, query, ticks
 from cell.runs.options import RunOptions
 from cell.runs.run import run
@@ -300,7 +301,7 @@ def test_a_product_that_no_weights_know_is_replayed_as_it_was_run(assembly_log: 
         name: re.sub(rb"\bo1\b", b"ball", content) if name in ("configuration.yaml", "product.yaml") else content
         for name, content in assembly_log.attachments.items()
     }
-    configuration, product, planners, _, _ = _load(dataclasses.replace(assembly_log, attachments=renamed), Changes())
+    configuration, product, planners, _, _ = load(dataclasses.replace(assembly_log, attachments=renamed), Changes(), {})
     assert "ball" in product.parts
     assert configuration.perception.kind == "classical"
     assert planners.confusions is None  # those on the card of trained detectors say nothing about colours

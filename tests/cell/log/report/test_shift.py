@@ -48,7 +48,7 @@ def shift(tmp_path: Path) -> Shift:
         replace(record(6), command=Command(display=Display())),
         record(7, placed),
         record(11, end),
-        record(12, NEXT),
+        record(12, (("bracket", {**NEXT[0][1], "order": "A-7"}),)),
         record(16, SECOND_END),
     ):
         recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
@@ -59,6 +59,7 @@ def shift(tmp_path: Path) -> Shift:
     page = report_html(log)
     assert "The shift" in page
     assert "there is no safety valve" in page
+    assert '<td class="w">A-7</td>' in page
     return told
 
 
@@ -67,6 +68,7 @@ def test_brackets_have_their_times_hands_questions_and_verdicts(shift: Shift) ->
     assert (first.length_s, second.length_s) == (10.0, 4.0)
     assert (first.robot, first.person, first.questions) == (1, 1, ["o3, please"])
     assert (first.goal, first.correct, second.correct) == ("g0", True, False)
+    assert (first.order, second.order) == ("", "A-7")
 
 
 def test_waits_are_summed_by_their_reason(shift: Shift) -> None:

@@ -250,7 +250,7 @@ def test_command_writes_and_asks_for_what_is_missing(
 
 
 def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.commands.log.read", lambda _: pytest.fail("a log is read"))
+    monkeypatch.setattr("cell.commands.log_export.read", lambda _: pytest.fail("a log is read"))
     (tmp_path / "some.mcap").write_bytes(b"some")
     for other in ("none.mcap", "./some.mcap"):
         words = ["lab", "data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]

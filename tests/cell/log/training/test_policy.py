@@ -15,7 +15,8 @@ from rich.console import Console
 
 from cell.errors import ModelError
 from cell.log.read.reader import Log, read_log
-from cell.log.replay.replay import Changes, Replay
+from cell.log.replay.loading import Changes
+from cell.log.replay.replay import Replay
 from cell.log.training.lerobot import write_lerobot
 from cell.runs.options import RunOptions
 from cell.runs.run import run

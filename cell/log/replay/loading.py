@@ -1,0 +1,138 @@
+"""What a replay ticks on: tree, configuration, planners and faults of a log, or changed ones."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cell.configuration import Configuration, load_configuration, load_faults, load_product
+from cell.errors import InputError, LogError
+from cell.files.yaml_file import load_yaml
+from cell.interfaces.faults import FaultTable
+from cell.interfaces.product import Product
+from cell.log.read.reader import Log
+from cell.log.replay.logged_tree import recorded_table, write_files
+from cell.wiring.detectors import fitted
+from cell.wiring.services import Planners, load_planners
+from learned.inference.onnx_model import digest_of
+from trees.engine.tree import Tree
+from trees.files.build.registry import Registry
+from trees.files.loader import load_tree
+from trees.node_library import node_registry
+
+PLANNERS = ("semantic", "grasp")
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What is to be other than in the log.
+
+    Attributes:
+        weights: ONNX file by planner, "semantic" or "grasp".
+        nodes: files and packages with further nodes.
+        beside: further files, and folders with them, whose trees `tree` may name.
+        perception: a kind of detectors, or a folder with their weights: they see the recorded images again.
+    """
+
+    tree: Path | None = None
+    configuration: Path | None = None
+    weights: Mapping[str, Path] = field(default_factory=dict)
+    nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
+    perception: str | None = None
+
+
+def load(
+    log: Log, changes: Changes, edited: Mapping[str, str]
+) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
+    """Everything that a replay ticks on.
+
+    Args:
+        edited: files of the tree that took over in the run, by name.
+
+    Raises:
+        LogError: the log lacks some of it, was recorded with other weights, or with nodes that are not here.
+        InputError, ModelError: a changed file cannot be used.
+    """
+    try:
+        return _load(log, changes, edited)
+    except InputError as error:
+        own = [name for name in log.attachments if name.startswith("nodes/")]
+        if not own or changes.nodes:
+            raise
+        way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
+        raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
+
+
+def _load(
+    log: Log, changes: Changes, edited: Mapping[str, str]
+) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
+    with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
+        folder = Path(name)
+        _unpack(log, folder)
+        write_files(log, {file: text.encode() for file, text in edited.items()}, folder)
+        if changes.configuration is None:
+            configuration = load_configuration(folder / "configuration.yaml")
+            product = load_yaml(folder / "product.yaml", Product)
+        else:
+            configuration = load_configuration(changes.configuration)
+            product = load_product(configuration, changes.configuration)
+        registry = node_registry(product, changes.nodes, configuration)
+        tree = (
+            load_tree(changes.tree, registry, None, {}, changes.beside)
+            if changes.tree
+            else recorded_tree(log, folder, registry)
+        )
+        recorded = folder / "faults.yaml"
+        own = changes.configuration is None and recorded.exists()
+        faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
+        configuration, _ = fitted(configuration, product)  # as the run had it
+        configuration = _with_weights(log, configuration, changes)
+        return configuration, product, load_planners(configuration, product), tree, faults
+
+
+def recorded_tree(log: Log, folder: Path, registry: Registry) -> Tree:
+    """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
+    files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
+    return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
+
+
+def _unpack(log: Log, folder: Path) -> None:
+    if "tree" not in log.metadata:
+        raise LogError(log.path, "does not name the tree that ran")
+    for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
+        if needed not in log.attachments:
+            raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
+    write_files(log, log.attachments, folder)
+
+
+def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> Configuration:
+    """The configuration with weights as asked; where nothing else was asked, they must be those of the log."""
+    if unknown := sorted(set(changes.weights) - set(PLANNERS)):
+        raise InputError(f"--weights names unknown planners {unknown}; legal: {', '.join(PLANNERS)}")
+    updates = {}
+    for name, planner in configuration.planners:
+        weights = changes.weights.get(name)
+        if weights is None and changes.configuration is None:
+            weights = recorded_weights(log, name, planner.weights)
+        updates[name] = planner if weights is None else planner.model_copy(update={"weights": weights})
+    return configuration.model_copy(update={"planners": configuration.planners.model_copy(update=updates)})
+
+
+def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
+    """A file with the weights that the log was recorded with; None where that planner had none."""
+    expected = log.metadata.get(f"weights.{name}.sha256")
+    if expected is None:
+        return None
+    recorded = log.metadata.get(f"weights.{name}.file")
+    candidates = [path for path in (found, recorded and Path(recorded)) if path and path.is_file()]
+    hashes = {path: digest_of(path.read_bytes()) for path in candidates}
+    for path, sha256 in hashes.items():
+        if sha256 == expected:
+            return path
+    here = ", ".join(f"{path} is {sha256[:12]}" for path, sha256 in hashes.items()) or "there is no such file here"
+    what = f"was recorded with other {name} weights: {expected[:12]}, but {here}"
+    raise LogError(log.path, f"{what}; name a file to see what it would have done: --weights {name}=FILE")

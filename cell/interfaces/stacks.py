@@ -80,9 +80,11 @@ class StackedScene:
     Attributes:
         name: of its files.
         size_px: width and height.
+        drawn_from: how many classes its objects were drawn from, where that is known.
     """
 
     name: str
     size_px: tuple[int, int]
     objects: tuple[StackedObject, ...]
     grasps: tuple[StackGrasp, ...] = ()
+    drawn_from: int | None = None

@@ -59,7 +59,7 @@ def draw_stack(number: int, settings: StackSettings, seed: int = 0) -> DrawnStac
             view = photograph(standing.stage, rng, rng.random() < settings.slanted_share)
         if standing is not None and view is not None:
             objects = tuple(_labelled(standing, number, view.boxes[number]) for number in range(len(standing.names)))
-            scene = StackedScene(f"{number:06d}", (WIDTH_PX, HEIGHT_PX), objects, view.grasps)
+            scene = StackedScene(f"{number:06d}", (WIDTH_PX, HEIGHT_PX), objects, view.grasps, settings.kinds)
             return DrawnStack(scene, view.image)
     raise CellError(f"stack {number} of seed {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
 

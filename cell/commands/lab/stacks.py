@@ -119,8 +119,7 @@ def evaluate_stacks(
     from learned.lab.experiments import kept, measured
     from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
 
-    settings = StackTraining(classes=read.classes, share=share).fit_to(len(read.trainval))
-    study = Study(read, KEPT / "stacks", settings, seed)
+    study = Study(read, KEPT / "stacks", StackTraining(classes=read.classes, share=share), seed)
     cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
     sections = [table4(cells), *([figure18(cells)] if len(counts) > 1 else [])]
     console().print("\n\n".join(sections), highlight=False, soft_wrap=True)

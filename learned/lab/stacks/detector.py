@@ -32,6 +32,7 @@ REGIONS = 32  # of an image, that a step learns from: pictures hold five things
 PROPOSALS = 200  # of an image, in training; of the small network
 SMALL_HEAD = 256  # width of its two fully connected layers
 LARGEST_GRADIENT = 10.0
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def detector(settings: StackTraining) -> nn.Module:
@@ -85,9 +86,9 @@ def train_detector(
     checkpoint: Checkpoint | None = None,
     quiet: bool = True,
 ) -> nn.Module:
-    """A trained network; half of the pictures it sees are mirrored."""
+    """A trained network; half of the pictures it sees are mirrored. On a GPU it is a little otherwise each time."""
     torch.manual_seed(seed)
-    rng, network = np.random.default_rng([seed, 21]), detector(settings)
+    rng, network = np.random.default_rng([seed, 21]), detector(settings).to(DEVICE)
     schedule = settings.detector
     network.train()
     optimiser = torch.optim.AdamW(network.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
@@ -118,7 +119,7 @@ def train_detector(
 
 def as_input(image: NDArray[np.uint8]) -> Tensor:
     """(3, height, width) from 0 to 1."""
-    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).float() / 255
+    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).to(DEVICE).float() / 255
 
 
 def mirrored_boxes(boxes: Array, width_px: int) -> Array:
@@ -139,7 +140,8 @@ def _example(
     if mirrored:
         image, boxes = image[:, ::-1], mirrored_boxes(boxes, image.shape[1])
     labels = [classes.index(one.name) + 1 for one in scene.objects]
-    return as_input(image), {"boxes": torch.from_numpy(boxes).float(), "labels": torch.tensor(labels)}
+    target = {"boxes": torch.from_numpy(boxes).float(), "labels": torch.tensor(labels)}
+    return as_input(image), {name: values.to(DEVICE) for name, values in target.items()}
 
 
 class Regions:
@@ -148,7 +150,7 @@ class Regions:
     def __init__(self, network: nn.Module, classes: Sequence[str]) -> None:
         torch.set_num_threads(1)
         self._classes = classes
-        self._network: Any = network.eval()
+        self._network: Any = network.eval().to(DEVICE)
 
     @property
     def width(self) -> int:
@@ -163,16 +165,16 @@ class Regions:
             maps = OrderedDict([("0", maps)]) if isinstance(maps, Tensor) else maps
             height, width = batch.image_sizes[0]
             scale = np.tile([width / image.shape[1], height / image.shape[0]], 2)
-            asked = torch.from_numpy(boxes * scale).float()
+            asked = torch.from_numpy(boxes * scale).float().to(DEVICE)
             pooled = self._network.roi_heads.box_roi_pool(maps, [asked], batch.image_sizes)
             small = nn.functional.adaptive_avg_pool2d(pooled, POOLED)
-        found: NDArray[np.float16] = small.flatten(1).numpy().astype(np.float16)
+        found: NDArray[np.float16] = small.flatten(1).cpu().numpy().astype(np.float16)
         return found
 
     def found(self, image: NDArray[np.uint8]) -> tuple[Array, list[str], list[float]]:
         """Boxes (n, 4), their classes and scores."""
         with torch.no_grad():
-            answer = self._network([as_input(image)])[0]
+            answer = {name: values.cpu() for name, values in self._network([as_input(image)])[0].items()}
         names = [self._classes[int(label) - 1] for label in answer["labels"]]
         return answer["boxes"].numpy().astype(float), names, [float(score) for score in answer["scores"]]
 
@@ -192,7 +194,7 @@ def load_detector(path: Path, settings: StackTraining) -> nn.Module:
     """
     network = detector(settings)
     try:
-        network.load_state_dict(torch.load(path, weights_only=True))
+        network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except (OSError, RuntimeError) as error:
         raise ModelError(f"{path}: no weights of this detector; remove the file to train it anew") from error
     return network.eval()

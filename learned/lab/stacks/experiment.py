@@ -17,7 +17,7 @@ from learned.lab.experiments import Cell, Cells, Values, markdown, number, shown
 from learned.lab.stacks.checks import StackData
 from learned.lab.stacks.detector import Regions, load_detector, save_detector, train_detector
 from learned.lab.stacks.planners import Always, StackPlanner, Topmost, train_planner
-from learned.lab.stacks.scores import OBJECTS, Seen, restricted, score
+from learned.lab.stacks.scores import OBJECTS, Seen, of_classes, restricted, score
 from learned.lab.stacks.settings import LEARNED, PAPER_IA, RULES, StackTraining
 from learned.lab.stacks.views import Labelled, StackView, kept_views, labelled
 from learned.training.training_loop import Checkpoint
@@ -89,7 +89,7 @@ def _planner(study: Study, kind: str, count: int, counts: tuple[int, ...]) -> St
     training = _examples(study, "true", counts)[count][1]
     turned = _turned(study)
     both = [each for one in training for each in (one.truth, turned[one.truth.scene.name])]
-    settings = study.settings.model_copy(update={"classes": study.data.classes[:count]})
+    settings = study.settings.model_copy(update={"classes": study.data.classes[:count]}).fit_to(len(training))
     return train_planner(kind, both, study.seed, settings, quiet=False)  # type: ignore[arg-type]
 
 
@@ -101,7 +101,7 @@ def _examples(study: Study, boxes: Boxes, counts: tuple[int, ...]) -> dict[int, 
     if len(counts) == 1:
         chosen = study.data.classes[: counts[0]]
         return {counts[0]: (restricted(test, chosen), restricted(training, chosen))}
-    tested, learned = (alike({count: restricted(some, study.data.classes[:count]) for count in counts}, study.seed)
+    tested, learned = (alike({count: of_classes(some, study.data.classes[:count]) for count in counts}, study.seed)
                        for some in (test, training))  # fmt: skip
     return {count: (tested[count], learned[count]) for count in counts}
 
@@ -152,7 +152,7 @@ def _labelled(study: Study, scenes: tuple[StackedScene, ...], name: str, *, turn
 
 def _file(study: Study, name: str) -> Path:
     """Where something that depends on the detector is kept."""
-    schedule = study.settings.detector
+    schedule = study.settings.fit_to(len(study.data.trainval)).detector
     told = f"{data_hash(study.data)} {study.settings.share:g} {schedule.model_dump_json()} {study.seed}"
     return study.folder / hashlib.sha256(told.encode()).hexdigest()[:12] / name
 
@@ -163,10 +163,9 @@ def _regions(study: Study) -> Regions:
     path = _file(study, "detector.pt")
     if not path.exists():
         images = [study.data.images[one.name] for one in study.data.trainval]
+        settings = study.settings.fit_to(len(images))
         checkpoint = Checkpoint(path.with_suffix(".unfinished"), str(path))
-        network = train_detector(
-            study.data.trainval, images, study.seed, study.settings, checkpoint=checkpoint, quiet=False
-        )
+        network = train_detector(study.data.trainval, images, study.seed, settings, checkpoint=checkpoint, quiet=False)
         save_detector(network, path)
     return Regions(load_detector(path, study.settings), study.settings.classes)
 

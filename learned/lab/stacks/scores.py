@@ -125,3 +125,9 @@ def names_what_lies_on(text: str, truth: Labelled, wanted: int) -> bool:
 def restricted(pictures: Iterable[Seen], classes: Sequence[str]) -> list[Seen]:
     """The pictures whose objects are all of these classes."""
     return [one for one in pictures if set(one.truth.view.names) <= set(classes)]
+
+
+def of_classes(pictures: Sequence[Seen], classes: Sequence[str]) -> list[Seen]:
+    """The pictures that show how hard so many classes are: drawn from just these, where that is told of any."""
+    drawn = [one for one in pictures if one.truth.scene.drawn_from == len(classes)]
+    return restricted(drawn or pictures, classes)

@@ -14,6 +14,7 @@ from cell.interfaces.stacks import VMRD_CLASSES, StackedObject, StackedScene, St
 from learned.lab.stacks.checks import Part, StackData, faults, require, require_splits
 
 ANNOTATIONS, GRASPS, IMAGES, SPLITS = "Annotations", "Grasps", "JPEGImages", "ImageSets/Main"
+DRAWN_FROM = "drawn_from"  # of drawn pictures alone
 TRAINVAL, TEST = "trainval.txt", "test.txt"
 CORNERS = 8
 _TAGS: dict[Part, str] = {
@@ -84,17 +85,20 @@ def read_scene(folder: Path, name: str) -> StackedScene:
     objects = tuple(_object(node) for node in nodes)
     if not objects:
         raise InputError(Problem(Place(path, root.line), "no <object>", "a picture has 1 or more"))
-    scene = StackedScene(name, size, objects)
+    drawn_from = root.one(DRAWN_FROM).whole() if any(node.tag == DRAWN_FROM for node in root.children) else None
+    scene = StackedScene(name, size, objects, drawn_from=drawn_from)
     require(faults(scene, lambda number, part: nodes[number].one(_TAGS[part]).place, VMRD_CLASSES))
     return replace(scene, grasps=_read_grasps(folder / GRASPS / f"{name}.txt", objects))
 
 
 def _annotation(scene: StackedScene) -> str:
     width, height = scene.size_px
+    drawn = [] if scene.drawn_from is None else [f"  <{DRAWN_FROM}>{scene.drawn_from}</{DRAWN_FROM}>"]
     lines = [
         "<annotation>",
         f"  <filename>{escape(scene.name)}.jpg</filename>",
         f"  <size><width>{width}</width><height>{height}</height><depth>3</depth></size>",
+        *drawn,
     ]
     for one in scene.objects:
         sides = zip(("xmin", "ymin", "xmax", "ymax"), one.box_px, strict=True)

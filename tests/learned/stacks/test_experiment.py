@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
+from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
 from learned.lab.experiments import kept, measured
 from learned.lab.stacks import experiment
 from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
@@ -62,3 +65,20 @@ def test_figure18_compares_as_many_pictures_of_each_number(study: Study, tmp_pat
     assert "25 classes | 31 classes" in figure18(cells)
     draw_figure18(cells, tmp_path / "fig18.svg")
     assert (tmp_path / "fig18.svg").read_text("utf-8").startswith("<?xml")
+
+
+def test_figure18_takes_what_was_drawn_from_so_many_classes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "_regions", lambda _: NoFeatures())
+    for number in range(80):  # an eighth of all is drawn from 25 classes, though more show no others
+        drawn_from = 25 if number % 8 == 0 else 31
+        seeds = (seed for seed in range(number, 10_000, 80))
+        some = next(one for one in map(scene, seeds) if _shows(one, VMRD_CLASSES[:25]))
+        write_scene(tmp_path, replace(some, name=f"{number}", drawn_from=drawn_from), picture())
+    write_splits(tmp_path, map(str, range(40)), map(str, range(40, 80)))
+    study = Study(read_vmrd(tmp_path), tmp_path / "kept", BRIEF, 0)
+    cells = measured("stacks", study.cells([25, 31], ["always"]), kept(tmp_path / "cells.jsonl"), quiet=True)
+    assert {values["learned_from"] for _, values in cells} <= set(range(6))
+
+
+def _shows(one: StackedScene, classes: Sequence[str]) -> bool:
+    return {each.name for each in one.objects} <= set(classes)

@@ -58,11 +58,12 @@ def test_what_lies_on_what_lies_on_it_is_above(tmp_path: Path) -> None:
 
 def test_vmrd_is_read_as_it_was_written(tmp_path: Path) -> None:
     first = read_vmrd(vmrd(tmp_path / "first"))
-    for one in (*first.trainval, *first.test):
+    trainval, test = (replace(first.trainval[0], drawn_from=5),), first.test
+    for one in (*trainval, *test):
         write_scene(tmp_path / "second", one, picture())
     write_splits(tmp_path / "second", ["00001"], ["00002"])
     second = read_vmrd(tmp_path / "second")
-    assert (second.trainval, second.test) == (first.trainval, first.test)
+    assert (second.trainval, second.test) == (trainval, test)
     assert [one.index for one in second.test[0].grasps] == [7, 4]
 
 

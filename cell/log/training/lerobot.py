@@ -35,7 +35,7 @@ PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 
-@dataclass
+@dataclass(eq=False)
 class Episode:
     """The rows of one log.
 

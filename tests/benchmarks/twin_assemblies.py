@@ -47,8 +47,7 @@ def assembled(folder: Path, seed: int, goal: str, person: str, slower: float) ->
     began_s = time.monotonic()
     with wired_cell(folder, own_host(1), slower, more) as cell:
         run = answer_of(cell.run("--overwrite"), LONGEST_S * slower)
-        told = {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
-    return told
+        return {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
 
 
 def table(rows: list[Told]) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from cell.interfaces.pose import Array
@@ -50,9 +51,9 @@ class Model:
         for row in range(6):
             pose = pose @ _row(joints_rad[row] + self.turns_rad[row], self.d_m[row], self.a_m[row], ALPHA_RAD[row])
         tool = np.eye(4)
-        tool[:3, :3], tool[:3, 3] = rotation(tcp[3:]), tcp[:3]
+        tool[:3, :3], tool[:3, 3] = cv2.Rodrigues(tcp[3:])[0], tcp[:3]
         pose = pose @ tool
-        return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3])])
+        return np.concatenate([pose[:3, 3], cv2.Rodrigues(pose[:3, :3])[0].ravel()])
 
 
 MODELS = {
@@ -66,27 +67,3 @@ MODELS = {
 def _row(theta: float, d: float, a: float, alpha: float) -> Array:
     c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
     return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]])
-
-
-def rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
-
-
-def rotation_vector(matrix: Array) -> Array:
-    """Rotation vector of a rotation matrix."""
-    angle = float(np.arccos(np.clip((np.trace(matrix) - 1) / 2, -1, 1)))
-    if angle < 1e-9:
-        return np.zeros(3)
-    if np.pi - angle < 1e-6:
-        column = int(np.argmax(np.diag(matrix)))
-        axis = matrix[:, column] + np.eye(3)[:, column]
-        return np.asarray(axis / np.linalg.norm(axis) * angle)
-    skew = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
-    return np.asarray(skew / (2 * np.sin(angle)) * angle)

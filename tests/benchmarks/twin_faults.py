@@ -1,10 +1,10 @@
 """Faults of the twin in states of the work: does each run end as config/faults.yaml says?
 
-    python -m tests.benchmarks.twin_faults --faults rtde_cut gripper_power --states down carry --slower 4 --out rows.jsonl
+    python -m tests.benchmarks.twin_faults --faults rtde_cut gripper_power --states down carry --out rows.jsonl
 
-The robot alone fetches a part and puts it into its hole, as in `cell lab eval faults`; arm and gripper are driven through
-their wires, hands, holes and parts come from the truth. Somebody mends what is wrong after 1.5 s and acknowledges after
-3 s. Rows that are in the file already are not run again.
+The robot alone fetches a part and puts it into its hole, as in `cell lab eval faults`; arm and gripper are driven
+through their wires, hands, holes and parts come from the truth. Somebody mends what is wrong after 1.5 s and
+acknowledges after 3 s. Rows that are in the file already are not run again.
 """
 
 from __future__ import annotations

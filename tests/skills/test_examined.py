@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration
+from cell.errors import DeviceFault
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import DeviceCheck
 from cell.interfaces.robot import load_robot
@@ -83,6 +84,24 @@ def test_a_tool_elsewhere_is_not_taken_for_another_calibration(
 ) -> None:
     monkeypatch.setattr(controller, "tcp", np.array([0.01, 0.0, 0.149, 0.1, 0.0, 0.0]))
     assert len(wrong()) == 1
+
+
+def test_a_robot_file_with_the_arm_s_own_calibration_is_well(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(7))
+    settings = UrSettings(host=HOST)
+    robot = CONFIGURATION.robot.model_copy(update={"calibration": ur_examined.calibration(settings)})
+    forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
+    assert [one for one in ur_examined.examine(settings, CONFIGURATION.bench, robot, forward) if one.remedy] == []
+    assert robot.calibration is not None
+    ur_examined.refuse_another(settings, robot.calibration)
+    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(8))
+    found = list(ur_examined.examine(settings, CONFIGURATION.bench, robot, forward))
+    assert "has another arm's" in found[-3].remedy + found[-2].remedy
+    with pytest.raises(DeviceFault, match="calibration of another arm"):
+        ur_examined.refuse_another(settings, robot.calibration)
+    ur_examined.refuse_another(UrSettings(host=own_host(72)), robot.calibration)
 
 
 def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controller: Controller) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -45,13 +45,13 @@ class Calibration(Model):
     d_m: SixOffsets
     alpha_rad: SixOffsets
 
-    @property
-    def frames(self) -> Iterator[Array]:
-        """In the world, joints at zero: the frame (4, 4) about whose z each joint turns, then the flange."""
+    def frames(self, joints_rad: Sequence[float] | Array = (0.0,) * 6) -> Iterator[Array]:
+        """In the world: the frame (4, 4) about whose z each joint turns, then the flange."""
         frame: Array = WORLD_FROM_BASE
-        for theta, a, d, alpha in zip(self.theta_rad, self.a_m, self.d_m, self.alpha_rad, strict=True):
+        angles = np.array(joints_rad) + self.theta_rad
+        for angle, a, d, alpha in zip(angles, self.a_m, self.d_m, self.alpha_rad, strict=True):
             yield frame
-            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
             row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
             frame = frame @ np.array(row)
         yield frame
@@ -194,7 +194,7 @@ def _calibrated(text: str, calibration: Calibration) -> str:
 
     root = ElementTree.fromstring(text)
     parent = nominal = np.eye(4)
-    frames = calibration.frames
+    frames = calibration.frames()
     for joint in _chain(root):
         origin = joint.find("origin")
         assert origin is not None

@@ -5,16 +5,15 @@ from __future__ import annotations
 import socket
 import threading
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
 
 from cell.errors import InputError
-
-SEND_S = 0.5  # in which a client must take what is sent
 
 
 class Port:
     """Listens at a port; subclasses serve a client.
+
+    Attributes:
+        port: its number.
 
     Raises:
         InputError: the port is taken.
@@ -30,12 +29,11 @@ class Port:
             self._listener.close()
             raise InputError(f"{host}:{port} cannot be served: {error.strerror or error}") from None
         self._listener.listen(8)
+        self.port: int = self._listener.getsockname()[1]
         threading.Thread(target=self._accept, name=f"port {port}", daemon=True).start()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def close(self) -> None:
+        """Nobody is served any more."""
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()

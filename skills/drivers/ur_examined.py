@@ -64,7 +64,7 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
     if "tcp_offset" in told:
         yield _tcp(robot, told["tcp_offset"])
     yield _kinematics(robot, told, forward)
-    yield _own_calibration(settings, robot)
+    yield _own_calibration(settings, bench, robot, forward)
     yield _registers(settings)
     yield _turns(bench, told["actual_q"])
 
@@ -210,18 +210,22 @@ def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) 
         return DeviceCheck(what)
     if off_m > MODEL_OFF_M:
         return DeviceCheck(what, f"it is another model than {robot.name}: correct robot in the configuration")
-    return DeviceCheck(what, TEACH)
+    return DeviceCheck(what, f"the robot's file has not the arm's own calibration: {TEACH}")
 
 
-def _own_calibration(settings: UrSettings, robot: RobotModel) -> DeviceCheck:
-    what = "arm: its own calibration"
+def _own_calibration(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forward) -> DeviceCheck:
+    """The robot file's calibration against the controller's, by where they have the flange in two poses."""
     try:
         own = calibration(settings)
     except DeviceFault as error:
-        return DeviceCheck(what, error.reason)
-    if robot.calibration is None:
-        return DeviceCheck("arm: the calibration of its make, as our kinematics")  # which are looked at beside it
-    return DeviceCheck(what, "" if _alike(own, robot.calibration) else f"the robot's file has another arm's: {TEACH}")
+        return DeviceCheck("arm: its own calibration", error.reason)
+    off_m = 0.0
+    for joints_rad in (bench.arm_park_rad, bench.arm_look_rad):
+        ours = forward(np.array(joints_rad)).transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
+        off_m = max(off_m, float(np.linalg.norm(list(own.frames(joints_rad))[-1][:3, 3] - ours)))
+    what = f"arm: its own calibration is up to {1e3 * off_m:.1f} mm off the robot file's"
+    other = robot.calibration is not None and not _alike(own, robot.calibration)
+    return DeviceCheck(what, f"that file has another arm's: {TEACH}" if other else TEACH if off_m > POSE_OFF_M else "")
 
 
 def _registers(settings: UrSettings) -> DeviceCheck:

@@ -98,7 +98,7 @@ def test_a_robot_file_with_the_arm_s_own_calibration_is_well(
     ur_examined.refuse_another(settings, robot.calibration)
     monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(8))
     found = list(ur_examined.examine(settings, CONFIGURATION.bench, robot, forward))
-    assert "has another arm's" in found[-3].remedy + found[-2].remedy
+    assert "has another arm's" in " ".join(one.remedy for one in found)
     with pytest.raises(DeviceFault, match="calibration of another arm"):
         ur_examined.refuse_another(settings, robot.calibration)
     ur_examined.refuse_another(UrSettings(host=own_host(72)), robot.calibration)
@@ -108,7 +108,7 @@ def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controll
     robot = load_robot("ur10e").model_copy(update={"name": "ours"})
     forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
     found = ur_examined.examine(UrSettings(host=HOST), CONFIGURATION.bench, robot, forward)
-    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True]
+    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True, False]
     assert controller.model.name == "UR10"
 
 

@@ -22,7 +22,7 @@ PACKAGE = "package://"
 FOLDER = shipped("config", "robots")
 DEFAULT = "ur10"
 FLANGE = "tool0"
-WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # a UR's base is turned by half a turn against the URDF's
+WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
 ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
 Positive = Annotated[float, Field(gt=0, le=1000)]
@@ -33,7 +33,7 @@ SixOffsets = tuple[float, float, float, float, float, float]
 
 
 class Calibration(Model):
-    """Denavit-Hartenberg rows of one arm, with its own corrections: `cell teach robot` reads them from a UR.
+    """Denavit-Hartenberg rows of one arm, with its own corrections: `cell teach robot` writes them.
 
     Attributes:
         theta_rad: what is added to each joint's angle.

@@ -5,7 +5,7 @@ SHELL := /bin/bash
 , := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: three help run test test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three help run test test-contracts test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -39,6 +39,7 @@ export OMP_NUM_THREADS := 1
 help:
 	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
 	@echo "make test       run the tests (TEST_ARGS=\"tests/sim -k arm\" for some; JUNIT=FOLDER for JUnit files)"
+	@echo "make test-contracts  what every device must do, simulated, recorded and behind a twin's wires"
 	@echo "make check      ruff, mypy, import-linter, the site"
 	@echo "make site       the documentation as a site, in site/"
 	@echo "make bench      benchmarks"
@@ -59,6 +60,9 @@ doctor: .venv/runtime
 
 test: .venv/tests .venv/system .venv/browser
 	.ci/test $(BIN)/python test "not slow" auto $(TEST_ARGS)
+
+test-contracts: .venv/tests .venv/system
+	.ci/test $(BIN)/python test-contracts contract auto $(TEST_ARGS)
 
 test-all: .venv/tests .venv/system .venv/browser
 	.ci/test $(BIN)/python test-all "" 0 $(TEST_ARGS)

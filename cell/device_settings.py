@@ -27,7 +27,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "gripper": ("simulated", *kinds_of(GripperKind)),
     "overhead": ("simulated", *kinds_of(CameraKind)),
     "wrist": ("simulated", *kinds_of(CameraKind)),
-    "panel": ("simulated", "none"),
+    "panel": ("simulated", "page", "none"),
     "signals": ("can",),
 }  # of the project, by role
 _OURS: list[Any] = sorted({kind for kinds in KINDS.values() for kind in kinds})
@@ -51,6 +51,18 @@ class NoPanel(Model):
     """
 
     kind: Literal["none"] = "none"
+
+
+class PagePanel(Model):
+    """The operator's page is what the person at the bench sees, answers on and acknowledges by: as with `--page`.
+
+    Attributes:
+        kind: the page.
+        at: port of this machine, or HOST:PORT that others can open.
+    """
+
+    kind: Literal["page"] = "page"
+    at: str = "8780"
 
 
 class OwnDevice(Model):
@@ -108,7 +120,9 @@ Own = Annotated[OwnDevice, Tag("own")]
 ArmDevice = Annotated[Simulated | ArmKind | Own, _kind("arm")]
 CameraDevice = Annotated[Simulated | CameraKind | Own, _kind("overhead")]
 GripperDevice = Annotated[Simulated | GripperKind | Own, _kind("gripper")]
-PanelDevice = Annotated[Simulated | Annotated[NoPanel, Tag("none")] | Own, _kind("panel")]
+PanelDevice = Annotated[
+    Simulated | Annotated[PagePanel, Tag("page")] | Annotated[NoPanel, Tag("none")] | Own, _kind("panel")
+]
 SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("signals")]
 
 
@@ -137,7 +151,7 @@ class DeviceSettings(Model):
         gripper: likewise.
         overhead: the camera over the bench, likewise.
         wrist: the camera at the gripper, likewise.
-        panel: what the person at the bench sees: simulated, none, or your own driver.
+        panel: what the person at the bench sees: simulated, page, none, or your own driver.
         signals: an I/O module with digital signals: can, or your own driver; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
             person.

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+import yaml
 
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
 from cell.commands.terminal import console, print_json
@@ -16,18 +17,20 @@ from cell.errors import InputError
 from cell.files.model import Location
 from cell.files.yaml_file import write_values
 from cell.interfaces.product import Product
+from cell.interfaces.robot import DEFAULT, FOLDER, shipped_robots
 from cell.runs.bench_view import BenchView
 from cell.runs.commissioning import DRY_SHARE, Teaching, dry_run, goal_of, way_to
 from cell.runs.slow_motion import move_to, opened
-from cell.wiring.devices import joints_by_hand, opened_alone
+from cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
+from skills.motion.kinematics import Kinematics
 from skills.motion.planner import MotionPlanner
 
-GRIPPER, ACTIVATION_S = "gripper", 20.0
+GRIPPER, ROBOT, ACTIVATION_S = "gripper", "robot", 20.0
 
 
 def teach(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="park, look, bracket, tray, gripper, or a part type: its bin.")
+        str, typer.Argument(metavar="NAME", help="park, look, bracket, tray, gripper, robot, or a part type: its bin.")
     ],
     config: ConfigOption = CONFIGURATION,
 ) -> int:
@@ -35,6 +38,8 @@ def teach(
     configuration, product = _read(config)
     if name == GRIPPER:
         return _teach_gripper(configuration, product, config)
+    if name == ROBOT:
+        return _teach_robot(configuration, config)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     teaching = Teaching(name, configuration.bench, product, motion)
     with located(config, configuration), joints_by_hand(configuration, product) as joints_now:
@@ -122,6 +127,26 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
     }
     write_values(config, ends)
     console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
+    return 0
+
+
+def _teach_robot(configuration: Configuration, config: Path) -> int:
+    """Write the arm's own calibration into its file; a robot that is shipped gets one beside the configuration."""
+    with located(config, configuration):
+        own = own_calibration(configuration)
+    named = str(yaml.safe_load(config.read_text()).get(ROBOT, DEFAULT))
+    path = config.parent / named
+    if named in shipped_robots():
+        path = config.parent / f"{named}_own.yaml"
+        if path.exists():
+            raise InputError(f"{path} is there already: write robot: {path.name} into {config}, then teach it again")
+        path.write_text((FOLDER / f"{named}.yaml").read_text())
+        write_values(config, {(ROBOT,): path.name})
+    write_values(path, {("calibration",): own.model_dump(mode="json")})
+    taught, here = load_configuration(config), np.array(configuration.bench.arm_look_rad)
+    before, after = (Kinematics(one.motion).position_m(here) for one in (configuration, taught))
+    off_mm = 1e3 * float(np.linalg.norm(after - before))
+    console().print(f"{path}: the tool is {off_mm:.1f} mm elsewhere in the pose look; calibrate the cameras again")
     return 0
 
 

@@ -13,7 +13,7 @@ from cell.interfaces.pose import Array
 _DEVICES = {"follow": "arm", "gripper": "gripper"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointTrajectory:
     """Joint positions over time, sampled densely enough to interpolate linearly.
 

@@ -63,7 +63,7 @@ class ArmState:
         return all(abs(speed) < STANDING_RAD_S for speed in self.velocities_rad_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointSamples:
     """What the arm measured between two ticks, at the rate of its own control; for the log, no node reads it.
 

@@ -3,24 +3,58 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
+from xml.etree import ElementTree
 
+import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from cell.files.files import read_text, shipped
 from cell.files.model import Model
 from cell.files.units import Point
 from cell.files.yaml_file import load_yaml
+from cell.interfaces.pose import Array
 
 PACKAGE = "package://"
 FOLDER = shipped("config", "robots")
 DEFAULT = "ur10"
+FLANGE = "tool0"
+WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
+ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
 Positive = Annotated[float, Field(gt=0, le=1000)]
 SixValues = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+
+
+SixOffsets = tuple[float, float, float, float, float, float]
+
+
+class Calibration(Model):
+    """Denavit-Hartenberg rows of one arm, with its own corrections: `cell teach robot` writes them.
+
+    Attributes:
+        theta_rad: what is added to each joint's angle.
+        a_m, d_m, alpha_rad: lengths and twist of each row.
+    """
+
+    theta_rad: SixOffsets
+    a_m: SixOffsets
+    d_m: SixOffsets
+    alpha_rad: SixOffsets
+
+    def frames(self, joints_rad: Sequence[float] | Array = (0.0,) * 6) -> Iterator[Array]:
+        """In the world: the frame (4, 4) about whose z each joint turns, then the flange."""
+        frame: Array = WORLD_FROM_BASE
+        angles = np.array(joints_rad) + self.theta_rad
+        for angle, a, d, alpha in zip(angles, self.a_m, self.d_m, self.alpha_rad, strict=True):
+            yield frame
+            c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+            row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
+            frame = frame @ np.array(row)
+        yield frame
 
 
 class Tool(Model):
@@ -44,6 +78,7 @@ class RobotModel(Model):
             package://ROBOT/... of a robot that is shipped. Its meshes: relative to the URDF, or package://PACKAGE/...,
             where PACKAGE is shipped or a folder that the URDF lies in.
         origins_m: place (x, y, z) of joints in their parents' links, where it is another than in the URDF.
+        calibration: the arm's own; without one it is as its maker publishes.
         range_rad: how far each joint turns, each way.
         speed_rad_s: how fast each joint can turn, by the data sheet.
         acceleration_rad_s2: how soon each joint may be that fast.
@@ -53,6 +88,7 @@ class RobotModel(Model):
     name: str
     urdf: str
     origins_m: dict[str, Point] = Field(default_factory=dict)
+    calibration: Calibration | None = None
     range_rad: SixValues
     speed_rad_s: SixValues
     acceleration_rad_s2: SixValues
@@ -61,7 +97,7 @@ class RobotModel(Model):
     @property
     def urdf_text(self) -> str:
         """The URDF with this robot's origins and whole paths of meshes, without visual ones, which nothing needs."""
-        return _urdf_text(self.urdf, tuple(self.origins_m.items()))
+        return _urdf_text(self.urdf, tuple(self.origins_m.items()), self.calibration)
 
 
 def load_robot(name: str, folder: Path = Path()) -> RobotModel:
@@ -107,11 +143,12 @@ NamedRobot = Annotated[RobotModel, BeforeValidator(_named, json_schema_input_typ
 
 
 @cache
-def _urdf_text(urdf: str, origins_m: tuple[tuple[str, Point], ...]) -> str:
+def _urdf_text(urdf: str, origins_m: tuple[tuple[str, Point], ...], calibration: Calibration | None) -> str:
     path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
     text = re.sub(r"<visual>.*?</visual>", "", read_text(path), flags=re.DOTALL)
     text = re.sub(r'(<mesh[^>]*?filename=")([^"]+)', lambda found: found[1] + str(_mesh(found[2], path)), text)
-    return _moved(text, dict(origins_m))
+    text = _moved(text, dict(origins_m))
+    return text if calibration is None else _calibrated(text, calibration)
 
 
 def _mesh(name: str, urdf: Path) -> Path:
@@ -142,3 +179,64 @@ def _moved(text: str, origins_m: Mapping[str, Point]) -> str:
         if not found:
             raise ValueError(f"the URDF has no joint {joint!r}")
     return text
+
+
+def _calibrated(text: str, calibration: Calibration) -> str:
+    """A URDF whose joints turn about the axes of one arm; each link is moved as little as that allows.
+
+    Rows of nearly parallel joints may tell of tens of metres that cancel: an axis counts as a line, wherever on it the
+    controller has its frame.
+
+    Raises:
+        ValueError: these are no joints of such an arm.
+    """
+    from pinocchio import rpy  # half a second that nobody else needs
+
+    root = ElementTree.fromstring(text)
+    parent = nominal = np.eye(4)
+    frames = calibration.frames()
+    for joint in _chain(root):
+        origin = joint.find("origin")
+        assert origin is not None
+        at, angles = (np.array(origin.get(name, "0 0 0").split(), float) for name in ("xyz", "rpy"))
+        nominal = nominal @ _placed(rpy.rpyToMatrix(angles), at)
+        axis = joint.find("axis")
+        if axis is None and joint.find("child[@link='tool0']") is None:
+            continue
+        frame = next(frames, np.eye(4))
+        if axis is not None:
+            frame = _on_axis(nominal, np.array(axis.get("xyz", "").split(), float), frame)
+        step, parent = np.linalg.inv(parent) @ frame, frame
+        origin.set("xyz", " ".join(map(repr, step[:3, 3].tolist())))
+        origin.set("rpy", " ".join(map(repr, rpy.matrixToRpy(step[:3, :3]).tolist())))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _chain(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """The joints from the base to the flange."""
+    above = {child.get("link"): joint for joint in root.iter("joint") for child in joint.iter("child")}
+    chain: list[ElementTree.Element] = []
+    link: str | None = FLANGE
+    while link in above:
+        chain.insert(0, above[link])
+        link = next(chain[0].iter("parent")).get("link")
+    return chain
+
+
+def _on_axis(nominal: Array, axis: Array, frame: Array) -> Array:
+    """The frame (4, 4) nearest to a nominal one whose axis (3,) lies on the z of another frame."""
+    before, now = nominal[:3, :3] @ axis, frame[:3, 2]
+    turn = np.cross(before, now)
+    if np.linalg.norm(turn) > ASKEW or before @ now < 0:
+        raise ValueError("the calibration is not one of such an arm")
+    x, y, z = turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned = np.eye(3) + cross + cross @ cross / (1 + before @ now)
+    along = now * (now @ (nominal[:3, 3] - frame[:3, 3]))
+    return _placed(turned @ nominal[:3, :3], frame[:3, 3] + along)
+
+
+def _placed(turn: Array, at: Array) -> Array:
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = turn, at
+    return frame

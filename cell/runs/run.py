@@ -19,6 +19,7 @@ from cell.configuration import (
     simulated,
     weaknesses,
 )
+from cell.device_settings import PagePanel
 from cell.errors import InputError, LogError, Place, Problem
 from cell.faults.injection import Injection, Injections
 from cell.interfaces.devices import Devices
@@ -88,10 +89,12 @@ def run(options: RunOptions, console: Console) -> RunResult:
 
 
 def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
+    configuration = load_configuration(options.configuration)
+    if isinstance(panel := configuration.devices.panel, PagePanel) and options.page is None:
+        options = replace(options, page=panel.at)
     for text, option in ((options.page, "--page"), (options.opcua, "--opcua")):
         if text is not None:
             Address.parse(text, option)  # before a file is touched
-    configuration = load_configuration(options.configuration)
     options.refuse_simulated(configuration)
     configuration = simulated(configuration, options.look, options.person)
     if options.brackets is not None:

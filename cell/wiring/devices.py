@@ -15,15 +15,16 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cell.configuration import Configuration
-from cell.device_settings import KINDS, OwnDevice, SimulatedDevice
+from cell.device_settings import KINDS, OwnDevice, PagePanel, SimulatedDevice
 from cell.device_settings import NoPanel as NoPanelSettings
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
+from cell.interfaces.robot import Calibration
 from skills.drivers.no_panel import NoPanel
-from skills.drivers.settings import DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
+from skills.drivers.settings import CALIBRATIONS, DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
 RECORDED = {role: f"cell.log.replay.recorded:Recorded{name}" for role, name in (
@@ -37,7 +38,8 @@ AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are 
 
 
 VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
-TIMELESS = (NoPanelSettings, RecordedSettings)
+PANELS = (NoPanelSettings, PagePanel)  # the page is opened by who runs: it shows more than a panel
+TIMELESS = (*PANELS, RecordedSettings)
 
 
 class NoSettings(BaseModel):
@@ -135,7 +137,7 @@ def _our_driver(role: str, device: Any) -> type:
     Raises:
         SettingError: a package is missing.
     """
-    if isinstance(device, NoPanelSettings):
+    if isinstance(device, PANELS):
         return NoPanel
     name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
     try:
@@ -210,6 +212,19 @@ def joints_by_hand(configuration: Configuration, product: Product) -> Iterator[C
         return
     with opened_alone(configuration, product, "arm") as (arm, _):
         yield lambda: arm.state().positions_rad
+
+
+def own_calibration(configuration: Configuration) -> Calibration:
+    """What the arm tells of itself.
+
+    Raises:
+        CellError: it tells nothing of the kind.
+    """
+    read = CALIBRATIONS.get(type(configuration.devices.arm))
+    if read is None:
+        raise SettingError((_kind("arm"), "this arm tells no calibration of its own"))
+    found: Calibration = _found(read)(configuration.devices.arm)
+    return found
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:

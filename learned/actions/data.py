@@ -32,7 +32,7 @@ from learned.training.rows import EXPORT, SampleRow, SegmentRow, TrueAction, rea
 RATE_HZ = 15.0  # of the paper's camera
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Segments:
     """n labelled segments.
 
@@ -181,7 +181,7 @@ def inputs_of(
     return np.array(tracks), crops
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Row:
     """A labelled line of segments.jsonl."""
 

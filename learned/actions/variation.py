@@ -87,7 +87,7 @@ def cut_out(window: Images, rng: np.random.Generator | None, variation: Variatio
     return window[down : down + CROP_PX, right : right + CROP_PX]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OtherCamera:
     """Takes both crops of a segment again, alike.
 

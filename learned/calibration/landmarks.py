@@ -25,7 +25,7 @@ HOLE_STRETCH = 1.7
 DARK = (0.45, 0.8)  # shares of the plate's level: surely of a hole, whose walls are lit, and surely not
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rectangle:
     """Something with four straight edges in the world.
 
@@ -59,7 +59,7 @@ class Rectangle:
         return Rectangle(pose.transform(np.concatenate(points)), outwards, np.concatenate(sides))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlateModel(Rectangle):
     """The plate in the world.
 
@@ -82,7 +82,7 @@ class PlateModel(Rectangle):
         return PlateModel(**vars(edges), holes_m=pose.transform(middles), radius_m=product.hole_radius_m)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sighting:
     """Landmarks that were found in one image.
 
@@ -141,7 +141,7 @@ def _edges(
     return (plate.edges_m[kept], found.start_px[clear] + at[clear, np.newaxis] * unit, unit), plate.sides[kept]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Profiles:
     """How much the grey level changes across points of edges that are in view.
 

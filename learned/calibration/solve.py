@@ -30,7 +30,7 @@ START_RAD = 0.02  # of turns about both axes of the view, from which the holes o
 LEAST_HOLES = 0.5  # of an empty plate's holes must be seen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shot:
     """One image, and where the thing was that the camera is mounted on: the world itself, or the tool."""
 

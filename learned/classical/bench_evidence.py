@@ -44,7 +44,7 @@ ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's
 MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Landmarks:
     """Stretches of edges of plate and tray.
 

@@ -52,7 +52,7 @@ class _Figures:
     sharpness: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Looked:
     """What follows from an image alone.
 

@@ -16,7 +16,7 @@ from cell.interfaces.product import Product
 Blocks = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Boxes:
     """Bodies of n upright parts.
 

@@ -142,7 +142,7 @@ def graspable(blocks: Blocks) -> Blocks:
     return free
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Prism:
     """Swept footprint of one prism for each way to grasp each box, in the jaw's frame.
 

@@ -22,7 +22,7 @@ UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features ar
 POSE = 4  # x and y in the scene, cosine and sine of twice the heading
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneGraph:
     """A tray with one or more required parts, padded to MAX_PARTS nodes.
 

@@ -140,7 +140,7 @@ class PairwisePlanner:
         return chance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _View:
     """What was worked out about one set of detections.
 

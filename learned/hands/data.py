@@ -33,7 +33,7 @@ NOT_KNOWN = -1  # number of a part that is held, where nobody knows
 FOREARM = (0.8, 4.0)  # of the length from palm to wrist, beyond the wrist: sleeves look like hands
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HandData:
     """Frames for the finder and patches for the reader.
 

@@ -26,7 +26,7 @@ class ApparentSize:
     height_errors_m: tuple[float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reading:
     """One hand in one image.
 

@@ -19,7 +19,7 @@ REFINED = POINTS[:-1]  # all but what is held
 LENGTH_PX = 27.0  # from palm to wrist in it, if that lay across the view: as large as most hands are seen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Closeup:
     """How a close-up lies in the image that it is cut out of.
 

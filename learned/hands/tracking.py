@@ -37,7 +37,7 @@ VELOCITY_FRAMES = 4  # over which the velocity of a palm is estimated
 Point = tuple[float, float]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Smooth:
     """First-order smoothing that gives way to speed (the 1 Euro filter of Casiez 2012, with one constant each)."""
 
@@ -53,7 +53,7 @@ class _Smooth:
         return self.value
 
 
-@dataclass
+@dataclass(eq=False)
 class _Track:
     """One hand."""
 

@@ -15,7 +15,7 @@ from learned.semantic.scenarios import Demonstrators, action_pairs
 LEAST = 1e-12  # less probable reports are left out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joint:
     """P(goal, reports) over everything that can be reported.
 

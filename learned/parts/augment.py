@@ -31,7 +31,7 @@ LEAST_SHOWN = 0.03  # share of its box; less of a thing is neither right nor wro
 SPREAD_OF_BOX, LEAST_SPREAD = 0.09, 0.9  # of the heat around a middle, in boxes and in cells
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """One training image.
 

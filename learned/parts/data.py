@@ -50,7 +50,7 @@ class TrayRow(StillRow):
     parts: tuple[PartRow, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Label:
     """One thing in an image.
 

@@ -45,7 +45,7 @@ class Model:
         return tuple((side, rest) for side in sides if (rest := rest_on(self._kind, side)) is not None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Poses:
     """Several poses of one part.
 
@@ -88,7 +88,7 @@ def about_vertical(turns_rad: Array) -> Array:
     return rotations
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Window:
     """A piece of the image.
 

@@ -28,7 +28,7 @@ PEAK = np.ones((3, 3), np.uint8)
 Maps = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Peak:
     """One thing that the centre net sees, in pixels of its input.
 

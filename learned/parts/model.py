@@ -41,7 +41,7 @@ def pose_file(centre: Path) -> Path:
     return centre.with_name(f"{centre.stem}_pose{centre.suffix}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Standing:
     """A part that may stand: where the middle of its body is supposed to be, and how it is turned."""
 
@@ -51,7 +51,7 @@ class _Standing:
     standing: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Seen:
     """Where a peak would be in the cell.
 

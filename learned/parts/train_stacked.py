@@ -31,7 +31,7 @@ WORTH = 0.25  # of the right type, where two labels may be a peak's
 SHOWN = 256  # crops that tell the range of every layer's 8-bit numbers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Thing:
     """A thing as the centre net sees it, and what it really is.
 
@@ -49,7 +49,7 @@ class Thing:
     carrying: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """A crop and what is to be said of it.
 

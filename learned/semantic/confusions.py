@@ -50,7 +50,7 @@ class ConfusionFile(Model):
     wrong: dict[str, dict[str, float]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Confusions:
     """P(reported | action).
 

@@ -33,7 +33,7 @@ LEAST_BELIEF = 1e-9  # placements believed less are left out of the answer
 SURE = 0.9  # placements of a goal that nobody knows are planned from this probability on
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Answer:
     """What any planner finds, by index.
 

@@ -15,7 +15,7 @@ from learned.semantic.scenarios import action_pairs
 from learned.semantic.settings import DETECTION_ERROR
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Noise:
     """Rates of reports by the number k of reports, k = 0..m.
 
@@ -61,7 +61,7 @@ UNKNOWN_PRIOR = 0.02  # how often somebody builds what was never demonstrated
 CACHED = 4096  # combinations of reported quantities that are kept
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """What the reports say.
 
@@ -75,7 +75,7 @@ class Posterior:
     placements: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Likelihood:
     """P(reports | goal) for every goal.
 

@@ -49,7 +49,7 @@ class Scenarios:
         return digest.hexdigest()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Demonstrators:
     """People who fill slots one after the other, each open one with odds exp(preference) (Plackett and Luce).
 

@@ -34,7 +34,7 @@ class StillRow(Model):
     world_from_camera: PoseRow
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Still:
     """An image and how it was taken.
 

@@ -174,7 +174,7 @@ def on_table(light: Light, points_m: Array) -> Array:
     return fallen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _HandModel:
     """The shapes of one hand in the compiled world.
 

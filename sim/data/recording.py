@@ -37,7 +37,7 @@ STAYS_M, MOVES_M = 0.012, 0.002  # from frame to frame: against the fingertips, 
 RELEASE_S = 0.07
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moment:
     """What was so when a frame was taken.
 

@@ -41,7 +41,7 @@ SPREAD_M = 0.0008  # how far off the axis it then stands
 AWAY_M = (0.0, 0.0, -1.0)  # where nobody sees a part
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The motion of one assembly, sampled at a camera's rate; n samples.
 

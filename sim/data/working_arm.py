@@ -32,7 +32,7 @@ TURNED_SHARE = 0.25  # of frames
 LARGEST_TURN_RAD = 2.0  # from where people's hands point by themselves
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArmPose:
     """Where the arm's shapes are, and those of a part that it holds.
 

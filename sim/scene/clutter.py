@@ -42,7 +42,7 @@ class _Item:
     foreign: UnknownObject | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Spot:
     """Where the middle of an item's room is, how it is turned, and how high its bottom is above the floor."""
 

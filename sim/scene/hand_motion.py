@@ -47,7 +47,7 @@ def at_pace(settings: MotionSettings, pace: float) -> MotionSettings:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reach:
     """One reach from rest to rest.
 

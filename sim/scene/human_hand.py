@@ -70,7 +70,7 @@ BONES = 17
 THUMB_COUNT, PALM_COUNT = 5, 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Skeleton:
     """Where everything is in the hand frame, of a right hand of medium size.
 

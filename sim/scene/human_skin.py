@@ -209,7 +209,7 @@ def _palm_m(bones: human.Skeleton) -> Array:
     return middle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Moving:
     """Numbers in the compiled model: geoms with their bones, and sites."""
 

@@ -36,7 +36,7 @@ class Standing:
     rests: Rests
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DrawnStack:
     """A labelled picture (height, width, 3), RGB."""
 

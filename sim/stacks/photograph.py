@@ -26,7 +26,7 @@ VIEWS = 4  # that are tried
 PLATE_M, SPARE_M, WIDEST_M = 0.025, 0.02, 0.14  # width of the fingers, room beside the object, stroke
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """What a camera sees.
 
@@ -40,7 +40,7 @@ class View:
     grasps: tuple[StackGrasp, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Eye:
     """A pinhole camera: world points to pixels."""
 

@@ -18,7 +18,7 @@ SPEED_RAD_S = 3.4  # beyond it the controller stops by itself
 Mode = Literal["hold", "servo", "speed", "move", "stop"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measured:
     """One measurement of the joints, (6,) each."""
 

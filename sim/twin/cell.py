@@ -18,6 +18,7 @@ from sim.twin.arm import TwinArm
 # What serves the wire of a device, by the kind that the configuration names: MODULE:FUNCTION of (TwinCell, role).
 WIRES: Mapping[str, str] = {
     "ur": "sim.twin.controller:serve_ur",
+    "can": "sim.twin.gripper:serve_can",
     "robotiq_modbus": "sim.twin.gripper:serve_modbus",
     "robotiq_urcap": "sim.twin.gripper:serve_urcap",
     "stream": "sim.twin.cameras:serve_stream",

@@ -4,58 +4,41 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError, InputError
 from sim.twin.cell import TwinCell
+from sim.twin.sockets import Port
 
 ADDRESS = Path("runs/twin.sock")
 ANSWER_S = 10.0
 LONGEST = 65536
 
 
-class ControlDoor:
-    """Takes one order a connection: `{"fault": NAME}`, `{"faults": true}` or `{"report": true}`.
-
-    Raises:
-        InputError: the address cannot be had.
-    """
+class ControlDoor(Port):
+    """Takes one order a connection: `{"fault": NAME}`, `{"faults": true}` or `{"report": true}`."""
 
     def __init__(self, cell: TwinCell, address: Path) -> None:
         self._cell, self._address = cell, address
-        self._listener = socket.socket(socket.AF_UNIX)
-        try:
-            if address.is_socket() and not _answers(address):
-                address.unlink()
+        if address.is_socket() and not _answers(address):
+            address.unlink()
+        with suppress(OSError):  # what follows says why
             address.parent.mkdir(0o700, parents=True, exist_ok=True)
-            self._listener.bind(str(address))
-            address.chmod(0o600)
-        except OSError as error:
-            self._listener.close()
-            raise InputError(f"{address}: the twin cannot listen there: {error.strerror or error}") from None
-        self._listener.listen(4)
-        threading.Thread(target=self._serve, name="control", daemon=True).start()
+        super().__init__(address)
+        address.chmod(0o600)
 
     def close(self) -> None:
         """Nobody is let in any more."""
-        with suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
+        super().close()
         self._address.unlink(missing_ok=True)
 
-    def _serve(self) -> None:
-        while True:
-            try:
-                taken, _ = self._listener.accept()
-            except OSError:
-                return
-            with taken, suppress(OSError, ValueError):
-                taken.settimeout(1.0)
-                order = json.loads(taken.recv(LONGEST))
-                taken.sendall(json.dumps(self._answer(order)).encode())
+    def serve(self, client: socket.socket) -> None:
+        """Take an order, and answer."""
+        client.settimeout(1.0)
+        client.sendall(json.dumps(self._answer(json.loads(client.recv(LONGEST)))).encode())
 
     def _answer(self, order: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -75,24 +58,28 @@ def ask(address: Path, order: dict[str, Any]) -> Any:
     Raises:
         InputError: no twin is there, or it refuses.
     """
-    with socket.socket(socket.AF_UNIX) as connection:
-        connection.settimeout(ANSWER_S)
-        try:
-            connection.connect(str(address))
+    try:
+        with _connected(address) as connection:
             connection.sendall(json.dumps(order).encode())
             answer = json.loads(b"".join(iter(lambda: connection.recv(LONGEST), b"")))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{address}: no twin answers there: {error}; start one by `cell twin`") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{address}: no twin answers there: {error}; start one by `cell twin`") from None
     if "error" in answer:
         raise InputError(answer["error"])
     return answer["told"]
 
 
+@contextmanager
+def _connected(address: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(ANSWER_S)
+        connection.connect(str(address))
+        yield connection
+
+
 def _answers(address: Path) -> bool:
-    with socket.socket(socket.AF_UNIX) as trial:
-        trial.settimeout(1.0)
-        try:
-            trial.connect(str(address))
-        except OSError:
-            return False
-    return True
+    try:
+        with _connected(address):
+            return True
+    except OSError:
+        return False

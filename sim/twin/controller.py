@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -275,10 +275,10 @@ class UrWires:
         host = str(cell.settings[role].get("host", "127.0.0.1"))
         self.controller = Controller(cell)
         with ExitStack() as stack:
-            rtde = stack.enter_context(RtdeServer(self.controller, host))
-            stack.enter_context(Dashboard(self.controller, host))
+            rtde = stack.enter_context(closing(RtdeServer(self.controller, host)))
+            stack.enter_context(closing(Dashboard(self.controller, host)))
             for port in (30001, 30002, 30003, 30011):
-                stack.enter_context(PrimaryPort(self.controller, host, port))
+                stack.enter_context(closing(PrimaryPort(self.controller, host, port)))
             offer_faults(cell, self.controller, rtde)
             self._stack = stack.pop_all()
         version = ".".join(map(str, self.controller.model.version[:3]))

@@ -5,11 +5,12 @@ Modbus RTU on a pseudo terminal (functions 3, 4, 6, 16, 23), and the URCap's tex
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import os
 import re
 import select
 import socket
-import struct
 import threading
 import tty
 from collections.abc import Callable, Mapping
@@ -17,8 +18,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import DecodePDU
+
 from cell.errors import InputError
 from sim.twin.cell import TwinCell
+from sim.twin.sockets import Port
 
 OPEN_COUNT, CLOSED_COUNT = 3, 228  # where the fingers end in the position register
 STROKE_MM = 85.0
@@ -26,8 +32,8 @@ SPEEDS_MM_S, FORCES_N = (20.0, 150.0), (20.0, 235.0)  # of registers 0 and 255
 COMMAND_REGISTER, STATUS_REGISTER = 0x03E8, 0x07D0
 CONTACT_CLOSING, AT_POSITION = 2, 3  # gOBJ
 LISTEN_S = 0.1  # between looks whether the twin ends
-POLYNOMIAL, LONGEST = 0xA001, 256
-READ, WRITE, WRITE_ONE, READ_WRITE = (3, 4), 16, 6, 23
+LONGEST = 256
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # requests to other nodes are no errors
 
 
 class Fingers(Protocol):
@@ -53,6 +59,11 @@ class Registers:
         self._fingers, self._lock = fingers, lock
         self._command = bytearray(6)
         self.powered = True
+
+    @property
+    def command(self) -> bytes:
+        """The command bytes."""
+        return bytes(self._command)
 
     def write(self, at: int, data: bytes) -> None:
         """Set command bytes, and let the fingers follow them all."""
@@ -125,6 +136,18 @@ class ModbusTwin:
         self._unplug()
         self._port.unlink(missing_ok=True)
 
+    async def async_getValues(self, _device: int, _function: int, at: int, count: int) -> list[int]:
+        """Registers, as pymodbus asks for them; those that there are not read 0."""
+        told = self._registers.status() if at >= STATUS_REGISTER else self._registers.command
+        first = 2 * (at - (STATUS_REGISTER if at >= STATUS_REGISTER else COMMAND_REGISTER))
+        data = (told + bytes(LONGEST))[max(first, 0) :]
+        return [int.from_bytes(data[2 * number : 2 * number + 2], "big") for number in range(count)]
+
+    async def async_setValues(self, _device: int, _function: int, at: int, values: list[int]) -> None:
+        """Write registers, likewise; others than those of the command are ignored."""
+        if 0 <= (first := 2 * (at - COMMAND_REGISTER)) < 6:
+            self._registers.write(first, b"".join(one.to_bytes(2, "big") for one in values)[: 6 - first])
+
     def _unplug(self) -> None:
         ends, self._ends = self._ends, (-1, -1)
         for end in ends:
@@ -132,63 +155,39 @@ class ModbusTwin:
                 os.close(end)
 
     def _serve(self) -> None:
-        frame = b""
+        framer, loop, came = FramerRTU(DecodePDU(True)), asyncio.new_event_loop(), b""
         while not self._ended.is_set():
             master = self._ends[0]
             try:
                 ready, _, _ = select.select([master], [], [], LISTEN_S)
-                frame = frame + os.read(master, LONGEST) if ready else b""
-                if len(frame) >= 8 and crc(frame[:-2]) == frame[-2:]:
-                    if answer := self._answer(frame[:-2]):
-                        os.write(master, answer)
-                    frame = b""
-            except (OSError, ValueError):  # it is being replugged
-                frame = b""
+                came = came + os.read(master, LONGEST) if ready else b""
+                used, asked = framer.handleFrame(came, self._node_id, 0)
+                came = came[used:]
+                if asked is not None and self._registers.powered and not self._lost():
+                    answer = loop.run_until_complete(asked.datastore_update(self, self._node_id))  # type: ignore[arg-type]
+                    answer.dev_id = self._node_id
+                    os.write(master, self._sent(framer.buildFrame(answer)))
+            except (OSError, ValueError, ModbusException):  # it is being replugged, or does not understand
+                came = b""
                 self._ended.wait(LISTEN_S)
-
-    def _answer(self, asked: bytes) -> bytes:
-        if asked[0] != self._node_id or not self._registers.powered or self._lost():
-            return b""
-        function, body = asked[1], asked[2:]
-        if function in READ:
-            at, count = struct.unpack(">HH", body)
-            told = self._read(at, count)
-        elif function == WRITE:
-            at, count, size = struct.unpack(">HHB", body[:5])
-            self._write(at, body[5 : 5 + size])
-            told = body[:4]
-        elif function == WRITE_ONE:
-            self._write(int.from_bytes(body[:2], "big"), body[2:])
-            told = body
-        elif function == READ_WRITE:
-            at, count, to, _, size = struct.unpack(">HHHHB", body[:9])
-            self._write(to, body[9 : 9 + size])
-            told = self._read(at, count)
-        else:
-            return b""  # the gripper knows no exceptions
-        answer = asked[:2] + told
-        return answer + (bytes(2) if self._damaged() else crc(answer))
+        loop.close()
 
     def _lost(self) -> bool:
         self.lose -= (lost := self.lose > 0)
         return lost
 
-    def _damaged(self) -> bool:
+    def _sent(self, frame: bytes) -> bytes:
         self.damage -= (damaged := self.damage > 0)
-        return damaged
-
-    def _read(self, at: int, count: int) -> bytes:
-        first = 2 * (at - STATUS_REGISTER)
-        data = (self._registers.status() + bytes(LONGEST))[max(first, 0) :][: 2 * count]
-        return bytes((len(data),)) + data
-
-    def _write(self, at: int, data: bytes) -> None:
-        if 0 <= (first := 2 * (at - COMMAND_REGISTER)) < 6:
-            self._registers.write(first, data[: 6 - first])
+        return frame[:-2] + bytes(2) if damaged else frame
 
 
-class UrcapTwin:
-    """The text socket of the URCap: SET is answered with ack, GET with the name and its value."""
+class UrcapTwin(Port):
+    """The text socket of the URCap: SET is answered with ack, GET with the name and its value.
+
+    Attributes:
+        told: where it listens.
+        mute: it answers nothing.
+    """
 
     FIELDS: Mapping[str, Callable[[bytes], int]] = {
         "ACT": lambda told: told[0] & 1,
@@ -203,51 +202,16 @@ class UrcapTwin:
     PLACES: Mapping[str, int] = {"POS": 3, "SPE": 4, "FOR": 5}
 
     def __init__(self, registers: Registers, host: str, port: int) -> None:
-        self._registers = registers
-        try:
-            self._listener = socket.create_server((host, port))
-        except OSError as error:
-            raise InputError(f"{host}:{port}: the twin cannot listen there: {error.strerror or error}") from None
-        self.port = self._listener.getsockname()[1]
+        self._registers, self.mute = registers, False
+        super().__init__(host, port)
         self.told = f"gripper: URCap socket at {host}:{self.port}"
-        self.mute = False
-        self._listener.settimeout(LISTEN_S)
-        self._ended = threading.Event()
-        self._set = bytearray(6)
-        self._threads = [threading.Thread(target=self._listen, name="urcap", daemon=True)]
-        self._threads[0].start()
 
-    def close(self) -> None:
-        """Nobody answers any more."""
-        self._ended.set()
-        for thread in self._threads:
-            thread.join()
-        self._listener.close()
-
-    def _listen(self) -> None:
-        while not self._ended.is_set():
-            with suppress(TimeoutError):
-                taken, _ = self._listener.accept()
-                taken.settimeout(LISTEN_S)
-                self._threads.append(threading.Thread(target=self._serve, args=(taken,), daemon=True))
-                self._threads[-1].start()
-
-    def _serve(self, taken: socket.socket) -> None:
-        waiting = b""
-        with taken:
-            while not self._ended.is_set():
-                try:
-                    data = taken.recv(LONGEST)
-                except TimeoutError:
-                    continue
-                except OSError:
-                    return
-                if not data:
-                    return
-                *lines, waiting = (waiting + data).split(b"\n")
-                for line in lines:
-                    if self._registers.powered and not self.mute:
-                        taken.sendall(self._answer(line.decode("ascii", "replace").strip()).encode())
+    def serve(self, client: socket.socket) -> None:
+        """Answer until the client is gone."""
+        with client.makefile("r", encoding="ascii", errors="replace") as lines:
+            for line in lines:
+                if self._registers.powered and not self.mute:
+                    client.sendall(self._answer(line.strip()).encode())
 
     def _answer(self, line: str) -> str:
         word, _, rest = line.partition(" ")
@@ -256,27 +220,15 @@ class UrcapTwin:
         pairs = re.findall(r"([A-Z]{3}) (\d+)", rest)
         if word != "SET" or not pairs:
             return "?"
+        command = bytearray(self._registers.command)
         for name, value in pairs:
-            self._take(name, min(int(value), 255))
-        self._registers.write(0, bytes(self._set))
+            if name in self.PLACES:
+                command[self.PLACES[name]] = min(int(value), 255)
+            elif name in ("ACT", "GTO"):
+                bit = 1 if name == "ACT" else 8
+                command[0] = command[0] | bit if int(value) else command[0] & ~bit
+        self._registers.write(0, bytes(command))
         return "ack"
-
-    def _take(self, name: str, value: int) -> None:
-        if name in self.PLACES:
-            self._set[self.PLACES[name]] = value
-        elif name in ("ACT", "GTO"):
-            bit = 1 if name == "ACT" else 8
-            self._set[0] = self._set[0] | bit if value else self._set[0] & ~bit
-
-
-def crc(data: bytes) -> bytes:
-    """Check sum of Modbus RTU (CRC-16, low byte first)."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (POLYNOMIAL if value & 1 else 0)
-    return value.to_bytes(2, "little")
 
 
 def serve_modbus(cell: TwinCell, role: str) -> ModbusTwin:
@@ -294,6 +246,28 @@ def serve_modbus(cell: TwinCell, role: str) -> ModbusTwin:
     cell.offer("gripper_crc", "20 answers of the gripper have a wrong check sum", damage)
     cell.offer("gripper_replugged", "the gripper's adapter comes back under another number", twin.replug)
     return twin
+
+
+class CanTwin:
+    """The gripper's node on the bus that the configuration names: the simulated cell has opened it.
+
+    Attributes:
+        told: where it listens.
+    """
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self.told = f"gripper: CAN node on the bus {interface} {channel}"
+
+    def close(self) -> None:
+        """The cell lets go of the bus."""
+
+
+def serve_can(cell: TwinCell, role: str) -> CanTwin:
+    """The gripper of the twin on a bus that other processes reach (socketcan, udp_multicast), with its faults."""
+    settings, node = cell.settings[role], cell.sim.gripper_node
+    cell.offer("gripper_bus_off", "the gripper's node falls silent on its bus", node.silence)
+    cell.offer("gripper_bus_on", "the gripper's node is on its bus again", lambda: node.silence(False))
+    return CanTwin(settings["interface"], settings["channel"])
 
 
 def serve_urcap(cell: TwinCell, role: str) -> UrcapTwin:

@@ -1,41 +1,42 @@
-"""A port with a thread for each client."""
+"""A place where clients come, each with a thread of its own: a port, or a socket file."""
 
 from __future__ import annotations
 
 import socket
 import threading
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
+from pathlib import Path
 
 from cell.errors import InputError
 
-SEND_S = 0.5  # in which a client must take what is sent
-
 
 class Port:
-    """Listens at a port; subclasses serve a client.
+    """Listens; subclasses serve a client.
+
+    Attributes:
+        port: its number; 0 for a file.
 
     Raises:
-        InputError: the port is taken.
+        InputError: the address cannot be had.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str | Path, port: int = 0) -> None:
         self.clients: set[socket.socket] = set()
-        self._listener = socket.socket()
+        file = isinstance(host, Path)
+        self._listener = socket.socket(socket.AF_UNIX if file else socket.AF_INET)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self._listener.bind((host, port))
+            self._listener.bind(str(host) if file else (host, port))
         except OSError as error:
             self._listener.close()
-            raise InputError(f"{host}:{port} cannot be served: {error.strerror or error}") from None
+            where = host if file else f"{host}:{port}"
+            raise InputError(f"{where}: the twin cannot listen there: {error.strerror or error}") from None
         self._listener.listen(8)
+        self.port: int = 0 if file else self._listener.getsockname()[1]
         threading.Thread(target=self._accept, name=f"port {port}", daemon=True).start()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def close(self) -> None:
+        """Nobody is served any more."""
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -57,11 +58,12 @@ class Port:
                 client, _ = self._listener.accept()
             except OSError:
                 return
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if client.family == socket.AF_INET:
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             threading.Thread(target=self._serve, args=(client,), daemon=True).start()
 
     def _serve(self, client: socket.socket) -> None:
         self.clients.add(client)
-        with client, suppress(OSError, EOFError):
+        with client, suppress(OSError, EOFError, ValueError):
             self.serve(client)
         self.clients.discard(client)

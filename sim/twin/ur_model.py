@@ -5,88 +5,62 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from cell.interfaces.pose import Array
+from cell.interfaces.robot import WORLD_FROM_BASE, Calibration
 
 ALPHA_RAD = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 
 @dataclass(frozen=True)
 class Model:
-    """A controller's arm: Denavit-Hartenberg rows that the maker publishes, with this arm's own corrections.
+    """A controller's arm.
 
     Attributes:
         name: as the dashboard tells it.
         version: of the controller's software.
         rate_hz: of its control.
-        a_m, d_m: the rows' lengths.
-        turns_rad: corrections of the joints' zeros.
+        rows: as the maker publishes them, with this arm's own corrections.
     """
 
     name: str
     version: tuple[int, int, int, int]
     rate_hz: int
-    a_m: tuple[float, ...]
-    d_m: tuple[float, ...]
-    turns_rad: tuple[float, ...] = (0.0,) * 6
+    rows: Calibration
 
     @property
     def checksums(self) -> tuple[int, ...]:
         """One for each joint: another calibration has others."""
-        rows = zip(self.a_m, self.d_m, self.turns_rad, strict=True)
-        return tuple(zlib.crc32(repr(row).encode()) for row in rows)
+        return tuple(zlib.crc32(repr(row).encode()) for row in zip(*self.rows.model_dump().values(), strict=True))
 
     def corrected(self, seed: int) -> Model:
         """Another arm of the same make."""
-        rng = np.random.default_rng(seed)
-        a_m, d_m = np.array(self.a_m) + rng.normal(0, 4e-4, 6), np.array(self.d_m) + rng.normal(0, 4e-4, 6)
-        turns = rng.normal(0, 1e-3, 6)
-        return replace(self, a_m=tuple(a_m.tolist()), d_m=tuple(d_m.tolist()), turns_rad=tuple(turns.tolist()))
+        spread = {"theta_rad": 1e-3, "a_m": 4e-4, "d_m": 4e-4, "alpha_rad": 5e-4}
+        rng, makers = np.random.default_rng(seed), self.rows.model_dump()
+        rows = {name: tuple((np.array(makers[name]) + rng.normal(0, by, 6)).tolist()) for name, by in spread.items()}
+        return replace(self, rows=Calibration(**rows))
 
     def tool_pose(self, joints_rad: Array, tcp: Array) -> Array:
         """Tool in the controller's base frame: position and rotation vector, (6,)."""
-        pose = np.eye(4)
-        for row in range(6):
-            pose = pose @ _row(joints_rad[row] + self.turns_rad[row], self.d_m[row], self.a_m[row], ALPHA_RAD[row])
         tool = np.eye(4)
-        tool[:3, :3], tool[:3, 3] = rotation(tcp[3:]), tcp[:3]
-        pose = pose @ tool
-        return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3])])
+        tool[:3, :3], tool[:3, 3] = cv2.Rodrigues(tcp[3:])[0], tcp[:3]
+        pose = WORLD_FROM_BASE @ list(self.rows.frames(joints_rad))[-1] @ tool
+        return np.concatenate([pose[:3, 3], cv2.Rodrigues(pose[:3, :3])[0].ravel()])
+
+
+def _makers(a_m: tuple[float, ...], d_m: tuple[float, ...]) -> Calibration:
+    return Calibration.model_validate({"theta_rad": (0.0,) * 6, "a_m": a_m, "d_m": d_m, "alpha_rad": ALPHA_RAD})
 
 
 MODELS = {
-    "ur10": Model("UR10", (3, 15, 8, 0), 125, (0, -0.612, -0.5723, 0, 0, 0), (0.1273, 0, 0, 0.163941, 0.1157, 0.0922)),
+    "ur10": Model(
+        *("UR10", (3, 15, 8, 0), 125),
+        _makers((0, -0.612, -0.5723, 0, 0, 0), (0.1273, 0, 0, 0.163941, 0.1157, 0.0922)),
+    ),
     "ur10e": Model(
-        "UR10", (5, 12, 2, 0), 500, (0, -0.6127, -0.57155, 0, 0, 0), (0.1807, 0, 0, 0.17415, 0.11985, 0.11655)
+        *("UR10", (5, 12, 2, 0), 500),
+        _makers((0, -0.6127, -0.57155, 0, 0, 0), (0.1807, 0, 0, 0.17415, 0.11985, 0.11655)),
     ),
 }
-
-
-def _row(theta: float, d: float, a: float, alpha: float) -> Array:
-    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]])
-
-
-def rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
-
-
-def rotation_vector(matrix: Array) -> Array:
-    """Rotation vector of a rotation matrix."""
-    angle = float(np.arccos(np.clip((np.trace(matrix) - 1) / 2, -1, 1)))
-    if angle < 1e-9:
-        return np.zeros(3)
-    if np.pi - angle < 1e-6:
-        column = int(np.argmax(np.diag(matrix)))
-        axis = matrix[:, column] + np.eye(3)[:, column]
-        return np.asarray(axis / np.linalg.norm(axis) * angle)
-    skew = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
-    return np.asarray(skew / (2 * np.sin(angle)) * angle)

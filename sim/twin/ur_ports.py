@@ -5,7 +5,6 @@ Sources: Universal Robots, "Dashboard server" and "Remote control via TCP/IP".
 
 from __future__ import annotations
 
-import math
 import select
 import socket
 import struct
@@ -14,7 +13,6 @@ from collections.abc import Callable
 
 from sim.twin.controller import Controller, RobotMode, Runtime, Safety
 from sim.twin.sockets import Port
-from sim.twin.ur_model import ALPHA_RAD
 
 DASHBOARD_PORT = 29999
 STATE_S = 0.1  # between two states at a primary port
@@ -154,10 +152,8 @@ def _mode_data(of: Controller) -> bytes:
 
 def _kinematics(of: Controller) -> bytes:
     """Calibration: checksums, then theta, a, d and alpha of all six rows, and that it is valid."""
-    model = of.model
-    rows = (*model.turns_rad, *model.a_m, *model.d_m, *ALPHA_RAD)
-    assert all(map(math.isfinite, rows))
-    return struct.pack(">6I24dI", *model.checksums, *rows, 1)
+    rows = [value for values in of.model.rows.model_dump().values() for value in values]
+    return struct.pack(">6I24dI", *of.model.checksums, *rows, 1)
 
 
 def _sub(kind: int, body: bytes) -> bytes:

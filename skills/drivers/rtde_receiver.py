@@ -30,7 +30,7 @@ KEPT = 4096
 SHIFTED_S, SHIFTED_FOR_S = 0.05, 0.1  # samples that are so late for so long: the controller's clock lost time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """What the controller told at one of its cycles.
 

@@ -239,6 +239,7 @@ EXAMINERS: Mapping[type[Model], str] = {
     **dict.fromkeys((V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "skills.drivers.cameras:examine"),
 }  # what looks at a device for `cell doctor`: it opens it, and moves nothing
 READERS: Mapping[type[Model], str] = {UrSettings: "skills.drivers.ur_examined:joints_rad"}  # without taking control
+CALIBRATIONS: Mapping[type[Model], str] = {UrSettings: "skills.drivers.ur_examined:calibration"}  # as arms tell them
 DRIVEN_BY = {"ur10": "ur", "ur10e": "ur"}  # kind of the arm's driver, by the robot's name
 EXAMPLES: Mapping[str, str] = {
     "ur": """host: 192.168.56.101 # of the controller: set at the pendant, Settings, System, Network

@@ -29,6 +29,7 @@ from skills.drivers import ur_stream as said
 from skills.drivers.rtde_receiver import RtdeReceiver, Sample
 from skills.drivers.settings import UrSettings
 from skills.drivers.ur_dashboard import bring_back, stop_program
+from skills.drivers.ur_examined import refuse_another
 
 if find_spec("rtde_control") is None:  # which the process that streams imports
     raise ModuleNotFoundError("no ur-rtde is installed", name="rtde_control")
@@ -103,7 +104,7 @@ class UrArm:
         product: says how much a held part weighs at most.
 
     Raises:
-        DeviceFault: the controller does not answer, or somebody must do something at the arm first.
+        DeviceFault: the controller does not answer, is another arm's, or somebody must do something at the arm first.
     """
 
     def __init__(self, settings: UrSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
@@ -119,6 +120,8 @@ class UrArm:
         self._letting_go = self._bringing = threading.Thread()
         self._share, self._upper = 1.0, settings.registers == "upper"
         self._last_s = -np.inf
+        if robot.calibration is not None:
+            refuse_another(settings, robot.calibration)
         self._receiver = RtdeReceiver(settings.host, clock, self._slower)
         try:
             self._refuse_stopped(self._receiver.newest)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import socket
+import struct
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 
+import cv2
 import numpy as np
 
 from cell.errors import DeviceFault
 from cell.interfaces.bench import JOINTS, Bench
 from cell.interfaces.devices import DeviceCheck
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.robot import RobotModel
+from cell.interfaces.robot import Calibration, RobotModel
 from skills.drivers.rtde_receiver import RtdeConnection
 from skills.drivers.settings import UrSettings
 from skills.drivers.ur_dashboard import Dashboard
@@ -22,6 +26,11 @@ TCP_OFF_M, PAYLOAD_OFF_KG = 0.0005, 0.2
 E_SERIES = 5  # major version from which it is one
 RUNNING, NORMAL, REDUCED = 7, 1, 2
 BASE_TO_WORLD = np.diag([-1.0, -1.0, 1.0])  # the controller's base is turned by half a turn about z
+PRIMARY_PORT, ROBOT_STATE, KINEMATICS = 30001, 16, 5  # types of a message, and of a part of it
+ROWS = struct.Struct(">24d")  # theta, a, d and alpha of the six joints
+CHECKSUMS_BYTES, READS_S = 6 * 4, 2.0
+ALIKE = 1e-9  # of values that were written and read again
+TEACH = "`cell teach robot` writes this arm's own calibration down; then calibrate the cameras again"
 ASKED: Mapping[str, int] = {
     "actual_q": 6, "actual_TCP_pose": 6, "robot_mode": 1, "safety_mode": 1, "runtime_state": 1
 }  # fmt: skip
@@ -55,6 +64,7 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
     if "tcp_offset" in told:
         yield _tcp(robot, told["tcp_offset"])
     yield _kinematics(robot, told, forward)
+    yield _own_calibration(settings, bench, robot, forward)
     yield _registers(settings)
     yield _turns(bench, told["actual_q"])
 
@@ -65,6 +75,56 @@ def joints_rad(settings: UrSettings) -> Array:
         return _told(settings.host)[0]["actual_q"]
     except OSError as error:
         raise DeviceFault("arm", f"no controller answers at {settings.host}: {error}") from None
+
+
+def calibration(settings: UrSettings) -> Calibration:
+    """The arm's own, which the controller tells once to whom connects to its primary port.
+
+    Source: Universal Robots, "Remote control via TCP/IP": messages of a size, a type and parts that look alike.
+
+    Raises:
+        DeviceFault: nobody tells it.
+    """
+    until_s, came = time.monotonic() + READS_S, b""
+    try:
+        with socket.create_connection((settings.host, PRIMARY_PORT), READS_S) as port:
+            port.settimeout(READS_S)
+            while time.monotonic() < until_s and (part := port.recv(65536)):
+                came += part
+                while len(came) >= 5 and len(came) >= (size := int.from_bytes(came[:4], "big")) >= 5:
+                    message, came = came[:size], came[size:]
+                    if message[4] == ROBOT_STATE and (found := _rows(message[5:])) is not None:
+                        return found
+    except OSError as error:
+        what = f"port {PRIMARY_PORT} of {settings.host} does not answer: {error}"
+        raise DeviceFault("arm", f"{what}; switch the primary client on under Security, Services") from None
+    raise DeviceFault("arm", f"the controller at {settings.host} does not tell its calibration")
+
+
+def refuse_another(settings: UrSettings, wanted: Calibration) -> None:
+    """Raise DeviceFault where the controller tells the calibration of another arm; `cell doctor` tells more."""
+    try:
+        own = calibration(settings)
+    except DeviceFault:
+        return
+    if not _alike(own, wanted):
+        raise DeviceFault("arm", f"the robot's file has the calibration of another arm: {TEACH}")
+
+
+def _rows(parts: bytes) -> Calibration | None:
+    """The calibration among the parts of a robot state."""
+    while len(parts) >= 5:
+        size, kind = struct.unpack(">iB", parts[:5])
+        if kind == KINEMATICS and size >= 5 + CHECKSUMS_BYTES + ROWS.size:
+            values = np.array(ROWS.unpack_from(parts, 5 + CHECKSUMS_BYTES)).reshape(4, 6).tolist()
+            return Calibration(theta_rad=values[0], a_m=values[1], d_m=values[2], alpha_rad=values[3])
+        parts = parts[max(size, 5) :]
+    return None
+
+
+def _alike(one: Calibration, other: Calibration) -> bool:
+    pairs = zip(one.model_dump().values(), other.model_dump().values(), strict=True)
+    return all(np.allclose(mine, yours, rtol=0.0, atol=ALIKE) for mine, yours in pairs)
 
 
 def _told(host: str) -> tuple[dict[str, Array], tuple[int, ...]]:
@@ -140,9 +200,9 @@ def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) 
     """Our place of the flange against the controller's, which knows the arm's own calibration."""
     tool = forward(told["actual_q"])
     pose = told["actual_TCP_pose"]
-    turned = BASE_TO_WORLD @ _rotation(pose[3:])
+    turned = BASE_TO_WORLD @ _turn(pose[3:])
     tcp = told.get("tcp_offset", np.array([0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0]))
-    theirs = BASE_TO_WORLD @ pose[:3] - turned @ _rotation(tcp[3:]).T @ tcp[:3]
+    theirs = BASE_TO_WORLD @ pose[:3] - turned @ _turn(tcp[3:]).T @ tcp[:3]
     ours = tool.transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
     off_m = float(np.linalg.norm(theirs - ours))
     what = f"arm: our kinematics {1e3 * off_m:.1f} mm off the controller's"
@@ -150,9 +210,22 @@ def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) 
         return DeviceCheck(what)
     if off_m > MODEL_OFF_M:
         return DeviceCheck(what, f"it is another model than {robot.name}: correct robot in the configuration")
-    return DeviceCheck(
-        what, "this arm's own calibration is not in the robot's file: put it there, and calibrate the cameras again"
-    )
+    return DeviceCheck(what, f"the robot's file has not the arm's own calibration: {TEACH}")
+
+
+def _own_calibration(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forward) -> DeviceCheck:
+    """The robot file's calibration against the controller's, by where they have the flange in two poses."""
+    try:
+        own = calibration(settings)
+    except DeviceFault as error:
+        return DeviceCheck("arm: its own calibration", error.reason)
+    off_m = 0.0
+    for joints_rad in (bench.arm_park_rad, bench.arm_look_rad):
+        ours = forward(np.array(joints_rad)).transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
+        off_m = max(off_m, float(np.linalg.norm(list(own.frames(joints_rad))[-1][:3, 3] - ours)))
+    what = f"arm: its own calibration is up to {1e3 * off_m:.1f} mm off the robot file's"
+    other = robot.calibration is not None and not _alike(own, robot.calibration)
+    return DeviceCheck(what, f"that file has another arm's: {TEACH}" if other else TEACH if off_m > POSE_OFF_M else "")
 
 
 def _registers(settings: UrSettings) -> DeviceCheck:
@@ -191,12 +264,6 @@ def _turns(bench: Bench, joints_rad: Array) -> DeviceCheck:
     )
 
 
-def _rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Array = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return turned
+def _turn(vector: Array) -> Array:
+    """Rotation matrix of a rotation vector."""
+    return np.asarray(cv2.Rodrigues(vector)[0], np.float64)

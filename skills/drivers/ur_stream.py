@@ -20,7 +20,7 @@ BLEND_S = 0.3  # in which a path is reached that begins beside the set points
 BRAKING_RAD_S2 = 10.0
 HURRY_PERIODS = 2.0  # a cycle that begins later than this is left out, not made up for
 STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
-LEAVE_S = 0.2  # from the last set point to the arm's rest
+LEAVE_S = 0.02  # from the last set point to the stop that takes what is left of the motion
 LISTENS_S = 0.5
 USED = ("already in use", "in use")
 

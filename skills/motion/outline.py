@@ -32,7 +32,7 @@ class Joint:
     axis: tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A box or a convex hull that moves with a link.
 

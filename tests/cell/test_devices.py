@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 import re
 import sys
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from rich.console import Console
 
 from cell.commands.main import main
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import ManualClock, WallClock
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from cell.wiring.devices import attached, find_drivers
 from skills.drivers.can_gripper import CanGripper
 from tests import ROOT
@@ -330,3 +334,13 @@ def test_an_arm_and_a_gripper_of_a_made_up_maker_assemble_a_bracket(tmp_path: Pa
     line = run_in(tmp_path / "mine", "--goal", "g0", "--seed", "3", "--log", "run.mcap")
     assert (line["end"], line["correct"]) == ("finished", True), line
     assert line["robot_placements"] > 0
+
+
+def test_a_panel_of_the_kind_page_is_the_operator_s_page(tmp_path: Path) -> None:
+    path = changed_configuration(tmp_path, "panel: {kind: simulated}", 'panel: {kind: page, at: "0"}')
+    tree = tmp_path / "short.xml"
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><Sleep msec="200"/></BehaviorTree></root>')
+    told = StringIO()
+    options = RunOptions(tree, path, log=tmp_path / "log.mcap", pixels=False)
+    assert run(options, Console(file=told, soft_wrap=True)).end == "finished"
+    assert "the operator's page: http://127.0.0.1:" in told.getvalue()

@@ -16,8 +16,8 @@ from sim.devices.simulated_gripper import SimGripper
 from skills.motion.grasp_pose import tool_down
 from skills.motion.grip import STROKE_M
 from skills.motion.trajectory import joint_move
+from tests.contracts import gripper as gripper_contract
 from tests.integration.robot_alone import RobotAlone
-from tests.skills import gripper_contract
 
 PARTS_BY_WIDTH = {0.028: 0, 0.034: 1, 0.042: 2}
 SPOT_M = (0.55, -0.40)
@@ -64,6 +64,7 @@ GRIPPERS: dict[str, Callable[[RobotAlone], Gripper]] = {
 }
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("kind", GRIPPERS)
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
 def test_contract(robot: RobotAlone, check: Callable[[gripper_contract.Bench], None], kind: str) -> None:

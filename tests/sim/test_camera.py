@@ -20,9 +20,9 @@ from sim.scene.clutter import standing
 from sim.scene.look import Camera
 from sim.scene.world import World, build_world
 from sim.truth.ground_truth_perception import SHIFTS_PX, GroundTruthPerception
+from tests.contracts import camera as camera_contract
+from tests.contracts.camera import CHECKS, Check
 from tests.sim.conftest import MakeRig
-from tests.skills import camera_contract
-from tests.skills.camera_contract import CHECKS, Check
 
 CameraName = Literal["overhead", "wrist"]
 
@@ -157,6 +157,7 @@ def test_noise_has_the_configured_strength_and_is_new_in_every_frame(product: Pr
     assert (images[0] - images[1])[bright].std() == pytest.approx(3.0 * 2**0.5, rel=0.05)
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS[:-1])
 @pytest.mark.parametrize("name", ["overhead", "wrist"])
 def test_contract(product: Product, bench: Bench, name: CameraName, check: Check) -> None:

@@ -21,8 +21,8 @@ from sim.twin.cameras import MjpegServer
 from skills.drivers import cameras
 from skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
 from skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
-from tests.skills import camera_contract
-from tests.skills.camera_contract import CHECKS, Check
+from tests.contracts import camera as camera_contract
+from tests.contracts.camera import CHECKS, Check
 
 SIZE = 64, 48
 PERIOD_S = 0.02
@@ -98,6 +98,7 @@ def film(folder: Path, count: int = 20) -> Path:
     return path
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("role", ["overhead", "wrist"])
 def test_contract_of_a_stream(shooting: Shooting, role: str, check: Check) -> None:
@@ -105,6 +106,7 @@ def test_contract_of_a_stream(shooting: Shooting, role: str, check: Check) -> No
         check(bench)
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS[:-1])
 def test_contract_of_a_film(tmp_path: Path, check: Check) -> None:
     clock = WallClock()

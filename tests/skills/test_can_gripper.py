@@ -23,7 +23,7 @@ from cell.interfaces.observation import ObjectStatus
 from skills.drivers.can_gripper import CanFrame, CanGripper
 from skills.drivers.gripper_database import SHIPPED, load_gripper_database
 from skills.drivers.settings import CanSettings
-from tests.skills import gripper_contract
+from tests.contracts import gripper as gripper_contract
 from tests.skills.scripted_node import NodeClock, ScriptedNode
 
 STATUS_ID, HEARTBEAT_ID, EMERGENCY_ID, COMMAND_ID = 0x18A, 0x70A, 0x08A, 0x20A
@@ -60,11 +60,13 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     node.bus.shutdown()
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
 def test_contract(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
     check(rig.bench)
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
 def test_contract_holds_with_every_frame_doubled(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
     rig.node.copies = 2

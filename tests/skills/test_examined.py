@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration
+from cell.errors import DeviceFault
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import DeviceCheck
 from cell.interfaces.robot import load_robot
@@ -85,11 +86,29 @@ def test_a_tool_elsewhere_is_not_taken_for_another_calibration(
     assert len(wrong()) == 1
 
 
+def test_a_robot_file_with_the_arm_s_own_calibration_is_well(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(7))
+    settings = UrSettings(host=HOST)
+    robot = CONFIGURATION.robot.model_copy(update={"calibration": ur_examined.calibration(settings)})
+    forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
+    assert [one for one in ur_examined.examine(settings, CONFIGURATION.bench, robot, forward) if one.remedy] == []
+    assert robot.calibration is not None
+    ur_examined.refuse_another(settings, robot.calibration)
+    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(8))
+    found = list(ur_examined.examine(settings, CONFIGURATION.bench, robot, forward))
+    assert "has another arm's" in " ".join(one.remedy for one in found)
+    with pytest.raises(DeviceFault, match="calibration of another arm"):
+        ur_examined.refuse_another(settings, robot.calibration)
+    ur_examined.refuse_another(UrSettings(host=own_host(72)), robot.calibration)
+
+
 def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controller: Controller) -> None:
     robot = load_robot("ur10e").model_copy(update={"name": "ours"})
     forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
     found = ur_examined.examine(UrSettings(host=HOST), CONFIGURATION.bench, robot, forward)
-    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True]
+    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True, False]
     assert controller.model.name == "UR10"
 
 

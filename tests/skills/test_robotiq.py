@@ -17,7 +17,7 @@ from sim.twin.gripper import CLOSED_COUNT, OPEN_COUNT, ModbusTwin, Registers, Ur
 from skills.drivers import robotiq
 from skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
 from skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings
-from tests.skills import gripper_contract
+from tests.contracts import gripper as gripper_contract
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 
 LOST_S, PATIENCE_S = 0.5, 10.0
@@ -111,6 +111,7 @@ def adapter(tmp_path: Path) -> Iterator[Rig]:
     yield from opened(modbus, tmp_path)
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
 def test_contract(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
     check(rig.bench)

@@ -24,7 +24,7 @@ CAPTION_LETTERS = 50
 BOX_RGB = (255, 220, 0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shot:
     """One picture of the sheet."""
 

@@ -42,7 +42,7 @@ WRIST, MIDDLE = 0, 2  # of the seven keypoints: wrist, base of the middle finger
 SHIFT, SCALE = -0.5, 2.6  # of the region about a palm, in heights of its box
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Roi:
     """A turned square of an image.
 
@@ -63,7 +63,7 @@ class Roi:
         return turned
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Palm:
     """A palm in an image: score, box (centre x, centre y, width, height) and seven keypoints (7, 2), in pixels."""
 

@@ -49,7 +49,7 @@ class RelationSettings(TrainingSettings):
     filter: RelationFilter = "boxes"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PairGraph:
     """Ordered pairs of one scene.
 

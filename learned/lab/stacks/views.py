@@ -23,7 +23,7 @@ MOST = 8  # objects of a view
 Features = NDArray[np.float16]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StackView:
     """A picture as a planner sees it.
 
@@ -42,7 +42,7 @@ class StackView:
     tops_m: Array | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Labelled:
     """A view of a scene's own boxes with the answer.
 

@@ -116,6 +116,26 @@ def test_the_gripper_s_ends_are_measured_and_stored(
     assert (getattr(gripper, "open_count", 0), getattr(gripper, "closed_count", 0)) == (3, 228)
 
 
+def test_the_arm_s_own_calibration_is_read_and_used(
+    twin: TwinCell, real: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    twin.fault("other_calibration")
+    try:
+        assert main(["teach", "robot", "--config", str(real)]) == 0
+        assert "mm elsewhere in the pose look" in capsys.readouterr().err
+        robot = load_configuration(real).robot
+        assert robot.name == "ur10"
+        assert robot.calibration is not None
+        assert main(["teach", "robot", "--config", str(real)]) == 0
+        assert load_configuration(real).robot == robot
+    finally:
+        twin.fault("mended")
+    assert main(["teach", "robot", "--config", str(real)]) == 0
+    told = load_configuration(real).robot.calibration
+    assert told is not None
+    assert told.a_m == (0, -0.612, -0.5723, 0, 0, 0)
+
+
 def test_nothing_is_stored_unless_somebody_presses_enter(
     twin: TwinCell, real: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,7 +12,7 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
 from cell.interfaces.pose import Array
-from cell.interfaces.robot import FOLDER, default_robot, load_robot, shipped_robots
+from cell.interfaces.robot import FOLDER, Calibration, default_robot, load_robot, shipped_robots
 from cell.runs.heading import robot_files
 from sim.scene.world import build_world
 from skills.motion.kinematics import Kinematics
@@ -22,6 +22,7 @@ from tests.cell.conftest import changed_configuration
 CONFIGURATION = load_configuration()
 PARK = np.array(CONFIGURATION.bench.arm_park_rad)
 UR10E_DH = {"a": (0.0, -0.6127, -0.57155, 0.0, 0.0, 0.0), "d": (0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655)}
+UR10_DH = {"a": (0.0, -0.612, -0.5723, 0.0, 0.0, 0.0), "d": (0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922)}
 TWISTS_RAD = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 
@@ -44,6 +45,36 @@ def test_the_ur10e_stands_where_its_makers_table_says(seed: int) -> None:
     arm = kinematics("ur10e")
     flange = arm.forward(joints).matrix[:3, 3] - 0.156 * arm.forward(joints).matrix[:3, 2]
     np.testing.assert_allclose(flange, by_denavit_hartenberg(joints)[:3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ur10", "ur10e"])
+@pytest.mark.parametrize("cancels_m", [0.0, 20.0])
+def test_an_arm_with_its_own_calibration_stands_where_its_rows_say(name: str, cancels_m: float) -> None:
+    """Rows of the parallel joints may tell of metres that cancel; the links stay where they are all the same."""
+    rng, nominal = np.random.default_rng(3), UR10_DH if name == "ur10" else UR10E_DH
+    a_m, d_m, theta = np.array(nominal["a"]) + rng.normal(0, 4e-4, 6), np.array(nominal["d"]), rng.normal(0, 1e-3, 6)
+    d_m = d_m + rng.normal(0, 4e-4, 6) + np.array([0, cancels_m, -0.4 * cancels_m, -0.6 * cancels_m, 0, 0])
+    alpha = np.array(TWISTS_RAD) + rng.normal(0, 1e-3, 6) * (cancels_m == 0)
+    rows = dict(zip(("theta_rad", "a_m", "d_m", "alpha_rad"), (theta, a_m, d_m, alpha), strict=True))
+    calibration = Calibration.model_validate({key: values.tolist() for key, values in rows.items()})
+    robot = load_robot(name).model_copy(update={"calibration": calibration})
+    arm, joints = Kinematics(MotionSettings().of(robot)), rng.uniform(-3, 3, 6)
+    tool = arm.forward(joints).matrix
+    pose = np.diag([-1.0, -1.0, 1.0, 1.0])
+    for angle, a, d, twist in zip(joints + theta, a_m, d_m, alpha, strict=True):
+        c, s, ct, st = np.cos(angle), np.sin(angle), np.cos(twist), np.sin(twist)
+        pose = pose @ np.array([[c, -s * ct, s * st, a * c], [s, c * ct, -c * st, a * s], [0, st, ct, d], [0, 0, 0, 1]])
+    np.testing.assert_allclose(tool[:3, 3], pose[:3, 3] + 0.156 * pose[:3, 2], atol=1e-9)
+    np.testing.assert_allclose(tool[:3, :3], pose[:3, :3], atol=1e-9)
+    for own, makers in zip(arm.model.jointPlacements, kinematics(name).model.jointPlacements, strict=True):
+        assert np.linalg.norm(own.translation - makers.translation) < 0.01
+
+
+def test_the_calibration_of_another_kind_of_arm_is_refused() -> None:
+    rows = {"theta_rad": [0.0] * 6, "a_m": [0.0] * 6, "d_m": [0.1] * 6, "alpha_rad": [0.5] * 6}
+    robot = load_robot("ur10").model_copy(update={"calibration": Calibration.model_validate(rows)})
+    with pytest.raises(ValueError, match="not one of such an arm"):
+        assert robot.urdf_text
 
 
 def test_another_robot_of_the_same_joints_stands_elsewhere() -> None:

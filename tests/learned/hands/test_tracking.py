@@ -269,3 +269,14 @@ def test_a_hand_that_was_lost_over_the_gripper_may_come_back_there() -> None:
 def test_the_same_frames_have_the_same_hands() -> None:
     frames = [[reading(BESIDE, confidence=0.6)]] * 3 + [[]] * 3
     assert told(Eyes(frames), 6) == told(Eyes(frames), 6)
+
+
+def test_a_camera_that_sends_an_image_twice_while_a_hand_is_fast_begins_a_second_track() -> None:
+    """Both tracks have the same numbers then, and one of them is lost later on."""
+    ways = [(0.60, 0.0), (0.60, 0.16), (0.60, 0.16)]
+    script = Script([[reading(way)] for way in ways] + [[reading((0.60, 0.16))]] * 5)
+    tracks = HandTracks(BENCH, script)
+    for number in range(len(ways) + 5):
+        assert tracks.track(frame(number)) is not None
+    assert len(script.expected[3]) == 2
+    assert len(script.expected[-1]) == 1

@@ -15,10 +15,14 @@ from cell.configuration import load_configuration, load_product
 from sim.cell import SimCell
 from sim.scene.settings import SimSettings
 from sim.scene.world import World
+from sim.twin import controller
 from sim.twin.arm import TwinArm
 from sim.twin.cell import TwinCell
 from sim.twin.control import ControlDoor, ask
 from tests.processes import started
+
+QUIET = 0.5
+UNLOCK_S = 0.5  # of a protective stop, in place of the 5 s that a controller refuses for
 
 
 def own_host(number: int) -> str:
@@ -27,9 +31,9 @@ def own_host(number: int) -> str:
 
 
 def slower_now() -> float:
-    """How many times slower a twin must go to keep its time beside what else this machine does."""
+    """How many times slower a twin must go to keep its time beside what else this machine does; half on a quiet one."""
     waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
-    return float(min(max(round(waiting), 1), 8))
+    return QUIET if waiting < QUIET else float(min(max(round(waiting), 1), 16))
 
 
 class Twin:
@@ -87,6 +91,7 @@ def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: fl
 
 def main(host: str, door: str, robot: str, slower: str) -> None:
     """Serve until the parent is gone."""
+    controller.UNLOCK_S = UNLOCK_S
     cell = light_cell({"arm": {"kind": "ur", "host": host}}, robot, float(slower))
     cell.serve()
     ControlDoor(cell, Path(door))

@@ -13,7 +13,7 @@ from sim.cell import SimCell
 from sim.scene.settings import HARDWARE, SimSettings
 from skills.drivers.settings import UrSettings
 from skills.drivers.ur import UrArm
-from tests.sim.twin.arm_contract import CHECKS, Bench
+from tests.contracts.arm import CHECKS, Bench
 from tests.sim.twin.rig import Twin, running_twin
 
 TWIN = 51
@@ -49,12 +49,14 @@ def simulated(request: pytest.FixtureRequest) -> Iterator[Bench]:
     cell.close()
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 def test_the_simulated_arm(simulated: Bench, check: Callable[[Bench], None]) -> None:
     simulated.share = 1.0
     check(simulated)
 
 
+@pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 def test_the_arm_behind_its_wires(ur: Bench, check: Callable[[Bench], None]) -> None:
     ur.share = 1.0

@@ -13,7 +13,7 @@ from cell.interfaces.clock import WallClock
 from cell.interfaces.observation import ArmMode
 from skills.drivers.settings import UrSettings
 from skills.drivers.ur import UrArm
-from tests.sim.twin.arm_contract import Bench, off_rad
+from tests.contracts.arm import Bench, off_rad
 from tests.sim.twin.rig import Twin, running_twin
 
 TWINS = {"ur10": 61, "ur10e": 62}  # an e-series has local control

@@ -57,6 +57,17 @@ class Bench:
         raise AssertionError("never activated")
 
 
+def check_reading(bench: Bench) -> None:
+    """States are new, not of a time to come, and who reads and holds changes nothing."""
+    bench.wait(0.2)
+    first = bench.gripper.state()
+    bench.gripper.hold()
+    state = bench.wait(0.4)
+    assert first.time_s < state.time_s <= bench.clock.now_s()
+    assert state.opening_m == pytest.approx(first.opening_m, abs=0.001)
+    assert not state.activated
+
+
 def check_activation(bench: Bench) -> None:
     assert not bench.wait(0.2).activated
     bench.activated()
@@ -116,6 +127,7 @@ def check_hold_stops_the_fingers(bench: Bench) -> None:
 
 
 CHECKS = (
+    check_reading,
     check_activation,
     check_positions_are_reached,
     check_commands_are_cut_to_the_registers,

@@ -1,0 +1,70 @@
+"""Whole assemblies through the wires of all devices, against the twin: how many are right, and what stopped the others.
+
+    python -m tests.benchmarks.twin_assemblies --runs 10 --slower 16 --out runs/twin
+
+Folders keep log, screen and configuration of each run. An assembly takes about 45 s of the cell.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from cell.configuration import load_configuration, load_product
+from tests.benchmarks.wired_cell import Told, answer_of, wired_cell
+from tests.sim.twin.rig import own_host
+
+LONGEST_S = 320.0  # of the cell; the run itself ends after 300 s
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=10, help="shared out among the goals")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--slower", type=float, default=16.0, help="the cell goes so many times slower")
+    parser.add_argument("--person", default="careful", help="who stands at the bench")
+    parser.add_argument("--out", type=Path, default=Path("runs/twin"), help="a folder for each seed, and results.jsonl")
+    asked = parser.parse_args()
+    goals = sorted(load_product(load_configuration()).goals)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    for seed in range(asked.first_seed, asked.first_seed + asked.runs):
+        told = assembled(asked.out.resolve() / str(seed), seed, goals[seed % len(goals)], asked.person, asked.slower)
+        with (asked.out / "results.jsonl").open("a") as stream:
+            stream.write(json.dumps(told) + "\n")
+    rows = [json.loads(line) for line in (asked.out / "results.jsonl").read_text().splitlines()]
+    Console().print(table(rows))
+
+
+def assembled(folder: Path, seed: int, goal: str, person: str, slower: float) -> Told:
+    """One assembly: what the run told, and by the twin's truth what was built."""
+    more = ("--seed", str(seed), "--goal", goal, "--person", person)
+    began_s = time.monotonic()
+    with wired_cell(folder, own_host(1), slower, more) as cell:
+        run = answer_of(cell.run("--overwrite"), LONGEST_S * slower)
+        return {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
+
+
+def table(rows: list[Told]) -> Table:
+    """A line for each run."""
+    right = sum(bool(row["twin"]["correct"]) and row["run"]["end"] == "finished" for row in rows)
+    shown = Table("seed", "goal", "K", "right", "end", "by the robot", "cell s", "world lost s", "wall s")
+    shown.title = f"{right} of {len(rows)} assemblies through the wires"
+    for row in rows:
+        run, twin = row["run"], row["twin"]
+        end = run["end"] if run["end"] == "finished" else f"{run['end']}: {run.get('reason', '')}"
+        took_s, lost_s = run.get("sim_time_s") or twin["time_s"], twin["lost_s"]
+        shown.add_row(
+            *(str(row["seed"]), twin["goal"], f"{row['slower']:g}", "yes" if twin["correct"] else "no", end),
+            *(str(twin["robot_placements"]), f"{took_s:.0f}", f"{lost_s:.2f}", f"{row['wall_s']:.0f}"),
+        )
+    return shown
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,268 @@
+"""Faults of the twin in states of the work: does each run end as config/faults.yaml says?
+
+    python -m tests.benchmarks.twin_faults --faults rtde_cut gripper_power --states down carry --out rows.jsonl
+
+The robot alone fetches a part and puts it into its hole, as in `cell lab eval faults`; arm and gripper are driven
+through their wires, hands, holes and parts come from the truth. Somebody mends what is wrong after 1.5 s and
+acknowledges after 3 s. Rows that are in the file already are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from cell.configuration import Configuration, load_configuration, load_faults, load_product
+from cell.errors import CellError
+from cell.faults.injection import EITHER, RECOVERS, STATES, STOPS, Injection, attended
+from cell.files.files import shipped
+from cell.interfaces.clock import WallClock
+from cell.interfaces.devices import Camera, Devices
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.product import Product
+from cell.lab.faults import HOLDING_STATES, hangs
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.watching.observer import Outcome, TickRecord
+from cell.wiring.no_render_host import without_pixels
+from cell.wiring.services import load_planners
+from sim.cell import SimCell
+from sim.scene.world import World
+from sim.twin.arm import TwinArm
+from sim.twin.cell import TwinCell
+from skills.drivers.robotiq import ModbusGripper, UrcapGripper
+from skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings, UrSettings
+from skills.drivers.ur import UrArm
+from skills.motion.planner import MotionPlanner
+from tests.sim.twin.rig import own_host
+from trees.files.loader import load_tree
+from trees.node_library import node_registry
+
+PERIOD_S, LONGEST_S, MENDED_S = 0.008, 90.0, 1.5
+
+
+@dataclass(frozen=True)
+class Case:
+    """What goes wrong, and how the run may end then.
+
+    Attributes:
+        begins, mends: names of the twin's faults.
+        holding_ends: as `ends`, where a part is between the fingers.
+    """
+
+    begins: tuple[str, ...]
+    ends: tuple[str, ...]
+    mends: tuple[str, ...] = ()
+    holding_ends: tuple[str, ...] = ()
+
+
+CASES = {
+    "protective_stop": Case(("protective_stop",), RECOVERS),
+    "safeguard": Case(("safeguard",), RECOVERS, ("safeguard_closed",)),
+    "emergency_stop": Case(("emergency_stop",), RECOVERS, ("emergency_released",)),
+    "local": Case(("local",), RECOVERS, ("remote",)),
+    "moved_by_hand": Case(("paused", "moved_by_hand", "played"), RECOVERS),
+    "slider": Case(("slider",), RECOVERS, ("slider_full",)),
+    "fieldbus": Case(("fieldbus",), RECOVERS, ("fieldbus_gone",)),
+    "rtde_late": Case(("rtde_late",), EITHER),  # as long as the table waits for it
+    "rtde_silent": Case(("rtde_silent",), STOPS),
+    "rtde_cut": Case(("rtde_cut",), RECOVERS),
+    "controller_restarted": Case(("controller_restarted",), RECOVERS),
+    "payload_wrong": Case(("payload_wrong",), RECOVERS, ("payload_right",)),
+    "turned": Case(("turned",), STOPS),
+    "other_model": Case(("other_model",), RECOVERS),
+    "other_calibration": Case(("other_calibration",), RECOVERS),
+    "gripper_answers_lost": Case(("gripper_answers_lost",), EITHER),
+    "gripper_crc": Case(("gripper_crc",), EITHER),
+    "gripper_replugged": Case(("gripper_replugged",), RECOVERS),
+    "gripper_unpowered": Case(("gripper_power_off",), STOPS),
+    "gripper_power": Case(("gripper_power_off", "gripper_power_on"), RECOVERS, holding_ends=STOPS),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """How one run ended."""
+
+    fault: str
+    state: str
+    reached: bool
+    holding: bool
+    end: str
+    expected: tuple[str, ...]
+    as_promised: bool
+    reason: str
+    condition: str
+    time_s: float
+
+
+class WireFault(Injection):
+    """A fault of the twin in one state, and who mends it."""
+
+    def __init__(self, case: Case, state: str, twin: TwinCell) -> None:
+        super().__init__("", state)
+        self.holding = False
+        self._case, self._twin, self._mended = case, twin, False
+
+    def devices(self, devices: Devices) -> Devices:
+        """With somebody who acknowledges."""
+        return attended(devices)
+
+    def reached(self, time_s: float) -> None:
+        """The state has come."""
+        self.began_s = time_s
+        for name in self._case.begins:
+            self._twin.fault(name)
+
+    def tick(self, record: TickRecord) -> None:
+        """Mend it after a while."""
+        if self.began_s is None:
+            self.holding = record.observation.gripper.holding
+        super().tick(record)
+        if self.began_s is not None and not self._mended and record.observation.time_s > self.began_s + MENDED_S:
+            self._mended = True
+            for name in self._case.mends:
+                self._twin.fault(name)
+
+
+@dataclass(frozen=True)
+class Locked:
+    """Implements `Camera` and `DetectorHost` in front of those of a world that goes on by itself."""
+
+    twin: TwinCell
+    camera: Camera
+    answer: Callable[[Frame], Callable[[], BenchView | PartsView]]
+
+    def trigger(self) -> None:
+        with self.twin.lock:
+            self.camera.trigger()
+
+    def latest(self) -> Frame | None:
+        with self.twin.lock:
+            return self.camera.latest()
+
+    def await_ready(self) -> None:
+        """It is."""
+
+    def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
+        with self.twin.lock:
+            return self.answer(frame)
+
+
+class WorldTime(WallClock):
+    """The twin's time."""
+
+    def __init__(self, twin: TwinCell) -> None:
+        super().__init__(twin.slower)
+        self._start_s -= (twin.now_s() + twin.period_s) * twin.slower
+
+
+@contextmanager
+def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireFault], Outcome]]]:
+    """The twin of a cell with nobody at it, and what runs the tree of trials through its wires."""
+    configuration = load_configuration()
+    controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
+    configuration = configuration.model_copy(update={"controller": controller})
+    product, host = load_product(configuration), own_host(2)
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        settings = {"arm": UrSettings(host=host), "gripper": _gripper(wire, host, Path(folder))}
+        arms: list[TwinArm] = []
+
+        def made(world: World) -> TwinArm:
+            arms.append(TwinArm(world))
+            return arms[0]
+
+        physics = configuration.devices.simulation.physics.model_copy(update={"control_period_s": PERIOD_S})
+        simulation = configuration.devices.simulation.model_copy(update={"physics": physics})
+        goal = sorted(product.goals)[0]
+        sim = SimCell(
+            product, configuration.bench, simulation, "virtual", "twin", 0, goal, worker=False, rendered=False, arm=made
+        )  # fmt: skip
+        plain = {role: one.model_dump() for role, one in settings.items()}
+        twin = TwinCell(sim, arms[0], plain, "ur10", PERIOD_S, slower)
+        stack.callback(twin.close)
+        twin.serve()
+        clock = WorldTime(twin)
+        arm = UrArm(settings["arm"], clock, product, configuration.robot)
+        stack.callback(arm.close)
+        gripper = (ModbusGripper if wire == "modbus" else UrcapGripper)(settings["gripper"], clock)  # type: ignore[arg-type]
+        stack.callback(gripper.close)
+        beside = without_pixels(sim, configuration, product)
+        assert beside.host is not None
+        cameras = {role: Locked(twin, getattr(beside, role), beside.host.begin) for role in ("overhead", "wrist")}
+        devices = replace(beside, clock=clock, arm=arm, gripper=gripper, host=cameras["overhead"], **cameras)
+        yield twin, lambda fault: _run(configuration, product, devices, fault)
+
+
+def _gripper(wire: str, host: str, folder: Path) -> RobotiqModbusSettings | RobotiqUrcapSettings:
+    return RobotiqModbusSettings(port=str(folder / "adapter")) if wire == "modbus" else RobotiqUrcapSettings(host=host)
+
+
+def _run(configuration: Configuration, product: Product, devices: Devices, fault: WireFault) -> Outcome:
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
+    files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
+    return drive(files, devices, motion, injection=fault)
+
+
+def tried(name: str, state: str, wire: str, slower: float) -> Row:
+    """One run with one fault."""
+    case = CASES[name]
+    with opened(wire, slower) as (twin, run):
+        fault = WireFault(case, state, twin)
+        try:
+            outcome = run(fault)
+            told = outcome.end, outcome.reason, outcome.condition, outcome.sim_time_s
+        except CellError as error:
+            told = "raised", str(error), "", 0.0
+        with twin.lock:
+            placed = any(one.seated and one.by == "robot" for one in twin.sim.score.placements().values())
+            kept = told[0] == "finished" or not fault.holding or state not in HOLDING_STATES or hangs(twin.sim)
+    ends = case.holding_ends if case.holding_ends and fault.holding else case.ends
+    reached = fault.began_s is not None
+    promised = reached and told[0] in ends and kept and (placed or told[0] != "finished")
+    return Row(name, state, reached, fault.holding, told[0], ends, promised, told[1], told[2], round(told[3], 1))
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Faults by states: how each run ended, with a mark where that was not promised."""
+    states = [state for state in STATES if any(row.state == state for row in rows)]
+    right = sum(row.as_promised for row in rows)
+    shown = Table("fault", *states, title=f"{right} of {len(rows)} ended as promised")
+    found = {(row.fault, row.state): f"{'' if row.as_promised else '! '}{row.end}" for row in rows}
+    for name in dict.fromkeys(row.fault for row in rows):
+        shown.add_row(name, *(found.get((name, state), "") for state in states))
+    return shown
+
+
+def main() -> None:
+    """Run what is asked for, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faults", nargs="*", choices=CASES, default=list(CASES))
+    parser.add_argument("--states", nargs="*", choices=STATES, default=["above", "down", "grasp", "carry", "release"])
+    parser.add_argument("--wire", choices=("modbus", "urcap"), default="modbus", help="of the gripper")
+    parser.add_argument("--slower", type=float, default=4.0)
+    parser.add_argument("--out", type=Path, required=True, help="a line of JSON for each run")
+    asked = parser.parse_args()
+    rows = [Row(**json.loads(line)) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
+    done = {(row.fault, row.state) for row in rows}
+    for name in asked.faults:
+        for state in asked.states:
+            if (name, state) not in done:
+                rows.append(tried(name, state, asked.wire, asked.slower))
+                with asked.out.open("a") as stream:
+                    stream.write(json.dumps(asdict(rows[-1])) + "\n")
+    Console().print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -32,7 +32,8 @@ class Person:
         body: all places that it may be at, with the intrusion distance C.
         age_s: of what is known of it.
         hand_speed_m_s: v_h, where it is not measured.
-        velocity_m_s: (x, y) as measured; None where that is unknown.
+        velocity_m_s: (x, y) as measured, the mean of a while; None where that is unknown.
+        acceleration_m_s2: (x, y) as measured; None where that is unknown: then it was even, from rest.
         waited_for: an arm that is too near waits for it to leave.
     """
 
@@ -40,20 +41,25 @@ class Person:
     age_s: float
     hand_speed_m_s: float
     velocity_m_s: tuple[float, float] | None = None
+    acceleration_m_s2: tuple[float, float] | None = None
     waited_for: bool = True
 
-    def coming_m_s(self, ways: Array, hastens: float = 1.0) -> Array:
+    def coming_m_s(self, ways: Array, next_s: float = 0.0, last_s: float = 0.0) -> Array:
         """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn.
 
         Args:
-            hastens: how much faster it may be than measured, as far as hands are.
+            next_s: for so long it goes on to speed up, as far as hands do; the mean speed of that is meant.
+            last_s: what the measured velocity is a mean over.
         """
         if self.velocity_m_s is None:
             return np.full(ways.shape[:-1], self.hand_speed_m_s)
-        velocity = np.array(self.velocity_m_s)
-        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[..., :2], axis=-1)
-        towards = np.where(lengths < TINY_M, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY_M))
-        coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
+        velocity, later_s = np.array(self.velocity_m_s), (last_s + next_s) / 2
+        speed, towards = _towards(velocity, ways)
+        if self.acceleration_m_s2 is not None:
+            towards = towards + later_s * _towards(np.array(self.acceleration_m_s2), ways)[1].clip(0.0)
+        elif last_s > 0:
+            towards = towards * (1 + 2 * later_s / last_s)
+        coming: Array = np.clip(towards, speed / 2, max(self.hand_speed_m_s, speed))
         return coming
 
 
@@ -80,7 +86,9 @@ class PersonSpace:
         seen may be there, whatever else is seen.
         """
         speed_m_s = self._settings.hand_speed_m_s
-        persons = [Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s) for hand in hands]
+        persons = [
+            Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2) for hand in hands
+        ]
         edges = {*left_by, self.edge} if len(hands) < HANDS else {*left_by}
         return persons + [
             Person(self.beyond[one], age_s, speed_m_s, waited_for=one != self.edge) for one in EDGES if one in edges
@@ -145,6 +153,12 @@ class PersonSpace:
         """How far outwards from this edge is the way to the person, from -1 to 1."""
         first, last = self._edge_line(edge, 0.0)
         return float(_outwards(first, last, self._eye[:2])[0])
+
+
+def _towards(vector: Array, ways: Array) -> tuple[float, Array]:
+    """The length of a vector (2,), and what of it is along each of the ways (..., 3); all of it where there is none."""
+    length, lengths = float(np.linalg.norm(vector)), np.linalg.norm(ways[..., :2], axis=-1)
+    return length, np.where(lengths < TINY_M, length, ways[..., :2] @ vector / np.maximum(lengths, TINY_M))
 
 
 def _outwards(first: Array, last: Array, inside: Array) -> Array:

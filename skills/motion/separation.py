@@ -90,8 +90,8 @@ class SeparationMonitor:
     ) -> Separation:
         """Distance, protective distance and admissible share of speed: the worst of all links and persons.
 
-        The speed of a hand is a mean over its last frames. One that sped up evenly through them is twice as fast now,
-        and goes on so until the arm stands: then its mean is so much faster.
+        The speed of a hand is a mean over its last frames. As it sped up through the last three, so it goes on until
+        the arm stands. Where nobody tells that, it sped up evenly through them, from rest.
 
         Args:
             joints_rad: (6,) as measured.
@@ -104,7 +104,7 @@ class SeparationMonitor:
         for person in (one for one in persons if one.waited_for):
             (rooms_m,), (ways,) = self.outline.rooms(placed[:1], person.body, holding)
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
-            coming_m_s = person.coming_m_s(ways, 2 + takes_s / self._mean_over_s)
+            coming_m_s = person.coming_m_s(ways, takes_s, self._mean_over_s)
             link = int((rooms_m - coming_m_s * takes_s).argmin())
             room_m, least_m = float(rooms_m[link]), self.protective_m(float(coming_m_s[link]), person.age_s)
             clear_m = least_m + self.settings.hysteresis_m
@@ -231,8 +231,9 @@ class SeparationMonitor:
 
 def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -> Array:
     """How soon hands come so far, from these speeds on, as fast as hands become: S_h turned round."""
-    start = speeds_m_s + settings.speed_error_m_s
-    top, haste, rooms_m = np.maximum(settings.hand_speed_m_s, start), settings.hand_acceleration_m_s2, rooms_m.clip(0.0)
+    top, haste = np.maximum(settings.hand_speed_m_s, speeds_m_s), settings.hand_acceleration_m_s2
+    rooms_m = rooms_m.clip(0.0)
+    start = np.minimum(speeds_m_s + settings.speed_error_m_s, top)
     hastens_s = (top - start) / haste
     hastens_m = (start + top) / 2 * hastens_s
     soon: Array = (np.sqrt(start**2 + 2 * haste * np.minimum(rooms_m, hastens_m)) - start) / haste

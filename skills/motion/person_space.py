@@ -18,7 +18,7 @@ EDGE_PX = 6  # a box this near to the image's edge touches it
 HANDS = 2  # of the person; those that are not seen may come over the person's edge
 HAND_LENGTH_M = 0.12
 LEAST_LENGTH_M = 0.03  # from fingertips to palm; a hand that is shorter in the image points nowhere
-KNUCKLES_M = 0.15  # how far above the palm's height hand and forearm reach, and how far that may be off
+KNUCKLES_M = 0.15  # how far above palm and fingertips hand and forearm reach, and how far their heights may be off
 BEYOND_M = 1.0  # how far a hand that left the view may have gone
 TINY_M = 1e-9
 FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
@@ -106,8 +106,7 @@ class PersonSpace:
         end = tips + (length_m + settings.forearm_m) * along
         corners = np.array([start - across, start + across, end + across, end - across])
         if hand.height_m is not None:
-            top_m = min(settings.hand_height_m, hand.height_m + KNUCKLES_M)
-            return _prism(corners, corners, top_m)
+            return _prism(corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0) + KNUCKLES_M)
         return _prism(
             self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
         )

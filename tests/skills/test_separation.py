@@ -224,6 +224,16 @@ def test_a_resting_hand_lets_the_arm_lower_a_part_into_the_nearest_holes(further
     assert found.distance_m > found.least_m + S.hysteresis_m
 
 
+def test_a_hand_is_as_high_as_it_is_told_to_be_also_far_above_the_bench() -> None:
+    """Beside the tool at the look, 0.38 m over the bench; fingertips may be higher than the palm."""
+    x, y, z = motion_planner().kinematics.forward(LOOK).position_m
+    beside = hand(x + 0.05, y)
+    for heights in ((z, z - 0.05), (0.1, z)):
+        high = replace(beside, height_m=heights[0], fingertips_height_m=heights[1])
+        assert judge(LOOK, high, 0.1, False).distance_m < 0.02
+    assert judge(LOOK, replace(beside, height_m=0.05, fingertips_height_m=0.05), 0.1, False).distance_m > 0.1
+
+
 def test_a_held_part_counts() -> None:
     beside = hand(0.56, -0.5)
     assert judge(PARK, beside, 0.1, True).distance_m <= judge(PARK, beside, 0.1, False).distance_m

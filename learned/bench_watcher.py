@@ -65,7 +65,8 @@ class DetectorChain:
         hand = self._tracker.track(frame)
         health = self._health.judge(frame, [one for one in (hand, *self._tracker.others) if one is not None])
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
-        hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
+        velocity, acceleration = self._track.motion
+        hand = hand and replace(hand, velocity_m_s=velocity, acceleration_m_s2=acceleration)
         holes = self._reader.read(frame, hand)
         self._keep(frame, hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands), self._before), holes)

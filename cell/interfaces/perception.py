@@ -133,7 +133,8 @@ class HandSample:
         fingertips_m: (x, y) of the point between the tips of thumb and index finger, in the world frame.
         palm_m: (x, y) of the palm.
         held_part: type of the part seen between the fingers, or None.
-        velocity_m_s: (x, y) of the palm; None where the track is too short to tell.
+        velocity_m_s: (x, y) of the palm, a mean over its last frames; None where the track is too short to tell.
+        acceleration_m_s2: (x, y) of the palm, over its last three frames.
         height_m, fingertips_height_m: of palm and fingertips over the table.
         side: whether it is a left or a right hand.
         thumb_m, index_m: (x, y) of the tips of thumb and index finger.
@@ -148,6 +149,7 @@ class HandSample:
     palm_m: tuple[float, float]
     held_part: str | None = None
     velocity_m_s: tuple[float, float] | None = None
+    acceleration_m_s2: tuple[float, float] | None = None
     height_m: float | None = None
     fingertips_height_m: float | None = None
     side: Side | None = None

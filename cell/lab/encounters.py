@@ -17,6 +17,7 @@ import numpy as np
 
 from cell.faults.injection import STATES, WorkState
 from cell.files.row_store import Row
+from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import HandSample
 from cell.lab.assembly import assembly
 from cell.lab.true_distance import BRAKES_M_S2, DRIVEN_M_S, HANDS_M_S, REACTS_S, TrueDistance
@@ -28,8 +29,9 @@ REDUCED_M_S = 0.25
 UNKNOWN_S = 0.35  # after this the arm stands that was told to hold
 LATEST_S = 0.8  # after a phase began, a hand comes at the latest
 RESTS_S = 1.0  # between two reaches into the arm's way
+STOOD_S = 60.0  # an arm that stood for so long meets nobody any more
 OFF_M = 0.05
-MOVING_SHARE = 0.05  # of the encounters: contacts with an arm that moves
+MOVING_SHARE = 0.05  # of the encounters: contacts with an arm that moves; none where the tracker errs
 
 
 class Tracker(StrEnum):
@@ -68,11 +70,14 @@ class Encounters(Observer):
         moved_while_unknown: ticks in which the arm moved although it was not known where the hand is.
         breached: ticks in which a link moved nearer than the protective distance, for each of HANDS_M_S.
         acknowledged: how many times somebody acknowledged a trouble.
+        stood: the arm stood for STOOD_S; then somebody stops the run.
     """
 
     cell: SimCell
     moved_while_unknown: int = 0
     acknowledged: int = 0
+    stood: bool = False
+    _moved_s: float = 0.0
     _ticks: list[_Tick] = field(default_factory=list)
     _unknown_s: float = np.inf
     _work: WorkState = field(default_factory=WorkState)
@@ -87,6 +92,8 @@ class Encounters(Observer):
         seen, judgement = record.observation, record.judgement
         now_s, bench = seen.time_s, seen.bench
         self.acknowledged += seen.acknowledged
+        self._moved_s = self._moved_s if seen.arm.stands else now_s
+        self.stood = now_s - self._moved_s > STOOD_S
         breached = np.array(self._truth.breached())
         self.breached += breached
         self._since_s = np.where(breached, np.minimum(self._since_s, now_s), np.inf)
@@ -96,6 +103,10 @@ class Encounters(Observer):
         words = "" if judgement is None else judgement.words
         hand = "unknown" if unknown else "seen" if bench is not None and bench.hand is not None else "not seen"
         self._ticks.append(_Tick(now_s, tuple(self._since_s), f"hand {hand}; {words}", self._work.name))
+
+    def pressed(self) -> Sequence[OperatorOrder]:
+        """By somebody at the bench."""
+        return (OperatorOrder("stop"),) if self.stood else ()
 
     def phase(self, time_s: float) -> str:
         """Of the work at this time."""
@@ -172,6 +183,7 @@ def encounter(
         cell, watch, rng = opened.cell, Encounters(opened.cell), np.random.default_rng([seed, 12])
         if cell.sight is not None:
             cell.sight.spoil = lambda hand: tracker.spoil(hand, rng)
+        cell.devices = replace(cell.devices, pressed=watch.pressed)
         outcome = opened.run([watch, Provocation(cell, seed)] if provoked else [watch], None)
     assert cell.worker is not None
     assert cell.contacts is not None
@@ -179,8 +191,8 @@ def encounter(
     return {
         "kind": "assembly",
         "seed": seed,
-        "end": outcome.end,
-        "reason": outcome.reason,
+        "end": "stood" if watch.stood else outcome.end,
+        "reason": f"the arm stood for {STOOD_S:g} s" if watch.stood else outcome.reason,
         "sim_time_s": round(outcome.sim_time_s, 2),
         "encounters": len(met),
         "phases": [watch.phase(act.time_s) for act in met],
@@ -202,6 +214,7 @@ def summary(rows: Sequence[Row]) -> Row:
     return {
         "assemblies": len(rows),
         "ends": _counted([str(row["end"]) for row in rows]),
+        "sim_time_s": round(sum(float(str(row["sim_time_s"])) for row in rows), 2),
         "encounters": len(phases),
         "phases": _counted(phases),
         "fastest_hand_m_s": max(speeds, default=0.0),
@@ -220,13 +233,14 @@ def summary(rows: Sequence[Row]) -> Row:
     }
 
 
-def passed(found: Row) -> bool:
+def passed(found: Row, tracker: Tracker = Tracker.true) -> bool:
     """Whether no contact was fast, hardly any was with an arm that moved, and nothing moved while too little was known.
 
     Args:
         found: of `summary`.
     """
-    few = found["contacts_moving"] <= MOVING_SHARE * found["encounters"]
+    share = MOVING_SHARE if tracker is Tracker.true else 0.0
+    few = found["contacts_moving"] <= share * found["encounters"]
     return bool(few and not found["contacts_fast"] and not found["moved_while_unknown"])
 
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Edge
+from cell.interfaces.pose import Array
 from learned.classical.bench_evidence import person_edge
 
 EDGE_PX = 6  # a box this near to the image's edge touches it
 LEAVES_S = 0.2  # a hand that is not seen any more is thought to have gone on for so long
 UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
 HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
+
+Point = tuple[float, float]
 
 
 class TrackHealth:
@@ -42,14 +48,9 @@ class TrackHealth:
         return self._unknown
 
     @property
-    def velocity_m_s(self) -> tuple[float, float] | None:
-        """Of the palm over the last frames; None where they are too few."""
-        if len(self._seen) < 2:
-            return None
-        (from_s, start, _), (to_s, end, _) = self._seen[0], self._seen[-1]
-        if to_s <= from_s:
-            return None
-        return (end[0] - start[0]) / (to_s - from_s), (end[1] - start[1]) / (to_s - from_s)
+    def motion(self) -> tuple[Point | None, Point | None]:
+        """Velocity and acceleration of the palm; see `motion_of`."""
+        return motion_of([(time_s, np.array(palm_m)) for time_s, palm_m, _ in self._seen])
 
     def _edges(self, time_s: float) -> tuple[Edge, ...]:
         """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
@@ -69,3 +70,27 @@ class TrackHealth:
         if to_s <= from_s:
             return (0.0, 0.0, 0.0, 0.0)
         return tuple((b - a) / (to_s - from_s) for a, b in zip(start, end, strict=True))
+
+
+def motion_of(places: Sequence[tuple[float, Array]]) -> tuple[Point | None, Point | None]:
+    """Mean velocity over all places (2,), and acceleration over the last three; None where they are too few.
+
+    Args:
+        places: each with its time, which increases.
+    """
+    if len(places) < 2:
+        return None, None
+    velocity = _speed(places[0], places[-1])
+    if len(places) < 3:
+        return _xy(velocity), None
+    gained = _speed(places[-2], places[-1]) - _speed(places[-3], places[-2])
+    return _xy(velocity), _xy(2 * gained / (places[-1][0] - places[-3][0]))
+
+
+def _speed(before: tuple[float, Array], after: tuple[float, Array]) -> Array:
+    speed: Array = (after[1] - before[1]) / (after[0] - before[0])
+    return speed
+
+
+def _xy(point: Array) -> Point:
+    return float(point[0]), float(point[1])

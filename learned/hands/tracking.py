@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, Preparing
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
+from learned.classical.track_health import motion_of
 from learned.hands.depth import heights_by_depth
 from learned.hands.height import PalmLength, heights_m, learn_length
 from learned.hands.reading import HandReader, Reading
@@ -32,7 +33,7 @@ HELD_FRAMES = 7  # among which most say what is held
 SMOOTH_S, HALVED_AT_M_S = 0.01, 0.1  # time constant of a hand at rest (see `_Smooth`), and speed that halves it
 
 OF_PALM = ("palm", "wrist", "radial", "ulnar")  # points that are as high as it
-VELOCITY_FRAMES = 4  # over which the velocity of a palm is estimated
+MOTION_FRAMES = 4  # over which the velocity of a palm is estimated
 
 Point = tuple[float, float]
 
@@ -66,7 +67,7 @@ class _Track:
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
-    palms: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=VELOCITY_FRAMES))
+    palms: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=MOTION_FRAMES))
     holds: deque[str | None] = field(default_factory=lambda: deque(maxlen=HELD_FRAMES))
 
     @classmethod
@@ -102,11 +103,10 @@ class _Track:
         self.holds.append(reading.held_part)
         self.reading, self.seen_s = reading, time_s
 
-    def velocity_m_s(self, palm_m: Array, time_s: float) -> Point | None:
-        """Of the palm (2,) over the last frames, this one among them; None in the first."""
+    def motion(self, palm_m: Array, time_s: float) -> tuple[Point | None, Point | None]:
+        """Velocity and acceleration of the palm (2,), this frame among those that count."""
         self.palms.append((time_s, palm_m))
-        (from_s, start), (to_s, end) = self.palms[0], self.palms[-1]
-        return _xy((end - start) / (to_s - from_s)) if to_s > from_s else None
+        return motion_of(self.palms)
 
 
 class HandTracks:
@@ -224,6 +224,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         world |= {name: np.array([*point, height_m]) for name, point in zip(names, flat, strict=True)}
     smooth = _smoothed(track, world, frame.time_s)
     back = smooth["wrist"][:2] - smooth["palm"][:2]
+    velocity, acceleration = track.motion(smooth["palm"][:2].copy(), frame.time_s)
     height, width = frame.image.shape[:2]
     return HandSample(
         time_s=frame.time_s,
@@ -231,7 +232,8 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         fingertips_m=_xy(smooth["pinch"]),
         palm_m=_xy(smooth["palm"]),
         held_part=track.held_part,
-        velocity_m_s=track.velocity_m_s(smooth["palm"][:2].copy(), frame.time_s),
+        velocity_m_s=velocity,
+        acceleration_m_s2=acceleration,
         height_m=float(smooth["palm"][2]),
         fingertips_height_m=float(smooth["pinch"][2]),
         side="left" if track.left > 0.5 else "right",

@@ -40,15 +40,14 @@ class GroundTruthPerception:
     Args:
         hand: a person is at the bench.
         still: the frame whose depths and, but for noise, whose image all frames have.
-        assumed_height_m: for which a tracker works out where a hand is.
 
     Attributes:
         others: no other hands are seen.
         spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
-    def __init__(self, world: World, *, hand: bool, still: Frame, assumed_height_m: float = 0.10) -> None:
-        self._world, self._height_m = world, assumed_height_m
+    def __init__(self, world: World, *, hand: bool, still: Frame) -> None:
+        self._world = world
         self._hand_body = int(world.model.body("hand").id) if hand else -1
         height, width, channels = still.image.shape
         noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
@@ -110,11 +109,17 @@ class GroundTruthPerception:
             return None
         low = np.clip(pixels[seen].min(axis=0) - SKIN_PX, 0, None)
         high = np.minimum(pixels[seen].max(axis=0) + SKIN_PX, (camera.width_px, camera.height_px))
-        palm = PALM if PALM in seen else seen[-1]
-        places = camera.onto_plane(exposure.world_from_camera, pixels[[seen[0], palm]], self._height_m)[:, :2]
         left, top, right, bottom = (int(value) for value in (*low, *high))
-        tips, middle = ((float(x), float(y)) for x, y in places)
-        return HandSample(exposure.time_s, (left, top, right, bottom), tips, middle, self._held(points[0]))
+        tips, palm = points[seen[0]].tolist(), points[PALM if PALM in seen else seen[-1]].tolist()
+        return HandSample(
+            time_s=exposure.time_s,
+            box_px=(left, top, right, bottom),
+            fingertips_m=(tips[0], tips[1]),
+            palm_m=(palm[0], palm[1]),
+            held_part=self._held(points[0]),
+            height_m=palm[2],
+            fingertips_height_m=tips[2],
+        )
 
     def _held(self, tips_m: Array) -> str | None:
         """The type between the fingers."""

@@ -19,7 +19,7 @@ EDGE_PX = 6  # a box this near to the image's edge touches it
 HANDS = 2  # of the person; those that are not seen may come over the person's edge
 HAND_LENGTH_M = 0.12
 LEAST_LENGTH_M = 0.03  # from fingertips to palm; a hand that is shorter in the image points nowhere
-KNUCKLES_M = 0.15  # how far above the palm's height hand and forearm reach, and how far that may be off
+KNUCKLES_M = 0.15  # how far above palm and fingertips hand and forearm reach, and how far their heights may be off
 BEYOND_M = 1.0  # how far a hand that left the view may have gone
 TINY_M = 1e-9
 FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
@@ -33,7 +33,8 @@ class Person:
         body: all places that it may be at, with the intrusion distance C.
         age_s: of what is known of it.
         hand_speed_m_s: v_h, where it is not measured.
-        velocity_m_s: (x, y) as measured; None where that is unknown.
+        velocity_m_s: (x, y) as measured, the mean of a while; None where that is unknown.
+        acceleration_m_s2: (x, y) as measured; None where that is unknown: then it was even, from rest.
         waited_for: an arm that is too near waits for it to leave.
     """
 
@@ -41,28 +42,37 @@ class Person:
     age_s: float
     hand_speed_m_s: float
     velocity_m_s: tuple[float, float] | None = None
+    acceleration_m_s2: tuple[float, float] | None = None
     waited_for: bool = True
 
-    def coming_m_s(self, ways: Array, hastens: float = 1.0) -> Array:
+    def coming_m_s(self, ways: Array, next_s: float = 0.0, last_s: float = 0.0) -> Array:
         """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn.
 
         Args:
-            hastens: how much faster it may be than measured, as far as hands are.
+            next_s: for so long it goes on to speed up, as far as hands do; the mean speed of that is meant.
+            last_s: what the measured velocity is a mean over.
         """
         if self.velocity_m_s is None:
             return np.full(ways.shape[:-1], self.hand_speed_m_s)
-        x_m, y_m, speed = ways[..., 0], ways[..., 1], self._speed_m_s
-        lengths = np.sqrt(x_m * x_m + y_m * y_m)
-        towards = ways[..., :2] @ np.array(self.velocity_m_s) / np.maximum(lengths, TINY_M)
-        towards = np.where(lengths < TINY_M, speed, towards)
-        coming: Array = np.clip(hastens * towards, speed / 2, max(self.hand_speed_m_s, speed))
+        velocity, later_s = np.array(self.velocity_m_s), (last_s + next_s) / 2
+        speed, towards = _towards(velocity, ways)
+        if self.acceleration_m_s2 is not None:
+            towards = towards + later_s * _towards(np.array(self.acceleration_m_s2), ways)[1].clip(0.0)
+        elif last_s > 0:
+            towards = towards * (1 + 2 * later_s / last_s)
+        coming: Array = np.clip(towards, speed / 2, max(self.hand_speed_m_s, speed))
         return coming
 
-    def most_m_s(self, hastens: float = 1.0) -> float:
+    def most_m_s(self, next_s: float = 0.0, last_s: float = 0.0) -> float:
         """Bound of `coming_m_s`, whatever the way."""
         if self.velocity_m_s is None:
             return self.hand_speed_m_s
-        return min(max(hastens, 0.5) * self._speed_m_s, max(self.hand_speed_m_s, self._speed_m_s))
+        speed, later_s = self._speed_m_s, (last_s + next_s) / 2
+        if self.acceleration_m_s2 is not None:
+            most = speed + later_s * float(np.linalg.norm(np.array(self.acceleration_m_s2)))
+        else:
+            most = speed * (1 + 2 * later_s / last_s) if last_s > 0 else speed
+        return min(most, max(self.hand_speed_m_s, speed))
 
     @cached_property
     def _speed_m_s(self) -> float:
@@ -92,7 +102,9 @@ class PersonSpace:
         seen may be there, whatever else is seen.
         """
         speed_m_s = self._settings.hand_speed_m_s
-        persons = [Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s) for hand in hands]
+        persons = [
+            Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2) for hand in hands
+        ]
         edges = {*left_by, self.edge} if len(hands) < HANDS else {*left_by}
         return persons + [
             Person(self.beyond[one], age_s, speed_m_s, waited_for=one != self.edge) for one in EDGES if one in edges
@@ -110,8 +122,7 @@ class PersonSpace:
         end = tips + (length_m + settings.forearm_m) * along
         corners = np.array([start - across, start + across, end + across, end - across])
         if hand.height_m is not None:
-            top_m = min(settings.hand_height_m, hand.height_m + KNUCKLES_M)
-            return _prism(corners, corners, top_m)
+            return _prism(corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0) + KNUCKLES_M)
         return _prism(
             self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
         )
@@ -157,6 +168,12 @@ class PersonSpace:
         """How far outwards from this edge is the way to the person, from -1 to 1."""
         first, last = self._edge_line(edge, 0.0)
         return float(_outwards(first, last, self._eye[:2])[0])
+
+
+def _towards(vector: Array, ways: Array) -> tuple[float, Array]:
+    """The length of a vector (2,), and what of it is along each of the ways (..., 3); all of it where there is none."""
+    length, lengths = float(np.linalg.norm(vector)), np.linalg.norm(ways[..., :2], axis=-1)
+    return length, np.where(lengths < TINY_M, length, ways[..., :2] @ vector / np.maximum(lengths, TINY_M))
 
 
 def _outwards(first: Array, last: Array, inside: Array) -> Array:

@@ -92,8 +92,8 @@ class SeparationMonitor:
     ) -> Separation:
         """Distance, protective distance and admissible share of speed: the worst of all links and persons.
 
-        The speed of a hand is a mean over its last frames. One that sped up evenly through them is twice as fast now,
-        and goes on so until the arm stands: then its mean is so much faster.
+        The speed of a hand is a mean over its last frames. As it sped up through the last three, so it goes on until
+        the arm stands. Where nobody tells that, it sped up evenly through them, from rest.
 
         Args:
             joints_rad: (6,) as measured.
@@ -107,12 +107,11 @@ class SeparationMonitor:
         worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
         for person, rooms in ((one, of) for one, of in known if one.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
-            hastens = 2 + takes_s / self._mean_over_s
-            least_left_m = rooms.least_m[0] - person.most_m_s(hastens) * takes_s
+            least_left_m = rooms.least_m[0] - person.most_m_s(takes_s, self._mean_over_s) * takes_s
             asked = least_left_m == least_left_m.min()
             for _ in range(2):  # the link that may be worst, then those that may be worse
                 rooms.measure(asked[np.newaxis])
-                coming_m_s = person.coming_m_s(rooms.ways[0], hastens)
+                coming_m_s = person.coming_m_s(rooms.ways[0], takes_s, self._mean_over_s)
                 left_m = rooms.distances_m[0] - coming_m_s * takes_s
                 asked = least_left_m <= left_m.min()
             link = int(left_m.argmin())
@@ -307,8 +306,9 @@ class _Arrival:
 
 def arrival_s(rooms_m: Array, speeds_m_s: Array, settings: SeparationSettings) -> Array:
     """How soon hands come so far, from these speeds on, as fast as hands become: S_h turned round."""
-    start = speeds_m_s + settings.speed_error_m_s
-    top, haste, rooms_m = np.maximum(settings.hand_speed_m_s, start), settings.hand_acceleration_m_s2, rooms_m.clip(0.0)
+    top, haste = np.maximum(settings.hand_speed_m_s, speeds_m_s), settings.hand_acceleration_m_s2
+    rooms_m = rooms_m.clip(0.0)
+    start = np.minimum(speeds_m_s + settings.speed_error_m_s, top)
     hastens_s = (top - start) / haste
     hastens_m = (start + top) / 2 * hastens_s
     soon: Array = (np.sqrt(start**2 + 2 * haste * np.minimum(rooms_m, hastens_m)) - start) / haste

@@ -44,7 +44,7 @@ class SeparationSettings(Model):
             at this speed may hurt.
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
         reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
-        hand_height_m: how high over the bench hand and forearm may be.
+        hand_height_m: how high over the bench hand and forearm may be, where a tracker does not tell.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
             is more than this; of a tracker without a card, 0.06 m.

@@ -15,6 +15,7 @@ from cell.interfaces.bench import Obstacle
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Pose
+from learned.classical.track_health import motion_of
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
 from skills.motion.person_space import EDGES, Person, PersonSpace
@@ -41,7 +42,7 @@ def hand(x_m: float, y_m: float, velocity: tuple[float, float] | None = (0.0, 0.
 def judge(
     joints: np.ndarray, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
 ) -> Separation:
-    person = Person(MONITOR.persons.wall(hand), age_s, S.hand_speed_m_s, hand.velocity_m_s)
+    (person,) = MONITOR.persons.of([hand, hand], (), age_s)[:1]
     return MONITOR.judge(joints, [person], holding, ahead)
 
 
@@ -103,6 +104,32 @@ def test_a_hand_that_speeds_up_evenly_is_where_the_protective_distance_has_it(ha
         assert found_m == pytest.approx(way_m, rel=0.1), "the way to the arm is not quite that of the hand"
 
 
+@given(st.floats(0.0, 1.0), st.floats(0.0, 12.0), st.floats(0.0, 0.3))
+@settings(max_examples=40, deadline=None)
+def test_a_hand_goes_on_as_its_last_frames_have_it(start_m_s: float, haste: float, age_s: float) -> None:
+    """Where its acceleration is told; a hand of even speed keeps it, and one that begins to move is not even."""
+    window_s = 3 / BENCH.overhead.rate_hz
+    takes_s = age_s + S.reaction_s + S.slow_m_s / S.braking_m_s2
+    ways = np.array([[-1.0, 0.0, 0.0]])
+    coming = Person(MONITOR.persons.wall(hand(0.9, 0.0)), age_s, 1.6, (-start_m_s, 0.0), (-haste, 0.0))
+    now_m_s = start_m_s + haste * window_s / 2
+    expected = min(now_m_s + haste * takes_s / 2, max(S.hand_speed_m_s, start_m_s))
+    assert float(coming.coming_m_s(ways, takes_s, window_s)[0]) == pytest.approx(expected)
+    slows = replace(coming, acceleration_m_s2=(haste, 0.0))
+    assert float(slows.coming_m_s(ways, takes_s, window_s)[0]) == pytest.approx(start_m_s)
+
+
+def test_a_hand_that_begins_to_come_counts_more_than_its_mean_speed_says() -> None:
+    """It stood for two frames and went 2 cm in the third."""
+    step_s, moved_m = 1 / BENCH.overhead.rate_hz, 0.02
+    still = [(number * step_s, np.array([0.9, -0.5])) for number in range(3)]
+    velocity, acceleration = motion_of([*still, (3 * step_s, np.array([0.9 - moved_m, -0.5]))])
+    begins = replace(hand(0.9, -0.5, velocity), acceleration_m_s2=acceleration)
+    steady = replace(begins, acceleration_m_s2=(0.0, 0.0))
+    least_m = {one: judge(PARK, one, 0.13, False).least_m for one in (begins, steady, hand(0.9, -0.5, velocity))}
+    assert least_m[begins] > 1.5 * least_m[hand(0.9, -0.5, velocity)] > 1.5 * least_m[steady]
+
+
 @pytest.mark.parametrize(
     ("changes", "more_m"),
     [
@@ -137,9 +164,9 @@ def test_a_hand_may_be_over_an_edge_by_the_intrusion_distance_before_it_is_found
 def test_a_hand_comes_as_soon_as_even_acceleration_to_its_full_speed_lets_it(room_m: float, speed_m_s: float) -> None:
     """Against the integral of its speed, S_h of Eq. 2."""
     found_s = float(arrival_s(np.array([room_m]), np.array([speed_m_s]), S)[0])
-    start = speed_m_s + S.speed_error_m_s
+    start, top = speed_m_s + S.speed_error_m_s, max(S.hand_speed_m_s, speed_m_s)
     times_s = np.linspace(0.0, found_s, 2001)
-    speeds = np.minimum(start + S.hand_acceleration_m_s2 * times_s, max(S.hand_speed_m_s, start))
+    speeds = np.minimum(start + S.hand_acceleration_m_s2 * times_s, top)
     assert np.trapezoid(speeds, times_s) == pytest.approx(room_m, abs=2e-3)
 
 
@@ -195,6 +222,16 @@ def test_a_resting_hand_lets_the_arm_lower_a_part_into_the_nearest_holes(further
     )
     found = judge(joints_rad, resting, 0.24, True)
     assert found.distance_m > found.least_m + S.hysteresis_m
+
+
+def test_a_hand_is_as_high_as_it_is_told_to_be_also_far_above_the_bench() -> None:
+    """Beside the tool at the look, 0.38 m over the bench; fingertips may be higher than the palm."""
+    x, y, z = motion_planner().kinematics.forward(LOOK).position_m
+    beside = hand(x + 0.05, y)
+    for heights in ((z, z - 0.05), (0.1, z)):
+        high = replace(beside, height_m=heights[0], fingertips_height_m=heights[1])
+        assert judge(LOOK, high, 0.1, False).distance_m < 0.02
+    assert judge(LOOK, replace(beside, height_m=0.05, fingertips_height_m=0.05), 0.1, False).distance_m > 0.1
 
 
 def test_a_held_part_counts() -> None:

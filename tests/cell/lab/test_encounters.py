@@ -18,7 +18,7 @@ from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import HandSample
 from cell.lab.assembly import ALGORITHM_1, throughput_ratio
-from cell.lab.encounters import Tracker, encounter, passed, summary
+from cell.lab.encounters import Encounters, Tracker, encounter, passed, summary
 from cell.lab.random_faults import counted, troubled_assembly
 from cell.lab.true_distance import TrueDistance, protective_m
 from tests.integration.cell_rig import BENCH, with_person
@@ -62,6 +62,19 @@ def test_few_contacts_with_a_moving_arm_pass_and_none_that_is_fast() -> None:
     assert passed(good)
     for worse in ({"contacts_moving": 6}, {"contacts_fast": 1}, {"moved_while_unknown": 1}):
         assert not passed({**good, **worse})
+    assert not passed({**good, "contacts_moving": 1}, Tracker.off), "none where the tracker errs"
+
+
+def test_an_arm_that_stands_for_long_meets_nobody_and_the_run_is_stopped() -> None:
+    with with_person("random", seed=3) as cell:
+        watch = Encounters(cell)
+        for time_s, stands in ((1.0, False), (61.0, True), (61.1, True)):
+            arm: Any = SimpleNamespace(stands=stands)
+            seen: Any = SimpleNamespace(time_s=time_s, bench=None, acknowledged=False, arm=arm)
+            record: Any = SimpleNamespace(observation=seen, judgement=None, notes=())
+            assert not watch.pressed()
+            watch.tick(record)
+        assert [order.kind for order in watch.pressed()] == ["stop"]
 
 
 @pytest.mark.slow

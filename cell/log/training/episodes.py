@@ -15,7 +15,7 @@ from cell.log.read.reader import Log
 RATE_HZ = 15.0  # of a data set without images
 
 
-@dataclass
+@dataclass(eq=False)
 class Episode:
     """The rows of one log.
 

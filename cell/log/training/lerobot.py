@@ -33,32 +33,6 @@ PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 
-<<<<<<< HEAD
-=======
-@dataclass(eq=False)
-class Episode:
-    """The rows of one log.
-
-    Attributes:
-        states, actions: (rows, 7) joints and opening, measured and asked for.
-        times_s: of the log's clock.
-        parts_m: (rows, 3) where the part stood that the robot was after; zeros before.
-        task: in words.
-        success: the bracket is right; None where nobody knows.
-        ended: the log holds the run's end.
-    """
-
-    times_s: Array
-    states: Array
-    actions: Array
-    parts_m: Array
-    task: str
-    success: bool | None
-    ended: bool = True
-    pixels: list[Array] = field(default_factory=list)
-
-
->>>>>>> twin
 class FilmedVideo:
     """An MP4 file in a codec that browsers play, by FFmpeg; all frames have the size of the first one."""
 

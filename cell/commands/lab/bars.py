@@ -1,0 +1,171 @@
+"""`cell lab eval bars`: what every shipped network reaches today, beside what it is to reach."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+from rich.table import Table
+from typer import Option
+
+from cell.commands.options import JsonOption
+from cell.commands.terminal import BESIDE, console, print_json
+from cell.errors import InputError
+from cell.files.model import Model
+from cell.files.row_store import RowStore
+from cell.files.yaml_file import load_yaml
+from cell.settings import WEIGHTS
+from learned.inference.onnx_model import digest_of
+
+BARS = Path(__file__).parents[2] / "lab" / "bars.yaml"
+FIRST_SEED, LAST_SEED = 900_000, 1_000_000  # of the test split
+
+
+class Figure(Model):
+    """One figure of a command.
+
+    Attributes:
+        key: names on the way through the command's JSON.
+        least, most: the bar.
+        trivial: what an answer without looking gets.
+    """
+
+    claim: str
+    key: str
+    least: float | None = None
+    most: float | None = None
+    trivial: float | None = None
+
+    @model_validator(mode="after")
+    def _one_bar(self) -> Figure:
+        if (self.least is None) == (self.most is None):
+            raise ValueError(f"{self.claim}: must have either `least` or `most`")
+        return self
+
+    def of(self, told: Any) -> dict[str, Any]:
+        """The figure in a command's answer, its interval, and whether it meets the bar.
+
+        Raises:
+            InputError: the answer does not hold it.
+        """
+        *way, last = self.key.split(".")
+        try:
+            for name in way:
+                told = told[name]
+            value = float(told[last])
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{self.claim}: the answer holds no number `{self.key}`") from None
+        low, high = (told.get(f"{last}_{end}", told.get(end) if last == "share" else None) for end in ("low", "high"))
+        met = value >= self.least if self.least is not None else self.most is not None and value <= self.most
+        bar = {"bar": self.least if self.least is not None else self.most, "met": met, "trivial": self.trivial}
+        return {"claim": self.claim, "figure": value, "interval": None if low is None else [low, high], **bar}
+
+
+class Measured(Model):
+    """A command below `cell lab eval`, on how many seeds (None: its own draw, by --seed), and its figures."""
+
+    command: str
+    seeds: int | None = Field(default=None, ge=1)
+    figures: tuple[Figure, ...]
+
+    def words(self, first_seed: int, share: float) -> list[str]:
+        """What is typed."""
+        if self.seeds is None:
+            return [*self.command.split(), "--seed", str(first_seed), "--json"]
+        last = first_seed + max(2, round(share * self.seeds))
+        return [*self.command.split(), "--seeds", f"{first_seed}:{last}", "--json"]
+
+
+class Bars(Model):
+    """The file."""
+
+    bars: tuple[Measured, ...]
+
+
+def bars(
+    first_seed: Annotated[
+        int, Option(min=FIRST_SEED, max=LAST_SEED - 1000, help="Of the fresh draw; all figures begin there.")
+    ],
+    only: Annotated[list[str] | None, Option(help="Commands that begin so, like hands; may be repeated.")] = None,
+    share: Annotated[float, Option(min=0.01, max=1, help="Of the recordings; fewer are faster, and say less.")] = 1.0,
+    out: Annotated[
+        Path | None, Option("--out", "-o", help="File that keeps the answers; interrupted, the command goes on there.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Score all shipped networks on one fresh draw, a row for each figure, with its bar.
+
+    Ends with status 1 where a bar is missed. The rows are those of docs/figures.
+    """
+    chosen = chosen_bars(only)
+    weights = {path.name: digest_of(path.read_bytes())[:16] for path in sorted(WEIGHTS.glob("*.onnx"))}
+    store = RowStore(out, ["command"], {"first_seed": first_seed, "share": share, "weights": weights})
+    rows = list(measured(chosen, first_seed, share, store, ask))
+    console().print(_table(rows))
+    if as_json:
+        print_json({"first_seed": first_seed, "rows": rows})
+    return 0 if all(row["met"] for row in rows) else 1
+
+
+def chosen_bars(only: Sequence[str] | None = None, path: Path = BARS) -> list[Measured]:
+    """The bars of a file, all or some.
+
+    Raises:
+        InputError: the file is wrong, or holds none of those.
+    """
+    found = load_yaml(path, Bars).bars
+    chosen = [one for one in found if not only or any(one.command.startswith(begin) for begin in only)]
+    if not chosen:
+        legal = sorted({one.command.split()[0] for one in found})
+        raise InputError(f"--only {' '.join(only or ())}: no such command; legal: {', '.join(legal)}")
+    return chosen
+
+
+def measured(
+    chosen: Sequence[Measured],
+    first_seed: int,
+    share: float,
+    store: RowStore,
+    ask: Callable[[list[str]], Any],
+) -> Iterator[dict[str, Any]]:
+    """A row for each figure; commands whose answers are kept are not asked again."""
+    for one in chosen:
+        words = one.words(first_seed, share)
+        command = f"cell lab eval {' '.join(words)}"
+        if command not in store:
+            console().print(command, highlight=False)
+            store.add({"command": command, "told": ask(words)})
+        (kept,) = (row for row in store.rows if row["command"] == command)
+        yield from ({**figure.of(kept["told"]), "command": command} for figure in one.figures)
+
+
+def ask(words: list[str]) -> Any:
+    """The JSON that a command below `cell lab eval` prints.
+
+    Raises:
+        InputError: it failed; with its last line.
+    """
+    program = [sys.executable, "-m", "cell", "lab", "eval", *words]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, env={**os.environ, BESIDE: "1"})
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        raise InputError(f"cell lab eval {' '.join(words)}: ended with status {done.returncode}: {said}")
+    return json.loads(lines[-1])
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    drawn = Table("claim", "figure", "interval", "bar", "trivial", "")
+    for row in rows:
+        low_high = "" if row["interval"] is None else "{:.3g} - {:.3g}".format(*row["interval"])
+        trivial = "" if row["trivial"] is None else f"{row['trivial']:.3g}"
+        drawn.add_row(
+            row["claim"], f"{row['figure']:.4g}", low_high, f"{row['bar']:.4g}", trivial, "" if row["met"] else "missed"
+        )
+    return drawn

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import InputError
+from cell.files.files import INSTALLED
 
 DISTRIBUTION = "bracket-cell"  # in an index `cell` is somebody else's
 
@@ -45,6 +46,11 @@ def install_command(extra: str) -> str:
     where = str(told.get("url", "CLONE")).removeprefix("file://")
     editable = "-e " if told.get("dir_info", {}).get("editable") else ""
     return f'{sys.executable} -m pip install {editable}"{where}[{extra}]"'
+
+
+def how_to_train() -> str:
+    """How this environment gets what training needs."""
+    return "make train-deps" if (INSTALLED / "Makefile").is_file() else install_command("train")
 
 
 def missing_packages() -> tuple[list[str], list[str]]:

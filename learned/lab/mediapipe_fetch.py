@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cell.errors import InputError
+from cell.files.packages import how_to_train
 from learned.hands.mediapipe.hands import LANDMARK_KIND, PALM_KIND, SIZES, network_file
 from learned.inference.onnx_model import ModelCard, save_onnx
 
@@ -46,7 +47,7 @@ def fetch(folder: Path, wheel: Path | None = None) -> list[Path]:
     """
     missing = [name for name in ("tflite", "onnx") if find_spec(name) is None]
     if missing:
-        raise InputError(f"converting needs {', '.join(missing)}; install with: make train-deps")
+        raise InputError(f"converting needs {', '.join(missing)}; install with: {how_to_train()}")
     with tempfile.TemporaryDirectory() as scratch:
         found = wheel or _download(Path(scratch))
         try:

@@ -16,6 +16,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ENTRY = re.compile(r"- (?:[^:\n]+: )?([\w/*-]+\.md)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:cell|trees|skills|learned|sim|config|tests|docs)/[\w/.]+\.\w+)`")
+MOST_WORDS = 1300
 OWN = ("config/cell.yaml", "trees/fetch_two.xml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
 
@@ -34,6 +35,11 @@ def test_lines_are_wrapped(page: Path) -> None:
         code ^= line.startswith("```")
         if not code and not line.startswith(("|", "![", "    ")) and page not in GENERATED:
             assert len(line) <= 120, f"{page.name}:{number}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_page_is_longer_than_a_sitting(page: Path) -> None:
+    assert len(page.read_text().split()) <= MOST_WORDS
 
 
 def test_every_page_is_in_the_nav_of_the_site() -> None:

@@ -19,6 +19,7 @@ from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, Overw
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import CellError, InputError
 from cell.files.files import shipped
+from cell.files.packages import how_to_train
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from learned.parts.settings import BACKBONES
@@ -187,4 +188,4 @@ def need_torch(*, experiments: bool = False) -> None:
     needed = ("torch", "onnx", "onnxscript", *(("scipy",) if experiments else ()))
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
-        raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")
+        raise InputError(f"training needs {', '.join(missing)}; install with: {how_to_train()}")

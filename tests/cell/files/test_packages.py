@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cell.errors import InputError
-from cell.files.packages import damaged_packages, install_command, missing_packages, needed
+from cell.files.packages import damaged_packages, how_to_train, install_command, missing_packages, needed
 
 
 @pytest.fixture
@@ -63,3 +63,11 @@ def test_an_extra_is_got_from_where_the_project_came_from_and_never_by_a_bare_na
 def test_an_extra_of_a_project_that_came_from_nowhere_says_clone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.metadata.distributions", lambda **_: iter(()))
     assert install_command("fleet").endswith('pip install "CLONE[fleet]"')
+
+
+def test_what_training_needs_is_got_by_make_in_a_clone_alone(
+    installed_from: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert how_to_train() == "make train-deps"
+    monkeypatch.setattr("cell.files.packages.INSTALLED", installed_from)
+    assert how_to_train().endswith(f'pip install -e "{installed_from}[train]"')

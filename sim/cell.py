@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from cell.interfaces.bench import Bench, CameraSetup
-from cell.interfaces.command import Display
-from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.devices import Devices, EmptyPanel, TruthEvent
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
@@ -38,16 +37,6 @@ from sim.truth.labels import resting_event, resting_parts
 from sim.truth.score import Score
 from sim.worker.stock import Stock
 from sim.worker.worker import Around, Worker
-
-
-class EmptyPanel:
-    """A panel without a reader."""
-
-    def show(self, display: Display) -> None:
-        """Nothing happens."""
-
-    def alarm(self, text: str) -> None:
-        """Nothing happens."""
 
 
 class DrivenArm(Actor, Observer, Protocol):

@@ -149,6 +149,19 @@ class Panel(Protocol):
         ...
 
 
+class EmptyPanel:
+    """A panel without a reader."""
+
+    def show(self, display: Display) -> None:
+        """Nothing happens."""
+
+    def alarm(self, text: str) -> None:
+        """Nothing happens."""
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
 class DetectorHost(Protocol):
     """Detectors next to what makes a simulated cell's frames, beside the controller."""
 

@@ -201,7 +201,7 @@ def _calibrated(text: str, calibration: Calibration) -> str:
         at, angles = (np.array(origin.get(name, "0 0 0").split(), float) for name in ("xyz", "rpy"))
         nominal = nominal @ _placed(rpy.rpyToMatrix(angles), at)
         axis = joint.find("axis")
-        if axis is None and joint.find("child[@link='tool0']") is None:
+        if axis is None and joint.find(f"child[@link='{FLANGE}']") is None:
             continue
         frame = next(frames, np.eye(4))
         if axis is not None:

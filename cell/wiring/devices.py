@@ -15,15 +15,13 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cell.configuration import Configuration
-from cell.device_settings import KINDS, OwnDevice, PagePanel, SimulatedDevice
-from cell.device_settings import NoPanel as NoPanelSettings
+from cell.device_settings import KINDS, NoPanel, OwnDevice, PagePanel, SimulatedDevice
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
-from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, Gripper, Panel, Signals
+from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, EmptyPanel, Gripper, Panel, Signals
 from cell.interfaces.product import Product
 from cell.interfaces.robot import Calibration
-from skills.drivers.no_panel import NoPanel
 from skills.drivers.settings import CALIBRATIONS, DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
@@ -38,7 +36,7 @@ AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are 
 
 
 VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
-PANELS = (NoPanelSettings, PagePanel)  # the page is opened by who runs: it shows more than a panel
+PANELS = (NoPanel, PagePanel)  # the page is opened by who runs: it shows more than a panel
 TIMELESS = (*PANELS, RecordedSettings)
 
 
@@ -138,7 +136,7 @@ def _our_driver(role: str, device: Any) -> type:
         SettingError: a package is missing.
     """
     if isinstance(device, PANELS):
-        return NoPanel
+        return EmptyPanel
     name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
     try:
         found: type = _found(name)

@@ -143,12 +143,15 @@ class TwinCamera(MjpegServer):
                 self._due.set()
 
     def _photograph(self) -> None:
+        """Send each frame once: one that comes while the one before is being sent has set the event again."""
+        sent: Frame | None = None
         while not self._ended:
             self._due.wait()
             self._due.clear()
-            if self._frame is not None and not self._ended:
+            if (frame := self._frame) is not None and frame is not sent and not self._ended:
+                sent = frame
                 with suppress(DeviceFault):
-                    self.send(self._frame.image)
+                    self.send(frame.image)
 
 
 def serve_stream(cell: TwinCell, role: str) -> TwinCamera:

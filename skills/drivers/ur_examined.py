@@ -117,7 +117,7 @@ def _rows(parts: bytes) -> Calibration | None:
         size, kind = struct.unpack(">iB", parts[:5])
         if kind == KINEMATICS and size >= 5 + CHECKSUMS_BYTES + ROWS.size:
             values = np.array(ROWS.unpack_from(parts, 5 + CHECKSUMS_BYTES)).reshape(4, 6).tolist()
-            return Calibration(theta_rad=values[0], a_m=values[1], d_m=values[2], alpha_rad=values[3])
+            return Calibration.model_validate(dict(zip(Calibration.model_fields, values, strict=True)))
         parts = parts[max(size, 5) :]
     return None
 

@@ -16,6 +16,7 @@ SHARED = {
     "clearing",
     "clearing_stacks",
     "kill_moment",
+    "wired_cell",
 }  # what several use, or a long one leaves out
 FOLDER = Path(__file__).parent
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py") if not path.stem.startswith("test_"))

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cell.configuration import load_configuration, load_product
-from tests.benchmarks.wired_cell import Told, answer_of, wired_cell
+from tests.benchmarks.wired_cell import Told, wired_cell
 from tests.sim.twin.rig import own_host
 
 LONGEST_S = 320.0  # of the cell; the run itself ends after 300 s
@@ -46,7 +46,7 @@ def assembled(folder: Path, seed: int, goal: str, person: str, slower: float) ->
     more = ("--seed", str(seed), "--goal", goal, "--person", person)
     began_s = time.monotonic()
     with wired_cell(folder, own_host(1), slower, more) as cell:
-        run = answer_of(cell.run("--overwrite"), LONGEST_S * slower)
+        run = cell.run(LONGEST_S)
         return {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
 
 

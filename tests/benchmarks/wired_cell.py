@@ -12,37 +12,32 @@ from typing import Any
 
 from cell.files.files import shipped
 from sim.twin.control import ask
-from tests.processes import started
+from tests.processes import finished, started
 
 Told = dict[str, Any]
 
 
 class WiredCell:
-    """A twin that serves.
-
-    Attributes:
-        config: names the twin's wires.
-        log: of the run.
-    """
+    """A twin that serves."""
 
     def __init__(self, folder: Path, config: Path, slower: float) -> None:
-        self._folder, self._door, self._slower = folder, folder / "twin.sock", slower
-        self.config, self.log = config, folder / "run.mcap"
+        self._folder, self._config, self._slower = folder, config, slower
 
-    def run(self, *more: str) -> subprocess.Popen[str]:
-        """`cell run` by the wires; its answer is the last line that it prints."""
-        words = ["run", "--config", str(self.config), "--slower", f"{self._slower:g}", "--log", str(self.log)]
-        with (self._folder / "run.txt").open("w") as screen:
-            command = [sys.executable, "-m", "cell", *words, "--json", *more]
-            return subprocess.Popen(command, cwd=self._folder, stdout=subprocess.PIPE, stderr=screen, text=True)
-
-    def fault(self, name: str) -> None:
-        """Make something go wrong."""
-        ask(self._door, {"fault": name})
+    def run(self, limit_s: float) -> Told:
+        """What `cell run --json` tells of a run by the wires; log and screen stay in the folder."""
+        words = ["run", "--config", str(self._config), "--slower", f"{self._slower:g}", "--json"]
+        words += ["--log", str(self._folder / "run.mcap"), "--overwrite"]
+        try:
+            done = finished([sys.executable, "-m", "cell", *words], self._folder, limit_s=limit_s * self._slower)
+        except subprocess.TimeoutExpired:
+            return {"end": "hung", "reason": f"no end in {limit_s:g} s of the cell"}
+        (self._folder / "run.txt").write_text(done.stderr)
+        lines = done.stdout.splitlines()
+        return json.loads(lines[-1]) if lines else {"end": "refused", "reason": done.stderr.strip()[-300:]}
 
     def report(self) -> Told:
         """What was built, by the truth."""
-        told: Told = ask(self._door, {"report": True})
+        told: Told = ask(self._folder / "twin.sock", {"report": True})
         return told
 
 
@@ -60,26 +55,14 @@ def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ())
         text = text.replace(f": {beside}", f": {shipped('config', beside)}")
     config = folder / "twin_cell.yaml"
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
-    cell = WiredCell(folder, config, slower)
     words = ["twin", "--config", str(config), "--slower", f"{slower:g}", "--at", str(folder / "twin.sock"), *more]
     with started([sys.executable, "-m", "cell", *words], folder) as twin:
-        assert twin.stdout is not None
-        for line in twin.stdout:
+        assert twin.stderr is not None  # where the console writes
+        told = []
+        for line in twin.stderr:
+            told.append(line)
             if line.startswith("faults:"):
                 break
         else:
-            assert twin.stderr is not None
-            raise RuntimeError(f"the twin did not begin: {twin.stderr.read()}")
-        yield cell
-
-
-def answer_of(run: subprocess.Popen[str], limit_s: float) -> Told:
-    """What a run printed as JSON; why it printed none, where it did not."""
-    try:
-        out, _ = run.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        run.kill()
-        run.communicate()
-        return {"end": "hung", "reason": f"no end in {limit_s:g} s of the wall"}
-    lines = out.splitlines()
-    return json.loads(lines[-1]) if lines else {"end": "refused", "reason": f"exit {run.returncode}"}
+            raise RuntimeError(f"the twin did not begin: {''.join(told)}")
+        yield WiredCell(folder, config, slower)

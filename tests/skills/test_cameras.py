@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import cv2
@@ -17,7 +19,8 @@ from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import WallClock
 from cell.interfaces.perception import Frame
-from sim.twin.cameras import MjpegServer
+from cell.interfaces.pose import Pose
+from sim.twin.cameras import MjpegServer, TwinCamera
 from skills.drivers import cameras
 from skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
 from skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
@@ -246,3 +249,45 @@ def test_a_camera_with_a_buffer_tells_old_images_with_new_stamps(shooting: Shoot
         frame = bench.frames(1)[0]
         assert bench.clock.now_s() - frame.time_s < 1.0
         assert shooting.number % 32 != number_of(frame)
+
+
+def test_a_twin_s_camera_sends_each_frame_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that comes between the end of a wait and the look at what is new."""
+
+    class Cell:
+        def __init__(self) -> None:
+            self.frame, self.looks = Frame("overhead", 0, 0.0, numbered(1), Pose((0, 0, 0))), list[Any]()
+            camera = SimpleNamespace(latest=lambda: self.frame, trigger=lambda: None)
+            world = SimpleNamespace(bench=small_bench())
+            self.sim = SimpleNamespace(devices=SimpleNamespace(overhead=camera), world=world)
+
+        def each_period(self, look: Any) -> None:
+            self.looks.append(look)
+
+    cell, sent, both = Cell(), list[Any](), threading.Event()
+
+    def send(_: Any, image: Any) -> None:
+        sent.append(int(image[0, 0, 0]))
+        if len(sent) == 1:
+            cell.frame = Frame("overhead", 1, 0.1, numbered(2), Pose((0, 0, 0)))
+            cell.looks[0](0.1)
+            cell.looks[0](0.2)  # the event is set once more for what is sent next
+        both.set()
+
+    monkeypatch.setattr(TwinCamera, "send", send)
+    camera = TwinCamera(cell, "overhead", "127.0.0.1", 0)  # type: ignore[arg-type]
+    clear = camera._due.clear
+
+    def late_clear() -> None:
+        clear()
+        camera._due.set() if len(sent) == 1 else None
+
+    camera._due.clear = late_clear  # type: ignore[method-assign]
+    cell.looks[0](0.0)
+    assert both.wait(5.0)
+    end_s = time.monotonic() + 5.0
+    while len(sent) < 2 and time.monotonic() < end_s:
+        time.sleep(0.005)
+    time.sleep(0.05)
+    camera.close()
+    assert sent == [8, 16]

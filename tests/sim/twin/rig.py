@@ -21,7 +21,6 @@ from sim.twin.cell import TwinCell
 from sim.twin.control import ControlDoor, ask
 from tests.processes import started
 
-QUIET = 0.5
 UNLOCK_S = 0.5  # of a protective stop, in place of the 5 s that a controller refuses for
 
 
@@ -31,9 +30,9 @@ def own_host(number: int) -> str:
 
 
 def slower_now() -> float:
-    """How many times slower a twin must go to keep its time beside what else this machine does; half on a quiet one."""
+    """How many times slower a twin must go to keep its time beside what else this machine does."""
     waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
-    return QUIET if waiting < QUIET else float(min(max(round(waiting), 1), 16))
+    return float(min(max(round(waiting), 1), 16))
 
 
 class Twin:

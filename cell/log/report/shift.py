@@ -251,10 +251,10 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
 def _judge(result: Mapping[str, str], brackets: list[BracketRow]) -> None:
     """Say of each bracket whether it is right, where the log's result knows."""
     try:
-        told = json.loads(result["brackets"]) if "brackets" in result else []
-    except (ValueError, TypeError):
+        told = json.loads(result.get("brackets", "[]"))
+    except ValueError:
         told = []
-    known = {one.get("number"): one for one in told if isinstance(one, dict)}
+    known = {one.get("number"): one for one in told if isinstance(one, dict)} if isinstance(told, list) else {}
     for bracket in brackets:
         judged = known.get(bracket.number, {})
         bracket.correct = judged.get("correct")

@@ -10,7 +10,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import orjson
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
@@ -18,7 +17,7 @@ from cell.errors import InputError, LogError
 from cell.files.packages import needed
 from cell.fleet.intervals import mean, wilson
 from cell.fleet.table import COLUMNS, order_id, write_table
-from cell.log.read.reader import files_of, read_log
+from cell.log.read.reader import files_of, json_of, read_log
 from cell.log.read.walk import PROFILE
 from cell.recording.parts import part_number, whole_path
 
@@ -209,8 +208,9 @@ def _metadata(path: Path) -> dict[str, dict[str, str]]:
 def _row(
     files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
 ) -> Row:
-    told = {name: orjson.loads(value) for name, value in result.items()}
-    why = orjson.loads(outcome.get("why", "{}"))
+    told = {name: json_of(files[0], result, name, lambda value: value) for name in result}
+    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(one) for one in rows])}
+    why = json_of(files[0], outcome, "why", dict) or {}
     ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
     row: Row = {
         "run_id": run.get("run_id", ""),

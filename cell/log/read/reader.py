@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
+
+import orjson
 
 from cell.errors import LogError
 from cell.log.read.mcap_file import McapContent, Message, metadata_names, profile_of, read_mcap
@@ -15,6 +18,7 @@ from cell.log.read.walk import PROFILE
 from cell.recording import identity as digest
 from cell.recording.parts import part_number, parts_of, whole_path
 
+T = TypeVar("T")
 LOSSY = {"recovered", "dropped"}  # metadata of files that say themselves that something is missing
 
 
@@ -184,6 +188,24 @@ def read_log(path: Path | Sequence[Path]) -> Log:
         gaps=stream.gaps,
         parts=stream.parts,
     )
+
+
+def json_of(path: Path, values: Mapping[str, str], name: str, make: Callable[[Any], T]) -> T | None:
+    """What a value of a log's metadata stands for; None where there is none, or it is null.
+
+    Args:
+        path: of the log, for messages.
+        make: of plain data; may raise what wrong data make it raise.
+
+    Raises:
+        LogError: it does not hold what it should.
+    """
+    try:
+        found = orjson.loads(values.get(name, "null"))
+        return None if found is None else make(found)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"{type(error).__name__}: {error}"
+        raise LogError(path, f"{name} in its metadata does not hold what it should: {what}") from None
 
 
 def files_of(path: Path) -> list[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from cell.errors import InputError, LogError
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
-from cell.log.read.reader import Log, LoggedTick, files_of, read_log
+from cell.log.read.reader import Log, LoggedTick, files_of, json_of, read_log
 
 
 def read_resume_state(path: Path, product: Product, told: Callable[[LoggedTick], None] = lambda _: None) -> ResumeState:
@@ -29,8 +28,8 @@ def read_resume_state(path: Path, product: Product, told: Callable[[LoggedTick],
     for number, log in enumerate(_parts(path)):
         if (name := log.metadata.get("product", product.name)) != product.name:
             raise InputError(f"{path}: the run was with product {name!r}, this one is with {product.name!r}")
-        if "left_off" in log.metadata and number == 0:
-            left = ResumeState.of(json.loads(log.metadata["left_off"]))
+        if number == 0:
+            left = json_of(log.path, log.metadata, "left_off", ResumeState.of) or left
         for tick in log.ticks:
             told(tick)
             for topic, fields in tick.notes:

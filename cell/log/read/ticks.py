@@ -147,18 +147,18 @@ class TickBuilder:
         topic = message.topic
         try:
             if topic == "/bench":
-                self._bench = _read(BenchView, orjson.loads(message.data))
+                self._bench = _read(BenchView, _fields(message.data))
             elif topic == "/parts":
-                self._parts = _read(PartsView, orjson.loads(message.data))
+                self._parts = _read(PartsView, _fields(message.data))
             elif topic == "/observation":
-                self._open(orjson.loads(message.data))
+                self._open(_fields(message.data))
             elif topic in FROM_OUTSIDE:
-                self._outside.append((FROM_OUTSIDE[topic], orjson.loads(message.data)))
+                self._outside.append((FROM_OUTSIDE[topic], _fields(message.data)))
             elif topic == "/state":
                 if self._pending is not None:
                     self._pending.state = message.data
             elif topic in OF_A_TICK or topic.startswith("/note/"):
-                self._add(topic, orjson.loads(message.data))
+                self._add(topic, _fields(message.data))
         except (ValueError, KeyError, TypeError, ValidationError) as error:
             what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
             raise LogError(self._path, f"{what}: {type(error).__name__}: {error}") from None
@@ -246,6 +246,13 @@ class TickBuilder:
             self.last, self._next = number, number + 1
         elif not self.lossy:
             raise LogError(self._path, f"tick {number} has no message of /tick")
+
+
+def _fields(data: bytes) -> dict[str, Any]:
+    found = orjson.loads(data)
+    if not isinstance(found, dict):
+        raise ValueError(f"is {type(found).__name__} and no object")
+    return found
 
 
 def _read(kind: Any, fields: Any) -> Any:

@@ -33,6 +33,7 @@ RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
 SEARCH_EFFORT = 8
 LEAST_EFFORT_BYTES = 128 * 1024 * 1024
 MOST_REMARKS = 1000
+LONGEST_TICK_BYTES = 1_000_000  # what is longer is not looked into
 MOST_TICKS = 10**7  # a number beyond it is damage, not a gap
 SUMMARY_CRC_BYTES = 16  # of the footer are covered by the checksum of the summary
 INSIDE = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
@@ -255,7 +256,7 @@ class Walk:
             self._count(channel, sequence)
         data = bytes(body[MESSAGE.size :])
         self.kept["messages"] += 1
-        if channel.topic == "/tick" and not self._strict:
+        if channel.topic == "/tick" and not self._strict and len(data) < LONGEST_TICK_BYTES:
             self._ticked(data)
         self._sink.take(records.Message(number, time_ns, data, published_ns, sequence))
 

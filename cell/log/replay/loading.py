@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from cell.errors import InputError, LogError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
-from cell.log.read.reader import Log
+from cell.log.read.reader import Log, json_of
 from cell.log.replay.logged_tree import recorded_table, write_files
 from cell.wiring.detectors import fitted
 from cell.wiring.services import Planners, load_planners
@@ -96,7 +95,7 @@ def _load(
 
 def recorded_tree(log: Log, folder: Path, registry: Registry) -> Tree:
     """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
-    files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
+    files, entries = folder / "tree", json_of(log.path, log.metadata, "entries", dict) or {}
     return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
 
 

@@ -14,7 +14,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.resume import ResumeState
-from cell.log.read.reader import Log, LoggedTick
+from cell.log.read.reader import Log, LoggedTick, json_of
 from cell.log.read.ticks import Gap
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from cell.log.replay.loading import Changes, load, recorded_tree
@@ -98,14 +98,14 @@ class Replay:
         self._supervisor = make_supervisor(faults, motion)
         self._halted = False
         self._journal = ListJournal()
-        left_off = json.loads(log.metadata["left_off"]) if "left_off" in log.metadata and not place else None
+        left_off = None if place else json_of(log.path, log.metadata, "left_off", ResumeState.of)
         self._services = make_services(
             configuration,
             planners,
             motion,
             self._journal,
             before.observation,
-            ResumeState() if left_off is None else ResumeState.of(left_off),
+            left_off or ResumeState(),
             LoggedFiles(_notes(log.ticks[place:], "file")),
             LoggedAnswers(_notes(log.ticks[place:], "outside")),
         )

@@ -9,22 +9,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import orjson
-
-from cell.log.read.reader import Log, LogStream
+from cell.log.read.reader import Log, LogStream, json_of
 from cell.log.replay.compare import Comparison, Difference, differences, input_differences, logged, remembers
 from cell.recording.schemas import plain
 
 FOREVER = float("inf")
+OF_REASON = ("text", "otherwise", "words", "uid", "path")
 
 
 def why_of(log: Log | LogStream) -> dict[str, Any] | None:
     """Why the tree of a log failed, or did not end in time, by the keys of `Reason.plain`; of a stream that was read.
 
     None where it ended otherwise, and in logs that do not say.
+
+    Raises:
+        LogError: it does not hold what it should.
     """
-    told: dict[str, Any] | None = orjson.loads(log.outcome.get("why", "null"))
-    return told
+    return json_of(log.path, log.outcome, "why", lambda told: {**{name: told[name] for name in OF_REASON}, **told})
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def info(log: Log | LogStream) -> dict[str, Any]:
         "unfinished": log.unfinished,
         "inputs_altered": log.altered,
         "outcome": {**log.outcome, **({"why": why} if (why := why_of(log)) else {})},
-        "result": {name: orjson.loads(value) for name, value in log.result.items()},
+        "result": {name: json_of(log.path, log.result, name, lambda told: told) for name in log.result},
         "metadata": dict(log.metadata),
         "attachments": {name: len(content) for name, content in log.attachments.items()},
         "topics": {topic: {"messages": counts[topic], "bytes": sizes[topic]} for topic in sorted(counts)},

@@ -14,13 +14,12 @@ from cell.log.read.ticks import LoggedTick
 from cell.log.report.html_page import rendered, write_page
 from cell.log.report.key_frames import key_frames
 from cell.log.report.query import why_of
-from cell.log.report.shift import shift_from, shift_of
+from cell.log.report.shift import shift_from
 from cell.log.report.summary import (
     Belief,
     Line,
     Placed,
     beliefs,
-    lines,
     lines_from,
     node_rows,
     overruns,
@@ -40,6 +39,9 @@ GRID = 12
 COLOURS = ("#3b6fd4", "#d9822b", "#2a9d74", "#8a8f98", "#a24bb3", "#c23b4e", "#6b7a1f", "#1c8aa6")
 LONG_S = 1200.0  # the whole of a run that is longer would fill no readable page
 MOST_LINES = 2000  # of what the controller said, the last ones
+
+
+Tile = tuple[str, str, str]  # caption, value, mood
 
 
 class Axis:
@@ -75,34 +77,37 @@ def write_report(log: Log, path: Path) -> int:
 
 def report_html(log: Log) -> str:
     """The page as text."""
-    if not log.ticks:
-        raise LogError(log.path, "holds no tick that could be reported")
-    axis = Axis(log.ticks[0].time_s, log.ticks[-1].time_s)
-    rows, placed, goals, said = with_cause(node_rows(log), log, why_of(log)), placements(log), beliefs(log), lines(log)
+    told = _Told(log)
+    rows, placed, goals = with_cause(node_rows(log), log, why_of(log)), placements(log), beliefs(log)
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
-    return rendered(
-        TEMPLATE,
-        log=log,
-        why=why_of(log),
+    return told.page(
+        f"{told.last_s - told.first_s:.1f} s",
+        _found(goals, placed),
         parts=[],
-        shift=shift_of(log),
-        axis=axis,
-        width=WIDTH,
-        labels=LABELS,
-        narrowest=NARROWEST_PX,
         rows=rows,
         belief_names=names,
-        belief_lines=[(name, colour, _steps(goals, name, axis)) for name, colour in _coloured(names)],
+        belief_lines=[(name, colour, _steps(goals, name, told.axis)) for name, colour in _coloured(names)],
         beliefs=goals,
         placements=placed,
         verdicts=verdicts(log),
         waits=waits(log, rows),
-        lines=said,
+        lines=told.lines,
         overruns=overruns(log)[:MOST_OVERRUNS],
-        timing=_timing(log, axis),
+        timing=_timing(log, told.axis),
         frames=key_frames(log, placed),
-        tiles=_tiles(log, goals, placed, said),
     )
+
+
+def write_overview(stream: LogStream, path: Path) -> int:
+    """Write the page of a run that lasts hours; returns its size in bytes.
+
+    Raises:
+        LogError: a part cannot be read, or there is no tick to tell of.
+        InputError: the page cannot be written.
+    """
+    told = _Told(stream)
+    hours = f"{(told.last_s - told.first_s) / 3600:.2f} h"
+    return write_page(told.page(hours, parts=_spans(stream.parts), lines=told.lines[-MOST_LINES:]), path)
 
 
 def _coloured(names: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -132,29 +137,14 @@ def _timing(log: Log, axis: Axis) -> dict[str, Any]:
     return {"period_ms": period_ms, "top_ms": top_ms, "bars": bars, "limit": round(110 - 100 * period_ms / top_ms, 1)}
 
 
-def _tiles(
-    log: Log, goals: Sequence[Belief], placed: Sequence[Placed], said: Sequence[Line]
-) -> list[tuple[str, str, str]]:
-    """(caption, value, mood) of the summary's tiles."""
-    end = log.outcome.get("end", "cut off")
-    late = sum(tick.overrun for tick in log.ticks)
-    alarms = sum(line.count for line in said if line.level != "info")
-    helps = sum(topic == "help" for tick in log.ticks for topic, _ in tick.notes)
+def _found(goals: Sequence[Belief], placed: Sequence[Placed]) -> list[Tile]:
+    """What was inferred and placed."""
     new = [one for one in placed if not one.confirms]
     robot = sum(one.source == "robot" for one in placed)
     last = goals[-1].goals if goals else {}
     goal = max(last, key=lambda name: last[name]) if last else "none"
     certainty = f" ({last[goal]:.0%})" if last else ""
-    return [
-        ("outcome", end, "good" if end == "finished" else "bad"),
-        ("goal inferred", goal + certainty, ""),
-        ("by robot / all parts", f"{robot} / {len(new)}", ""),
-        ("calls for help", str(helps), "bad" if helps else ""),
-        ("time", f"{log.ticks[-1].time_s - log.ticks[0].time_s:.1f} s", ""),
-        ("ticks", str(len(log.ticks)), ""),
-        ("overruns", str(late), "bad" if late else "good"),
-        ("alarms", str(alarms), "bad" if alarms else "good"),
-    ]
+    return [("goal inferred", goal + certainty, ""), ("by robot / all parts", f"{robot} / {len(new)}", "")]
 
 
 def is_long(parts: Sequence[Path]) -> bool:
@@ -163,66 +153,55 @@ def is_long(parts: Sequence[Path]) -> bool:
     return len(spans) > 1 and max(end for _, end in spans) - min(begin for begin, _ in spans) > LONG_S
 
 
-def write_overview(stream: LogStream, path: Path) -> int:
-    """Write the page; returns its size in bytes.
+class _Told:
+    """What both pages say: the shift, and what is counted while the ticks pass, once.
 
     Raises:
-        LogError: a part cannot be read, or there is no tick to tell of.
-        InputError: the page cannot be written.
+        LogError: there is no tick.
     """
-    told = _Told(stream)
-    shift = shift_from(told.ticks(), lambda: stream.result)
-    if not told.count:
-        raise LogError(stream.path, "holds no tick that could be reported")
-    page = rendered(
-        TEMPLATE,
-        log=stream,
-        why=why_of(stream),
-        parts=_spans(stream.parts),
-        shift=shift,
-        axis=Axis(told.first_s, told.last_s),
-        width=WIDTH,
-        labels=LABELS,
-        narrowest=NARROWEST_PX,
-        lines=told.lines[-MOST_LINES:],
-        tiles=told.tiles(),
-    )
-    return write_page(page, path)
 
-
-class _Told:
-    """What is counted while the ticks pass."""
-
-    def __init__(self, stream: LogStream) -> None:
-        self._stream = stream
-        self.count = self._late = self._helps = 0
+    def __init__(self, log: Log | LogStream) -> None:
+        self._log = log
+        self._count = self._late = self._helps = 0
         self.first_s = self.last_s = 0.0
         self.lines: list[Line] = []
+        self._shift = shift_from(self._ticks(), lambda: log.result)
+        if not self._count:
+            raise LogError(log.path, "holds no tick that could be reported")
+        self.axis = Axis(self.first_s, self.last_s)
 
-    def ticks(self) -> Iterator[LoggedTick]:
-        """All ticks, once."""
-        for piece in self._stream:
-            self.lines += lines_from(self._stream.path, piece.messages)
+    def _ticks(self) -> Iterator[LoggedTick]:
+        for piece in self._log:
+            self.lines += lines_from(self._log.path, piece.messages)
             for tick in piece.ticks:
-                self.first_s = tick.time_s if not self.count else self.first_s
+                self.first_s = tick.time_s if not self._count else self.first_s
                 self.last_s = tick.time_s
-                self.count += 1
+                self._count += 1
                 self._late += tick.overrun
                 self._helps += sum(topic == "help" for topic, _ in tick.notes)
                 yield tick
 
-    def tiles(self) -> list[tuple[str, str, str]]:
-        """(caption, value, mood) of the tiles."""
-        end = self._stream.outcome.get("end", "cut off")
+    def page(self, took: str, more: Sequence[Tile] = (), **values: object) -> str:
+        """The page as text.
+
+        Args:
+            more: further tiles.
+            values: further ones that the template shows.
+        """
+        end = self._log.outcome.get("end", "cut off")
         alarms = sum(line.count for line in self.lines if line.level != "info")
-        return [
+        tiles: list[Tile] = [
             ("outcome", end, "good" if end == "finished" else "bad"),
+            *more,
             ("calls for help", str(self._helps), "bad" if self._helps else ""),
-            ("time", f"{(self.last_s - self.first_s) / 3600:.2f} h", ""),
-            ("ticks", str(self.count), ""),
+            ("time", took, ""),
+            ("ticks", str(self._count), ""),
             ("overruns", str(self._late), "bad" if self._late else "good"),
             ("alarms", str(alarms), "bad" if alarms else "good"),
         ]
+        sizes = {"axis": self.axis, "width": WIDTH, "labels": LABELS, "narrowest": NARROWEST_PX}
+        told = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles}
+        return rendered(TEMPLATE, **sizes, **told, **values)
 
 
 def _spans(parts: Sequence[Path]) -> list[tuple[float, float, Path]]:

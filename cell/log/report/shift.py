@@ -15,7 +15,6 @@ from statistics import mean
 from typing import Any
 
 from cell.interfaces.faults import Action
-from cell.log.read.reader import Log
 from cell.log.read.ticks import LoggedTick
 
 FEWEST = 6  # brackets from which on there is anything to tell
@@ -173,13 +172,13 @@ class Shift:
         return sorted(total.items(), key=lambda wait: -wait[1])
 
 
-def shift_of(log: Log) -> Shift | None:
-    """The shift that a log records; None where its tree named no brackets."""
-    return shift_from(log.ticks, lambda: log.result)
-
-
 def shift_from(ticks: Iterable[LoggedTick], result: Callable[[], Mapping[str, str]]) -> Shift | None:
-    """The same from ticks that are read once; how the job was done is asked for after the last of them."""
+    """The shift that a log records; None where its tree named no brackets.
+
+    Args:
+        ticks: are read once.
+        result: how the job was done; asked for after the last of them.
+    """
     brackets = _brackets(ticks)
     if not brackets:
         return None
@@ -251,10 +250,10 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
 def _judge(result: Mapping[str, str], brackets: list[BracketRow]) -> None:
     """Say of each bracket whether it is right, where the log's result knows."""
     try:
-        told = json.loads(result["brackets"]) if "brackets" in result else []
-    except (ValueError, TypeError):
+        told = json.loads(result.get("brackets", "[]"))
+    except ValueError:
         told = []
-    known = {one.get("number"): one for one in told if isinstance(one, dict)}
+    known = {one.get("number"): one for one in told if isinstance(one, dict)} if isinstance(told, list) else {}
     for bracket in brackets:
         judged = known.get(bracket.number, {})
         bracket.correct = judged.get("correct")

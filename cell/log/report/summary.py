@@ -237,17 +237,15 @@ def waits(log: Log, rows: list[NodeRow]) -> list[Wait]:
     return sorted(found, key=lambda wait: wait.time_s)
 
 
-def lines(log: Log) -> list[Line]:
+def lines_from(path: Path, messages: Iterable[Message]) -> list[Line]:
     """What the controller said, in order; what it repeats is one line, from the first time on.
+
+    Args:
+        path: of the log, for what is wrong.
 
     Raises:
         LogError: a line of the log is damaged.
     """
-    return lines_from(log.path, log.messages)
-
-
-def lines_from(path: Path, messages: Iterable[Message]) -> list[Line]:
-    """The same from messages that are read once; the path is for what is wrong."""
     found: list[Line] = []
     for message in messages:
         if message.topic != LINES:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import orjson
 
 from cell.errors import LogError
 from cell.interfaces.pose import Array
 from cell.log.read.frames import CAMERA
-from cell.log.read.reader import Log
+from cell.log.read.reader import Log, json_of
 
 RATE_HZ = 15.0  # of a data set without images
 
@@ -49,11 +48,10 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     measured = np.array([[*tick.observation.arm.positions_rad, tick.observation.gripper.opening_m] for tick in ticks])
     asked = _asked(log, measured)
     later = np.minimum(np.searchsorted(starts, times_s + 1 / rate_hz + 1e-9, side="right") - 1, len(ticks) - 1)
-    result = {name: orjson.loads(value) for name, value in log.result.items()}
-    goal = result.get("goal") or log.metadata.get("goal", "")
+    goal = json_of(log.path, log.result, "goal", str) or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
     rows = times_s, measured[at], asked[later], _after(log)[at]
-    return Episode(*rows, task, result.get("correct"), not log.unfinished)
+    return Episode(*rows, task, json_of(log.path, log.result, "correct", bool), not log.unfinished)
 
 
 def _after(log: Log) -> Array:

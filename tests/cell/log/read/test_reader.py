@@ -17,10 +17,11 @@ from mcap.writer import Writer
 from cell.errors import LogError
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.log.read.frames import Frames
-from cell.log.read.mcap_file import read_mcap
+from cell.log.read.mcap_file import Message, read_mcap
 from cell.log.read.reader import read_log
 from cell.log.read.records import HEAD, MAGIC
 from cell.log.read.salvage import recover
+from cell.log.read.ticks import TickBuilder
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
 from cell.watching.observer import SentCommand
@@ -218,3 +219,10 @@ def test_ticks_whose_inputs_are_lost_hold_none_for_them(tmp_path: Path) -> None:
     log = read_log(without(path, 3))
     assert [tick.observation.bench is None for tick in log.ticks] == [False, False, False, True, True]
     assert "2 ticks saw answers of detectors that are missing" in log.unfinished
+
+
+@pytest.mark.parametrize("data", [b"7", b"null", b"[1]", b'"x"', b"{"])
+def test_a_message_that_is_no_object_is_one_clear_error(data: bytes, tmp_path: Path) -> None:
+    for topic in ("/observation", "/note/belief", "/timing", "/judgement"):
+        with pytest.raises(LogError, match="does not hold what it should"):
+            TickBuilder(tmp_path).take(Message(topic, "json", 0, data))

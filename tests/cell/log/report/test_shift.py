@@ -13,7 +13,7 @@ from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.operator import Question
 from cell.log.read.reader import read_log
 from cell.log.report.report import report_html
-from cell.log.report.shift import Shift, shift_of
+from cell.log.report.shift import Shift, shift_from
 from cell.recording.parts import part_path
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
@@ -54,7 +54,7 @@ def shift(tmp_path: Path) -> Shift:
         recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 10, 0, 16.0, 0.1))
     log = read_log(path)
-    told = shift_of(log)
+    told = shift_from(log.ticks, lambda: log.result)
     assert told is not None
     page = report_html(log)
     assert "The shift" in page
@@ -83,7 +83,8 @@ def test_a_question_beside_the_work_is_no_wait_and_what_stays_wrong_is_told(tmp_
     for one in (record(0), record(1, BEGIN), replace(record(2), command=Command(display=mend)), record(9, end)):
         recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 4, 0, 9.0, 0.1))
-    told = shift_of(read_log(path))
+    log = read_log(path)
+    told = shift_from(log.ticks, lambda: log.result)
     assert told is not None
     assert (told.waits_s, told.brackets[0].known_wrong) == ([], ["p2"])
     assert "known to be wrong: p2" in report_html(read_log(path))
@@ -126,4 +127,4 @@ def test_a_log_without_brackets_is_no_shift(tmp_path: Path) -> None:
     recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
     recorder.tick(record(0))
     recorder.close(Outcome("finished", "", 1, 0, 1.0, 0.1))
-    assert shift_of(read_log(path)) is None
+    assert shift_from(read_log(path).ticks, dict) is None

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from cell.commands.main import main
-from cell.log.read.reader import Log
+from cell.errors import LogError
+from cell.log.read.reader import Log, read_log
 from cell.log.replay.why import why_at
 from cell.log.report.query import info, ticks, why_of
 from cell.log.report.report import report_html
 from cell.log.report.summary import node_rows, with_cause
 from cell.log.report.text import info_lines, tick_lines, why_lines
+from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
+from cell.watching.observer import Outcome
+from tests.cell.recording.test_recorder import record
 from trees.engine.why import Reason, Step
 
 ROOT = Step("job", 1, "Sequence", "job", "commission.xml", 4, "FAILURE")
@@ -71,3 +77,14 @@ def test_a_moment_of_a_log_is_explained_from_the_root(commission_log: Log) -> No
 def test_a_time_before_the_log_begins_is_refused(commission_log: Log, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["log", "why", str(commission_log.path), "--at", "-1"]) == 2
     assert "holds no tick of the tree up to -1 s; its first one is at" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("told", ["{", "[1]", '"x"', '{"text": "x"}'])
+def test_a_reason_that_is_none_is_one_clear_error(told: str, tmp_path: Path) -> None:
+    log = tmp_path / "log.mcap"
+    recorder = McapRecorder(log, LogSettings(camera_frames=False), Heading({}, {}))
+    recorder.tick(record(0))
+    recorder.close(Outcome("finished", "", 1, 0, 0.0, 0.1))
+    wrong = replace(read_log(log), outcome={"why": told})
+    with pytest.raises(LogError, match="why in its metadata does not hold what it should"):
+        why_of(wrong)

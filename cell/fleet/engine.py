@@ -62,9 +62,11 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
                 yield client
             return
         with (
-            tempfile.TemporaryDirectory(prefix="cell-sweep-") as folder,  # of all that workers leave behind
+            # of all that workers leave behind
+            tempfile.TemporaryDirectory(prefix="cell-sweep-", ignore_cleanup_errors=True) as folder,
             dask.config.set({"temporary-directory": folder}),
-            distributed.LocalCluster(
+        ):
+            local = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
@@ -72,10 +74,19 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
                 scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its HTTP server takes any port that is free
                 silence_logs=50,
                 env={"TMPDIR": folder},
-            ) as local,
-            distributed.Client(local) as client,
-        ):
-            yield client
+            )
+            with _closed(local), _closed(distributed.Client(local)) as client:
+                yield client
+
+
+@contextmanager
+def _closed(opened: Any) -> Iterator[Any]:
+    """Closes a part of Dask in the end. It may be late on a busy machine; what was worked out counts all the same."""
+    try:
+        yield opened
+    finally:
+        with suppress(TimeoutError):
+            opened.close()
 
 
 def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = run_task) -> Iterator[Row]:

@@ -137,13 +137,21 @@ def write_page(
     Raises:
         InputError: the page cannot be written.
     """
+    found = [
+        (experiment, measured(name, experiment.cells(product), store, scheduler))
+        for name, experiment in experiments.items()
+    ]
+    write_sections(head, [write(cells) for experiment, cells in found for write in experiment.sections], out, facts)
+
+
+def write_sections(head: str, sections: Sequence[str], out: Path, facts: Mapping[str, str]) -> None:
+    """Write tables as a page, or as a file of figures (`.json`); for the arguments see `write_page`.
+
+    Raises:
+        InputError: the page cannot be written.
+    """
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        found = [
-            (experiment, measured(name, experiment.cells(product), store, scheduler))
-            for name, experiment in experiments.items()
-        ]
-        sections = [write(cells) for experiment, cells in found for write in experiment.sections]
         text = _figures(head, sections, facts) if out.suffix == ".json" else _page(head, sections, facts)
         out.write_text(text, encoding="utf-8")
     except OSError as error:

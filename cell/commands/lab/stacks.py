@@ -108,25 +108,37 @@ def evaluate_stacks(
         float, Option(min=0.05, max=1, help="Of the papers' networks: a MobileNet below 1, ResNet-101 at 1.")
     ] = StackTraining().share,
     kind: Annotated[list[str] | None, Option(help="Only this planner; may be repeated.")] = None,
+    detector_of: Annotated[
+        Path | None, Option("--detector-of", help="Folder that the detector learns from; --data by default.")
+    ] = None,
     page: Annotated[Path | None, Option("--page", help="Page to write; Fig. 18 is drawn next to it.")] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Score planners of what lies on what, trained on the same folder; finished cells and features stay in data/."""
     kinds, read = _kinds(kind), read_stacks(data)
+    other = None if detector_of is None else read_stacks(detector_of)
+    if other is not None and other.classes != read.classes:
+        raise InputError(f"--detector-of {detector_of}: its classes are not those of {data}")
     counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)
     need_torch(experiments=True)
-    from learned.lab.experiments import kept, measured
-    from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
+    from learned.lab.experiments import kept, measured, write_sections
+    from learned.lab.stacks.experiment import FIGURE, TITLE, Study, draw_figure18, figure18, table4
 
-    study = Study(read, KEPT / "stacks", StackTraining(classes=read.classes, share=share), seed)
+    settings = StackTraining(classes=read.classes, share=share)
+    study = Study(read, KEPT / "stacks", settings, seed, other)
     cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
-    sections = [table4(cells), *([figure18(cells)] if len(counts) > 1 else [])]
-    console().print("\n\n".join(sections), highlight=False, soft_wrap=True)
+    drawn = "" if page is None else f"../{page.absolute().parent.name}/{FIGURE}"
+    section = table4(cells) if len(counts) == 1 else figure18(cells, drawn)
+    console().print(section, highlight=False, soft_wrap=True)
     if page is not None:
-        write_whole(page, ("\n\n".join(sections) + "\n").encode())
+        asked = [("classes", classes), ("detector-of", detector_of), ("page", page)]
+        words = " ".join(f"--{name} {value}" for name, value in asked if value is not None)
+        learned_from = f"{len(read.trainval)} pictures, tested on {len(read.test)}"
+        facts = {"command": f"cell lab eval stacks --data {data} {words}", "learned from": learned_from}
+        write_sections(TITLE, [section], page, facts)
         if len(counts) > 1:
-            draw_figure18(cells, page.with_name("fig18.svg"))
+            draw_figure18(cells, page.with_name(FIGURE))
     if as_json:
         rows = [{name: key[name] for name in ("planner", "boxes", "classes")} | values for key, values in cells]
         print_json({"data": str(data), "paper": dict(PAPER_IA), "rows": rows})

@@ -35,8 +35,9 @@ ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1
 VGG16_DATA = 0.3  # the same, where VGG16 is trained
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
-TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.4, 0.018, 0.0021
-STACKED_SHARE, STACK_IMAGE_S = 0.4, 0.6  # of parts in the tray; to learn what lies on what in an image
+TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.3, 0.018, 0.0021
+STACKED_SHARE, STACK_IMAGE_S = 0.4, 0.02  # of parts in the tray; to learn what lies on what in an image, in an epoch
+PART_EPOCHS, STACK_EPOCHS, STACK_TIME = 20, 30, 0.35  # at most; of the time to learn, the share for stacks
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
 OWN_SHARE, OWN_FOLDS = 0.2, 5  # of a user's own recordings, kept for the scores
 MOST_COMPARED = 60  # pictures on which new weights stand beside the classical detector
@@ -153,11 +154,12 @@ def parts(asked: Training, weights: Path) -> Scores:
         task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
         return train_rcnn(scenes, product, weights, of_rcnn, task)
     floor_m = configuration.bench.tray.centre_m[2]
+    epochs, of_stacks = part_epochs(budget_s, len(scenes), sum(len(scene.labels) for scene in scenes))
+    epochs, of_stacks = asked.epochs or epochs, asked.epochs or of_stacks
     if asked.kind == "stacked":
-        return stacks(asked, scenes, product, floor_m, centre_net(weights), weights)
-    budget_s -= STACK_IMAGE_S * len(scenes)
-    an_epoch_s = IMAGE_S * len(scenes) + THING_S * sum(len(scene.labels) for scene in scenes)
-    epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
+        return stacks(
+            asked, scenes, product, floor_m, centre_net(weights), weights, epochs=asked.epochs or STACK_EPOCHS
+        )
     command = asked.command("parts", epochs=epochs)
     if not any(scene.labels for scene in scenes):
         raise InputError("--data: no part is labelled in any picture")
@@ -172,8 +174,17 @@ def parts(asked: Training, weights: Path) -> Scores:
         pose_net=WEIGHTS / pose_file(Path(weights_file("parts", "centre"))),
         quiet=False,
     )
-    facts = {**facts, **stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command)}
-    return {**facts, **beside(asked, "parts", weights, kept, scenes)}
+    told = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
+    return {**facts, **told, **beside(asked, "parts", weights, kept, scenes)}
+
+
+def part_epochs(budget_s: float, images: int, things: int) -> tuple[int, int]:
+    """Epochs of the centre net with its pose net, and of what tells of stacks, for what the data leave of a budget."""
+    left_s = (1 - PARTS_DATA) * budget_s
+    parts_s, stacks_s = IMAGE_S * images + THING_S * things, STACK_IMAGE_S * images
+    most = ((PART_EPOCHS, (1 - STACK_TIME) * left_s / parts_s), (STACK_EPOCHS, STACK_TIME * left_s / stacks_s))
+    centre, stacked = (min(limit, max(1, int(fit))) for limit, fit in most)
+    return centre, stacked
 
 
 def beside(
@@ -202,6 +213,8 @@ def stacks(
     centre: Path,
     out: Path,
     command: str = "",
+    *,
+    epochs: int,
 ) -> Scores:
     """Train what tells who lies on whom, and how, by what a centre net sees; without any stack in the data, nothing."""
     from learned.parts.model import CENTRE_KIND
@@ -213,7 +226,7 @@ def stacks(
         return {}
     model = OnnxModel.load(centre, CENTRE_KIND)
     told = command or model.card.command
-    settings = StackTraining() if asked.epochs is None else StackTraining(epochs=asked.epochs)
+    settings = StackTraining(epochs=epochs)
     return train_stacked(scenes, product, floor_m, model, out, asked.seed, settings, command=told, quiet=False)
 
 

@@ -23,6 +23,7 @@ from learned.lab.stacks.views import Labelled, StackView, kept_views, labelled
 from learned.training.training_loop import Checkpoint
 
 Boxes = Literal["true", "detected"]
+DETECTOR, FIGURE = "detector.pt", "fig18.svg"
 BOXES: tuple[Boxes, ...] = ("true", "detected")
 TITLES = {
     "default": "default: WL-GNN, decoder that points",
@@ -39,27 +40,39 @@ class Study:
     """Planners on one folder.
 
     Attributes:
-        folder: keeps the detector and the features of these data.
+        folder: keeps detectors and the features of these data.
         seed: of trainings and of the objects that are wanted.
+        detector_of: the data that the detector learns from, where it is not these.
     """
 
     data: StackData
     folder: Path
     settings: StackTraining
     seed: int
+    detector_of: StackData | None = None
 
     def cells(self, counts: Sequence[int], kinds: Sequence[str] = (*LEARNED, *RULES)) -> list[Cell]:
-        """Every planner on true and on detected boxes, for each number of classes."""
-        told = {"data": data_hash(self.data), "settings": self.settings.model_dump(mode="json"), "seed": self.seed}
+        """Every planner on true and on detected boxes; for several numbers of classes (Fig. 18) on true ones alone."""
+        told = {
+            "data": data_hash(self.data),
+            "detector_of": data_hash(self.detector_data),
+            "settings": self.settings.model_dump(mode="json"),
+            "seed": self.seed,
+        }
         cells = []
         for count in counts:
             for kind in kinds:
-                for boxes in BOXES if count == max(counts) else BOXES[:1]:
+                for boxes in BOXES if len(counts) == 1 else BOXES[:1]:
                     if kind == "topmost" and (boxes == "detected" or not self._heights_known):
                         continue  # heights are of true boxes, in data that tell them
                     key = {"planner": kind, "boxes": boxes, "classes": count, "of": list(counts), **told}
                     cells.append(Cell(key, partial(_measure, self, kind, boxes, count, tuple(counts))))
         return cells
+
+    @property
+    def detector_data(self) -> StackData:
+        """What the detector learns from."""
+        return self.data if self.detector_of is None else self.detector_of
 
     @property
     def _heights_known(self) -> bool:
@@ -151,25 +164,32 @@ def _labelled(study: Study, scenes: tuple[StackedScene, ...], name: str, *, turn
 
 
 def _file(study: Study, name: str) -> Path:
-    """Where something that depends on the detector is kept."""
-    schedule = study.settings.fit_to(len(study.data.trainval)).detector
-    told = f"{data_hash(study.data)} {study.settings.share:g} {schedule.model_dump_json()} {study.seed}"
-    return study.folder / hashlib.sha256(told.encode()).hexdigest()[:12] / name
+    """Where the detector is kept, or what it tells of these data."""
+    data = study.detector_data
+    schedule = study.settings.fit_to(len(data.trainval)).detector
+    told = f"{data_hash(data)} {study.settings.share:g} {schedule.model_dump_json()} {study.seed}"
+    folder = study.folder / hashlib.sha256(told.encode()).hexdigest()[:12]
+    return folder / name if name == DETECTOR or data is study.data else folder / data_hash(study.data) / name
 
 
 @cache
 def _regions(study: Study) -> Regions:
     """The trained detector, of this folder where it is there."""
-    path = _file(study, "detector.pt")
+    path, data = _file(study, DETECTOR), study.detector_data
     if not path.exists():
-        images = [study.data.images[one.name] for one in study.data.trainval]
+        images = [data.images[one.name] for one in data.trainval]
         settings = study.settings.fit_to(len(images))
         checkpoint = Checkpoint(path.with_suffix(".unfinished"), str(path))
-        network = train_detector(study.data.trainval, images, study.seed, settings, checkpoint=checkpoint, quiet=False)
+        network = train_detector(data.trainval, images, study.seed, settings, checkpoint=checkpoint, quiet=False)
         save_detector(network, path)
     return Regions(load_detector(path, study.settings), study.settings.classes)
 
 
+TITLE = (
+    "# Figures: stacks\n"
+    "Everyday objects as `cell lab data stacks` draws them: [stacks.md](../stacks.md) says what rows are. In brackets "
+    "is the 95 % interval (Wilson)."
+)
 HEAD = ("planner", "boxes", "OR", "OP", "IA", "paper's IA", *(f"{count} objects" for count in OBJECTS), "paper")
 
 
@@ -182,10 +202,7 @@ def table4(cells: Cells) -> str:
             wanted: dict[str, Any] = {"planner": kind, "boxes": boxes, "classes": most}
             if not values_of(cells, lambda values: float(bool(values)), **wanted):
                 continue
-            found = [
-                "-" if _share(cells, name, wanted) == "-" else shown_share(cells, name, **wanted)
-                for name in ("OR", "OP", "IA", "answer")
-            ]
+            found = [_share(cells, name, wanted) for name in ("OR", "OP", "IA", "answer")]
             sizes = [_share(cells, f"answer_{count}", wanted) for count in OBJECTS]
             rows.append((TITLES[kind], boxes, *found, *sizes, number(PAPER_IA[kind]) if kind in PAPER_IA else "-"))
     return (
@@ -196,8 +213,12 @@ def table4(cells: Cells) -> str:
     )
 
 
-def figure18(cells: Cells) -> str:
-    """Fig. 18: graph and decoder by number of classes."""
+def figure18(cells: Cells, drawn: str = "") -> str:
+    """Fig. 18: graph and decoder by number of classes.
+
+    Args:
+        drawn: where the picture is, as the page names it.
+    """
     counts = sorted({key["classes"] for key, _ in cells})
     rows = []
     for kind in LEARNED:
@@ -208,14 +229,16 @@ def figure18(cells: Cells) -> str:
     return (
         "## Fig. 18: by number of classes\n"
         "True boxes. As many pictures for each number of classes, with as many objects. Text: of the objects that the "
-        f"graph rightly calls not graspable.\n\n{markdown(head, rows)}"
+        "graph rightly calls not graspable."
+        + (f" ![graspability and text by number of classes]({drawn})" if drawn else "")
+        + f"\n\n{markdown(head, rows)}"
     )
 
 
 def _share(cells: Cells, name: str, wanted: Mapping[str, Any]) -> str:
-    """A share as text, without its interval; a dash where nothing was counted."""
+    """A share as text, with its interval; a dash where nothing was counted."""
     found = values_of(cells, lambda values: float(values.get(name, np.nan)), **wanted)
-    return "-" if not found or np.isnan(found[0]) else number(found[0])
+    return "-" if not found or np.isnan(found[0]) else shown_share(cells, name, **wanted)
 
 
 def draw_figure18(cells: Cells, file: Path) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
+from cell.commands.training import networks
+from cell.commands.training.weights import seconds
 
 pytestmark = pytest.mark.torch
 
@@ -79,3 +81,12 @@ def test_an_interrupted_training_goes_on_without_being_told_to_overwrite(
     statuses = [main(["lab", "train", "semantic", "--out", str(out), *more]) for more in ([], [], [], ["--overwrite"])]
     assert statuses == [1, 0, 2, 0]
     assert calls == [False, True, True]
+
+
+@pytest.mark.parametrize("budget", ["30m", "50m", "2h"])
+def test_a_budget_leaves_time_to_learn_parts_and_stacks(budget: str) -> None:
+    images = networks.TRAY_VIEWS * int(networks.PARTS_DATA * seconds(budget) / networks.TRAY_S)
+    centre, stacked = networks.part_epochs(seconds(budget), images, 4 * images)
+    assert centre >= 12
+    assert stacked >= 9
+    assert networks.part_epochs(1.0, images, 4 * images) == (1, 1)

@@ -67,3 +67,26 @@ def test_faults_of_a_folder_are_told_without_a_traceback(tmp_path: Path, capsys:
     told = capsys.readouterr().err
     assert "00001.xml:8: object 1 has child 8, which is not there" in told
     assert "Traceback" not in told
+
+
+@pytest.mark.torch
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_figure18_is_a_file_of_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from learned.lab.stacks import experiment
+    from tests.learned.stacks.test_experiment import NoFeatures
+
+    monkeypatch.setattr(stacks, "draw_stack", _drawn)
+    monkeypatch.setattr(experiment, "_regions", lambda _: NoFeatures())
+    monkeypatch.chdir(tmp_path)
+    words = ["--classes", "30,31", "--json"]
+    assert main(["lab", "data", "stacks", "--out", "new", "--scenes", "40", "--seed", "4", *words]) == 0
+    words += ["--kind", "always", "--detector-of", "new", "--page", "figures/stacks.json"]
+    assert main(["lab", "eval", "stacks", "--data", "new", *words]) == 0
+    rows = json.loads(capsys.readouterr().out.splitlines()[-1])["rows"]
+    assert [(row["boxes"], row["classes"]) for row in rows] == [("true", 30), ("true", 31)]
+    written = json.loads((tmp_path / "figures" / "stacks.json").read_text("utf-8"))
+    assert [table["title"] for table in written["tables"]] == ["Fig. 18: by number of classes"]
+    assert "(../figures/fig18.svg)" in written["tables"][0]["about"]
+    assert (tmp_path / "figures" / "fig18.svg").is_file()

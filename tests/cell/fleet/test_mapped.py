@@ -38,3 +38,15 @@ def test_an_error_is_what_the_call_raised_and_a_call_that_kills_is_told() -> Non
         list(mapped(working.refused, [(1,)], workers=2))
     with pytest.raises(CellError, match=r"lost again.*SIGKILL"):
         list(mapped(working.dies, [()], workers=2))
+
+
+def test_answers_count_though_workers_do_not_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    close = distributed.LocalCluster.close
+
+    def late(cluster: object) -> None:
+        close(cluster)
+        raise TimeoutError
+
+    monkeypatch.setattr(distributed.LocalCluster, "close", late)
+    assert list(mapped(math.factorial, [(3,), (4,)], workers=2)) == [6, 24]

@@ -40,8 +40,8 @@ def compare(
     person: Annotated[
         list[str] | None,
         typer.Option(
-            help="The simulated person, by name or YAML file; may be repeated. Careful and ordinary by default, each once "
-            "waiting until the arm is parked and once only until it leaves."
+            help="The simulated person, by name or YAML file; may be repeated. Careful and ordinary by default, each "
+            "once waiting until the arm is parked and once only until it leaves."
         ),
     ] = None,
     goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",

@@ -94,6 +94,7 @@ class Place(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Refuse a filled hole, choose a heading of the tool."""
         planner, placed = self._planner, seen_in_holes(observation)
+        planner.forget_left(joints_of(observation))
         if planner.lying is not None:
             return Message(
                 "cannot put {part} at {position}: it is held as it lay", part=self._part, position=self._position

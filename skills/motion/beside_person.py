@@ -15,7 +15,8 @@ MARK_RAD = 0.1  # between places of a way that are looked at
 SEEN_S = 0.1  # the usual age of what is known of hands
 BRAKES_M_S2 = 4.0  # how fast a fast arm becomes slow; what it may really do, the supervisor reckons
 BACK_M = (0.12, 0.22)  # from the end of a way that is nearest to the person
-WORTH_S = 0.2  # that a way with corners must save
+SLOWED_S = 0.3  # a way that is slowed down by less has no better one
+CORNER_S = 0.3  # that a corner takes
 LEAST_M = 0.03  # a shorter way back is none
 
 
@@ -32,15 +33,13 @@ class BesidePerson:
         self._person = person
 
     def soonest(self, start_rad: Array, goal_rad: Array) -> list[Array]:
-        """Ways (k, 6) between two postures, straight between their rows; the one that takes the least time first.
-
-        The direct one comes first where no other one is worth its corners.
-        """
+        """Ways (k, 6) between two postures, straight between their rows; the one that takes the least time first."""
         direct = np.array([start_rad, goal_rad])
         takes_s, hurried_s = self.takes_s(direct)
-        if takes_s - hurried_s < WORTH_S:
+        if takes_s - hurried_s < SLOWED_S:
             return [direct]
-        found = [(takes_s - WORTH_S, direct)] + [(self.takes_s(way)[0], way) for way in self._ways_back(direct)]
+        found = [(takes_s, direct)]
+        found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
         return [way for _, way in sorted(found, key=lambda one: one[0])]
 
     def takes_s(self, way_rad: Array) -> tuple[float, float]:
@@ -64,19 +63,31 @@ class BesidePerson:
         return float(takes_s.sum()), float(hurried_s.sum())
 
     def _ways_back(self, ends_rad: Array) -> Iterator[Array]:
-        """Ways (k, 6) that lead back from the person at first, or come to them last."""
-        start_rad, goal_rad = ends_rad
-        poses = [self._kinematics.forward(joints) for joints in (start_rad, goal_rad)]
+        """Ways (k, 6) that lead back from the person at first, or come to them last; also by a middle between."""
+        poses = [self._kinematics.forward(joints) for joints in ends_rad]
         nearest_m = max(pose.position_m[0] for pose in poses)
         for back_m in BACK_M:
-            way = [start_rad]
-            for joints, pose in zip((start_rad, goal_rad), poses, strict=True):
-                x, y, z = pose.position_m
-                if x - (nearest_m - back_m) < LEAST_M:
-                    continue
-                behind = self._kinematics.follow(Pose((nearest_m - back_m, y, z), pose.quaternion_wxyz), joints)
-                if behind is None or not self._kinematics.within_limits(behind):
-                    break
-                way.append(behind)
-            else:
-                yield np.array([*way, goal_rad])
+            start, goal = (self._drawn(*end, nearest_m - back_m) for end in zip(ends_rad, poses, strict=True))
+            if start is None or goal is None:
+                continue
+            yield np.concatenate([ends_rad[:1], start, goal, ends_rad[1:]])
+            middle = self._middle(start[-1] if len(start) else ends_rad[0], goal[0] if len(goal) else ends_rad[1])
+            if middle is not None:
+                yield np.concatenate([ends_rad[:1], start, [middle], goal, ends_rad[1:]])
+
+    def _drawn(self, joints_rad: Array, pose: Pose, behind_m: float) -> Array | None:
+        """Joints (1, 6) of a place behind an end of a way, (0, 6) where it is behind already, None out of reach."""
+        x, y, z = pose.position_m
+        if x - behind_m < LEAST_M:
+            return np.empty((0, 6))
+        behind = self._kinematics.follow(Pose((behind_m, y, z), pose.quaternion_wxyz), joints_rad)
+        return None if behind is None or not self._kinematics.within_limits(behind) else behind[np.newaxis]
+
+    def _middle(self, first_rad: Array, last_rad: Array) -> Array | None:
+        """The joints between, without the arc that the tool makes about the base; None out of reach."""
+        first, last = (np.array(self._kinematics.forward(one).position_m) for one in (first_rad, last_rad))
+        between_rad = (first_rad + last_rad) / 2
+        x, y, z = ((first + last) / 2).tolist()
+        pose = Pose((min(x, float(first[0])), y, z), self._kinematics.forward(between_rad).quaternion_wxyz)
+        found = self._kinematics.follow(pose, between_rad)
+        return found if found is not None and self._kinematics.within_limits(found) else None

@@ -116,10 +116,11 @@ class MotionPlanner:
         """To joints: the soonest of a few ways, or else what looks for another one, a tick's worth of work at a time.
 
         These are the direct way and, where the arm is slow for hands that may come, ways that lead back from there.
+        From around a part the tool goes up at first.
         """
-        self._forget_left(start_rad)
+        self.forget_left(start_rad)
         scene = self.scene(load)
-        for way in self._beside.soonest(start_rad, goal_rad):
+        for way in self._beside.soonest(start_rad, goal_rad) if self.around is None else ():
             if scene.is_free(way):
                 return self._through(scene, way)
         return self._around(scene, start_rad, goal_rad, load)
@@ -247,8 +248,8 @@ class MotionPlanner:
         obstacles = load.obstacles if self.around is None else (*load.obstacles, self.around)
         return self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
 
-    def _forget_left(self, joints_rad: Array) -> None:
-        """What the fingers stood around, if the tool is no longer beside it."""
+    def forget_left(self, joints_rad: Array) -> None:
+        """Forget what the fingers stood around, if the tool is no longer beside it."""
         if self.around is not None:
             off_m = np.subtract(self.kinematics.forward(joints_rad).position_m, self.around.pose.position_m)
             if np.abs(off_m).max() > BESIDE_M:

@@ -28,7 +28,8 @@ class ChooseSparePart(CellNode):
     """Wait until a part is sure to be needed whatever the person does next, and choose it.
 
     While the person fetches, one part of the type in their hand is theirs; as long as it is not seen what they hold,
-    it may be any. Of several types that one is chosen which has a position that the guard lets pass, then the one of
+    it may be any. A person whose hand rests goes first, but for the last part: the robot, which need not park before it,
+    brings that sooner. Of several types that one is chosen which has a position that the guard lets pass, then the one of
     which most remain.
     """
 
@@ -66,7 +67,8 @@ class ChooseSparePart(CellNode):
         if held != self._held:
             self._held, self._held_since_s = held, seen.time_s
         rests_s = 0.0 if self._rests_since_s is None else seen.time_s - self._rests_since_s
-        if seen.bench.action.kind == "idle" and rests_s < self.patience_s.get():
+        last = (+remaining(self.services, self.state.get())).total() == 1
+        if seen.bench.action.kind == "idle" and rests_s < self.patience_s.get() and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
         spare = self._spare()

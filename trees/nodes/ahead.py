@@ -28,9 +28,9 @@ class ChooseSparePart(CellNode):
     """Wait until a part is sure to be needed whatever the person does next, and choose it.
 
     While the person fetches, one part of the type in their hand is theirs; as long as it is not seen what they hold,
-    it may be any. A person whose hand rests goes first, but for the last part: the robot, which need not park before it,
-    brings that sooner. Of several types that one is chosen which has a position that the guard lets pass, then the one of
-    which most remain.
+    it may be any. A person whose hand rests goes first, but for the last part: the robot need not park before it, and
+    brings it sooner. Of several types that one is chosen which has a position that the guard lets pass, then the one
+    of which most remain.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")

@@ -14,6 +14,7 @@ from skills.grasping.way_down import WayDown
 from skills.motion.planner import Load, MotionPlanner
 
 DOWN = np.array([0.0, 0.0, -1.0])
+FELT = 0.3  # share of a line down that may be one motion with the way there: nothing is felt in it
 LATE_S = 0.3  # before the line, fingers that still open stop the arm: then it stands above
 RESTS_M = 0.005  # contact this near to the goal is the body on the plate, not the peg on the rim
 
@@ -78,6 +79,7 @@ class Descend:
                 above_rad,
                 over,
                 lambda: planner.straight_move(above_rad, target, down, speed_m_s),
+                most=FELT,
             )
 
         self._way, self._move = way, way()

@@ -185,7 +185,7 @@ def put_phases(
     before = at_height(pose, pose.position_m[2] + depth_m)
     lifting = Message("carrying {name}", name=name)
     if into_hole:
-        let_go = body_box(Message("{name} let go", name=name), target, kind.size_m)
+        let_go = body_box(f"{name} in its hole", target, kind.size_m)
         down = WayDown(
             (lifting, Message("lowering {name}", name=name)),
             planner,

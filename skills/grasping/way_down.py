@@ -29,17 +29,19 @@ class WayDown(Move):
         line: Callable[[], Plan],
         *,
         holding: str | None = None,
+        most: float = 1.0,
     ) -> None:
         """Args:
         doing: on the way, and on the line.
         load: on the way.
         line: plans the line from above.
         holding: type of the part that the gripper must not lose.
+        most: as in `way_and_line`.
         """
         self.way_s, self._words = math.inf, doing
         super().__init__(
             doing[0],
-            lambda start: planner.way_and_line(start, above_rad, load, line, self._lasts),
+            lambda start: planner.way_and_line(start, above_rad, load, line, self._lasts, most),
             planner.settings,
             holding=holding,
         )

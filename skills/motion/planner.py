@@ -126,13 +126,14 @@ class MotionPlanner:
         return self._around(scene, start_rad, goal_rad, load)
 
     def way_and_line(
-        self, start_rad: Array, above_rad: Array, load: Load, line: Callable[[], Plan], onto: Onto
+        self, start_rad: Array, above_rad: Array, load: Load, line: Callable[[], Plan], onto: Onto, most: float = 1.0
     ) -> Looking:
         """By a free way to joints, and on a line from there, as one motion without a stop between them.
 
         Args:
             line: plans the line from there on.
             onto: is told how long the way takes before only the line is followed.
+            most: share of the shorter of them in which they are one motion at most.
         """
         straight = line()
         found = straight if isinstance(straight, str) else self.free_way(start_rad, above_rad, load)
@@ -142,7 +143,7 @@ class MotionPlanner:
                 continue
             assert isinstance(straight, JointTrajectory)
             onto(way.duration_s)
-            yield blended([way, straight], self.settings, self.scene(load).is_free)
+            yield blended([way, straight], self.settings, self.scene(load).is_free, most)
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""

@@ -90,9 +90,8 @@ def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
     assert planner.around is not None
     assert robot.run(MoveTo(planner, "park")).status is SkillStatus.SUCCESS
     for joints in robot.trajectories[-1].positions_rad:
-        aside_m = np.subtract(planner.kinematics.forward(joints).position_m, let_go)
-        assert aside_m[2] > 0.02 or np.hypot(*aside_m[:2]) < 0.005
-    robot.run(MoveTo(planner, "look"))
+        x, y, z = np.subtract(planner.kinematics.forward(joints).position_m, let_go)
+        assert z > 0.02 or np.hypot(x, y) < 0.005
     assert planner.around is None
 
 
@@ -155,7 +154,7 @@ def test_fingers_come_down_slowly_where_there_is_little_room(
         beside = [seen(product, "o3", 0.55, -0.4 + 0.042 + gap_m, 0.0)]
         assert robot.run(Pick(planner, seen(product, "o3", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
         durations.append(robot.trajectories[0].duration_s)
-    assert durations[1] > durations[0] + 0.3
+    assert durations[1] > durations[0] + 0.15
 
 
 def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
@@ -401,9 +400,11 @@ def test_an_arm_that_is_pushed_while_it_is_held_has_met_nothing(
     """It hangs above its path, which it still has: only while it follows that freely, something below may be why."""
     skill = Pick(planner, seen(product, "o2", 0.55, -0.4))
     going_down = 0
-    while going_down < 8:
+    while going_down < 6:
         command = Command()
-        going_down += skill.poll(robot.observe(), command).reason.startswith("going down")
+        progress = skill.poll(robot.observe(), command)
+        assert progress.status is SkillStatus.RUNNING
+        going_down += progress.reason.startswith("going down")
         robot.act(command)
         if going_down == 1:
             above = robot.observe().arm.positions_rad

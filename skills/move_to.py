@@ -15,7 +15,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress
-from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
+from skills.grasping.handling import IN_HOLE, bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from skills.grasping.phases import Move, Phase, PhasedSkill
 from skills.motion.grip import STROKE_M
 from skills.motion.near_hand import way_out
@@ -36,7 +36,9 @@ class Leave(Move):
         """Follow it, and notice that the tool has left."""
         self._planner.forget_left(joints_of(observation))
         around = self._planner.around
-        self._doing = self._goes if around is None else Message("leaving {part}", part=around.name)
+        self._doing = (
+            self._goes if around is None else Message("leaving {name}", name=around.name.removesuffix(IN_HOLE))
+        )
         return super().poll(observation, command)
 
 

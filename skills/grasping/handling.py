@@ -33,6 +33,7 @@ from skills.motion.lying_grasp import held_box
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.motion.settings import MotionSettings
 
+IN_HOLE = " in its hole"
 _NEAR_M = 0.13  # half the gripper's width and half the longest part
 
 
@@ -185,7 +186,7 @@ def put_phases(
     before = at_height(pose, pose.position_m[2] + depth_m)
     lifting = Message("carrying {name}", name=name)
     if into_hole:
-        let_go = body_box(f"{name} in its hole", target, kind.size_m)
+        let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
         down = WayDown(
             (lifting, Message("lowering {name}", name=name)),
             planner,

@@ -377,7 +377,7 @@ def lost_on_the_way(robot: IdealRobot, skill: PhasedSkill, doing: str, after_tic
     [
         ("pick", "going down to o2", 4),
         ("place", "lowering o2", 4),
-        ("place", "lowering o2", 16),  # by feel
+        ("place", "lowering o2", 9),  # by feel
         ("put back", "lowering o2", 4),
     ],
 )

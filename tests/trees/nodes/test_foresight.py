@@ -48,7 +48,7 @@ def node_of(at: Services) -> Any:
 
 
 def carrying(hole: str, from_m: float) -> HandSample:
-    tips, velocity = towards(hole, from_m, 0.4)
+    tips, velocity = towards(hole, from_m, 0.1)
     return replace(hand_at(*tips), held_part="o2", velocity_m_s=velocity)
 
 
@@ -56,9 +56,9 @@ def test_the_hand_that_goes_to_a_hole_tells_where_the_part_in_the_gripper_goes_a
     planner = ScriptedPlanner(SURE)  # once that hole is filled
     at = services(semantic=planner)
     node = node_of(at)
-    see(at, 1.0, hand=replace(carrying("p5", 0.06), held_part=None), action=Action("transit", 1.0))
+    see(at, 1.0, hand=replace(carrying("p5", 0.02), held_part=None), action=Action("transit", 1.0))
     assert node.update() is Status.FAILURE
-    see(at, 1.1, hand=carrying("p5", 0.06), action=Action("transit", 1.0))
+    see(at, 1.1, hand=carrying("p5", 0.02), action=Action("transit", 1.0))
     assert node.update() is Status.SUCCESS
     assert planner.asked[-1].placed == {"p5": "o2"}
     assert node.position.entry.value == "p1"

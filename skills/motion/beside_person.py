@@ -17,6 +17,7 @@ BRAKES_M_S2 = 4.0  # how fast a fast arm becomes slow; what it may really do, th
 BACK_M = (0.12, 0.22)  # from the end of a way that is nearest to the person
 SLOWED_S = 0.3  # a way that is slowed down by less has no better one
 CORNER_S = 0.3  # that a corner takes
+TRIED = 3  # ways
 LEAST_M = 0.03  # a shorter way back is none
 
 
@@ -40,7 +41,7 @@ class BesidePerson:
             return [direct]
         found = [(takes_s, direct)]
         found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
-        return [way for _, way in sorted(found, key=lambda one: one[0])]
+        return [way for _, way in sorted(found, key=lambda one: one[0])[:TRIED]]
 
     def takes_s(self, way_rad: Array) -> tuple[float, float]:
         """How long the arm needs for a way (k, 6) at the speeds that hands allow which may come at any time.

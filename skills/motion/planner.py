@@ -116,11 +116,11 @@ class MotionPlanner:
         """To joints: the soonest of a few ways, or else what looks for another one, a tick's worth of work at a time.
 
         These are the direct way and, where the arm is slow for hands that may come, ways that lead back from there.
-        From around a part the tool goes up at first.
+        From low over a hole the tool goes up at first: what it stands around may be hidden from the camera.
         """
         self.forget_left(start_rad)
         scene = self.scene(load)
-        for way in self._beside.soonest(start_rad, goal_rad) if self.around is None else ():
+        for way in () if self._low_over_hole(start_rad) else self._beside.soonest(start_rad, goal_rad):
             if scene.is_free(way):
                 return self._through(scene, way)
         return self._around(scene, start_rad, goal_rad, load)
@@ -248,6 +248,16 @@ class MotionPlanner:
         margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
         obstacles = load.obstacles if self.around is None else (*load.obstacles, self.around)
         return self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
+
+    def _low_over_hole(self, joints_rad: Array) -> bool:
+        """Whether the fingers may stand around a part in a hole, or the part between them in one."""
+        if self.around is not None:
+            return True
+        tool_m = self.kinematics.forward(joints_rad).position_m
+        tallest_m = max(part.size_m[2] for part in self.product.parts.values())
+        x, y, z = self.bench.bracket.pose.inverse().transform(np.array(tool_m))
+        near = any(np.hypot(x - a, y - b) < BESIDE_M / 2 for a, b in self.product.bracket.holes_m.values())
+        return near and z < tallest_m
 
     def forget_left(self, joints_rad: Array) -> None:
         """Forget what the fingers stood around, if the tool is no longer beside it."""

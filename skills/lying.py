@@ -25,7 +25,7 @@ from skills.grasping.handling import (
     tray_boxes,
     why_not_empty,
 )
-from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
 from skills.motion.collision import Box
 from skills.motion.grip import STROKE_M
 from skills.motion.lying_grasp import (
@@ -267,9 +267,7 @@ def take_lying(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
-        Move(Message("moving above {name}", name=name), lambda start: planner.free_way(start, above, on_way), settings),
-        FingersRest("opening the fingers", settings),
-        Descend(name, planner, tool, around, feels=bool(part.lies_on)),
+        Descend(name, planner, above, tool, (on_way, around), feels=bool(part.lies_on)),
         SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(
             Message("lifting {name}", name=name),

@@ -9,12 +9,13 @@ from typing import Literal
 import numpy as np
 
 from cell.files.words.message import Message
-from cell.interfaces.command import JointTrajectory
+from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
-from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
+from cell.interfaces.skill import Progress
+from skills.grasping.handling import IN_HOLE, bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from skills.grasping.phases import Move, Phase, PhasedSkill
 from skills.motion.grip import STROKE_M
 from skills.motion.near_hand import way_out
@@ -22,6 +23,23 @@ from skills.motion.planner import Load, Looking, MotionPlanner, Plan, Planning, 
 
 NamedPose = Literal["park", "look"]
 SAME_RAD = 0.02  # a way that was approved is still the same where no joint differs by more
+
+
+class Leave(Move):
+    """A motion that may begin with open fingers around a part; it tells so until the tool has left that."""
+
+    def __init__(self, doing: str, plan: Planning, planner: MotionPlanner, *, holding: str | None) -> None:
+        super().__init__(doing, plan, planner.settings, holding=holding)
+        self._planner, self._goes = planner, doing
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Follow it, and notice that the tool has left."""
+        self._planner.forget_left(joints_of(observation))
+        around = self._planner.around
+        self._doing = (
+            self._goes if around is None else Message("leaving {name}", name=around.name.removesuffix(IN_HOLE))
+        )
+        return super().poll(observation, command)
 
 
 class FreeMove(PhasedSkill):
@@ -49,7 +67,7 @@ class FreeMove(PhasedSkill):
         return (
             way
             if isinstance(way, str)
-            else [Move(Message("moving to {to}", to=self._to), way, self._planner.settings, holding=held)]
+            else [Leave(Message("moving to {to}", to=self._to), way, self._planner, holding=held)]
         )
 
     def plan(self, observation: Observation) -> Plan:

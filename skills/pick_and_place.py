@@ -1,4 +1,4 @@
-"""Pick a part out of the tray and hold it high, place it into a hole of the bracket (Alg. 1 "pick", "place")."""
+"""Pick a part out of the tray and lift it, place it into a hole of the bracket (Alg. 1 "pick", "place")."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from skills.grasping.handling import (
     carry_over_bracket_m,
     choose_grasp,
     joints_of,
+    lift_m,
     present_hold,
     put_phases,
     seen_in_holes,
@@ -50,7 +51,7 @@ def _held_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
 
 
 class Pick(PhasedSkill):
-    """Grasp a part from straight above and lift it; done when it is held high."""
+    """Grasp a part from straight above and lift it; done when it is held above what stands near it."""
 
     def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection] = ()) -> None:
         """Args:
@@ -68,8 +69,7 @@ class Pick(PhasedSkill):
         chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
         if isinstance(chosen, str):
             return chosen
-        carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part.part])
-        return take_phases(planner, self._part, self._others, chosen, carry_m)
+        return take_phases(planner, self._part, self._others, chosen, lift_m(planner, self._part, self._others))
 
     @property
     def done(self) -> str:
@@ -78,7 +78,7 @@ class Pick(PhasedSkill):
 
 
 class Place(PhasedSkill):
-    """Carry the held part over a hole, lower its peg into it, let go and rise; done when the fingers are clear."""
+    """Carry the held part over a hole, lower its peg into it and let go; the next motion begins with the way up."""
 
     def __init__(
         self, planner: MotionPlanner, position: str, part: str, tray_parts: Sequence[PartDetection] = ()
@@ -94,6 +94,7 @@ class Place(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Refuse a filled hole, choose a heading of the tool."""
         planner, placed = self._planner, seen_in_holes(observation)
+        planner.forget_left(joints_of(observation))
         if planner.lying is not None:
             return Message(
                 "cannot put {part} at {position}: it is held as it lay", part=self._part, position=self._position

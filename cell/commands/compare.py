@@ -24,6 +24,7 @@ FleetWorkersOption = Annotated[
 ]
 WORKERS = max(1, (os.cpu_count() or 2) // 2)
 WORSE = 1
+EVERYONE = ("careful", "careful_brisk", "ordinary", "ordinary_brisk")
 NOT_DONE = ("lost", "refused")
 OF_A_SWEEP = ("runs.jsonl", "runs.parquet", "compare.html")
 OutOption = Annotated[
@@ -34,9 +35,15 @@ OutOption = Annotated[
 
 def compare(
     trees: Annotated[list[Path], typer.Argument(metavar="A [B]", help="Tree files; one alone with --against.")],
-    runs: Annotated[int, typer.Option(min=2, help="Pairs of runs.")] = 20,
+    runs: Annotated[int, typer.Option(min=2, help="Pairs of runs beside each person.")] = 20,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair.")] = 0,
-    person: Annotated[str | None, typer.Option(help="The simulated person, by name or YAML file.")] = None,
+    person: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The simulated person, by name or YAML file; may be repeated. Careful and ordinary by default, each "
+            "once waiting until the arm is parked and once only until it leaves."
+        ),
+    ] = None,
     goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
     against: Annotated[
         Path | None, typer.Option(help="Table of runs (Parquet) to compare with; its seeds are run again.")
@@ -62,7 +69,7 @@ def compare(
     from cell.fleet import compare as comparing
     from cell.fleet.compare import pair
     from cell.fleet.compare_text import as_json as answer
-    from cell.fleet.compare_text import lines, page
+    from cell.fleet.compare_text import by_person, lines, page, persons_as_json
     from cell.fleet.spec import Seeds, Sweep, count, tasks
     from cell.log.report.html_page import write_page
 
@@ -70,12 +77,13 @@ def compare(
     if len(trees) != (2 if against is None else 1):
         raise InputError("name two trees, or one tree and --against TABLE")
     before = _baseline(against, runs)
-    seeds = Seeds(first=first_seed, count=runs) if not before else Seeds(first=min(before), count=len(before))
+    known = {int(row["seed"]) for row in before}
+    seeds = Seeds(first=first_seed, count=runs) if not known else Seeds(first=min(known), count=len(known))
     asked = Sweep(
         seeds=seeds,
         trees=tuple(trees),
         configurations=(config,),
-        people=(person,),
+        people=tuple(person or EVERYONE),
         goals=(goal,),
         pixels=pixels,
     )
@@ -83,7 +91,7 @@ def compare(
     with run_all(tasks(asked, None, nodes), count(asked), out, workers, scheduler) as rows:
         by_tree = [_keys(asked.model_copy(update={"trees": (tree,)}), nodes) for tree in asked.trees]
         found_by_tree = [[row for row in rows.read() if row["key"] in keys] for keys in by_tree]
-        pairs = pair(list(before.values()) or found_by_tree[0], found_by_tree[-1])
+        pairs = pair(before or found_by_tree[0], found_by_tree[-1])
         if not pairs:
             what = f"{against}: no run has" if against else "no run has"
             raise InputError(f"{what} the seed, person and goal of those that were asked for")
@@ -94,9 +102,10 @@ def compare(
     page_at = f"{out}/compare.html"
     broken = [limit.text for limit in limits if limit.broken(found)]
     if as_json:
-        print_json({**answer(found, (names[0], names[1]), len(pairs)), "broken": broken, "page": page_at})
+        told = answer(found, (names[0], names[1]), len(pairs))
+        print_json({**told, "by_person": persons_as_json(pairs), "broken": broken, "page": page_at})
     else:
-        for line in (*lines(found, (names[0], names[1]), len(pairs)), page_at):
+        for line in (*lines(found, (names[0], names[1]), len(pairs)), *by_person(pairs), page_at):
             typer.echo(line)
     for text in broken:
         console().print(f"beyond the bound: {text}", highlight=False)
@@ -116,17 +125,17 @@ def _label(tree: Path, trees: Sequence[Path]) -> str:
     return apart(trees)[tree]
 
 
-def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:
-    """Rows of a table by seed, as many seeds in a row as were asked for and are there."""
+def _baseline(path: Path | None, runs: int) -> list[dict[str, Any]]:
+    """Rows of a table, of as many seeds in a row as were asked for and are there."""
     if path is None:
-        return {}
+        return []
     from cell.fleet.table import read_table
 
-    rows = {int(row["seed"]): row for row in read_table(path) if "seed" in row}
+    rows = [row for row in read_table(path) if "seed" in row]
     if not rows:
         raise InputError(f"{path}: holds no run")
-    first = min(rows)
-    return {seed: rows[seed] for seed in range(first, first + runs) if seed in rows}
+    first = min(int(row["seed"]) for row in rows)
+    return [row for row in rows if int(row["seed"]) < first + runs]
 
 
 @dataclass(frozen=True)

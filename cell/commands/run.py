@@ -25,7 +25,7 @@ from cell.files.files import own_or_shipped
 from cell.runs.options import RunOptions
 
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
-SHIFT_TREE = own_or_shipped("trees", "shift.xml")
+SHIFT_TREE = own_or_shipped("trees", "shift_ahead.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
     *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
@@ -34,7 +34,7 @@ OPTIONS = (
 
 TreeArgument = Annotated[
     Path | None,
-    typer.Argument(metavar="TREE", help="Tree file; trees/ahead.xml by default, trees/shift.xml for a shift."),
+    typer.Argument(metavar="TREE", help="Tree file; trees/ahead.xml by default, trees/shift_ahead.xml for a shift."),
 ]
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Keep pace with the wall clock; without it, as fast as possible.")

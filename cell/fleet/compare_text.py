@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.fleet.compare import Finding, differing, overall
+from cell.fleet.compare import Finding, differing, findings, overall
 from cell.log.report.html_page import rendered
 
 Row = Mapping[str, Any]
 TEMPLATE = Path(__file__).with_name("compare.html.j2")
 SHOWN_PAIRS = 60
+BY_PERSON = ("right", "time_s", "held_s", "least_distance_m", "contacts", "human_idle")
 WORDS = {
     "better": "B is better",
     "worse": "B is worse",
@@ -34,6 +35,39 @@ def lines(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> list[
         "* decides which is better; the three share 5 % of false alarms. The others explain, each by itself.",
     ]
     return told
+
+
+def by_person(pairs: Sequence[tuple[Row, Row]]) -> list[str]:
+    """What each person brought to the figures that change with who stands at the bench; nothing where one did all."""
+    grouped = _grouped(pairs)
+    if len(grouped) < 2:
+        return []
+    told = ["", f"{'person':18} {'':17} {'A':>9} {'B':>9}  {'B - A':>9}  {'95 % interval':>20}"]
+    for person, found in grouped.items():
+        for one in found:
+            row = f"{person:18} {one.measure.name:17} {_number(one.one):>9} {_number(one.other):>9}"
+            told.append(f"{row}  {_signed(one.difference.value):>9}  {_span(one):>20}  {one.verdict}")
+    return told
+
+
+def persons_as_json(pairs: Sequence[tuple[Row, Row]]) -> dict[str, object]:
+    """The measures that change with who stands at the bench, by person."""
+    return {
+        person: {one.measure.name: {"a": _finite(one.one), "b": _finite(one.other)} for one in found}
+        for person, found in _grouped(pairs).items()
+    }
+
+
+def _grouped(pairs: Sequence[tuple[Row, Row]]) -> dict[str, list[Finding]]:
+    persons = dict.fromkeys(str(a.get("person") or "as configured") for a, _ in pairs)
+    return {
+        person: [
+            one
+            for one in findings([two for two in pairs if str(two[0].get("person") or "as configured") == person])
+            if one.measure.name in BY_PERSON
+        ]
+        for person in persons
+    }
 
 
 def as_json(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> dict[str, object]:

@@ -31,6 +31,7 @@ class Memory:
         reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
         turned: by type, how often one that lay was turned since any of them was seen to stand.
         unplaced: by type and position ("o1 at p2"), how often in a row a part did not go in.
+        let_go: part type by position, of what was let go in a hole and is not yet seen there.
         questions: how many were asked in this run.
         brackets: how many were begun in this run.
         finished: what stood in brackets whose goal was learned, type by position in the product's order.
@@ -46,6 +47,7 @@ class Memory:
     reasons: Mapping[str, int] = field(default_factory=dict)
     turned: Mapping[str, int] = field(default_factory=dict)
     unplaced: Mapping[str, int] = field(default_factory=dict)
+    let_go: Mapping[str, str] = field(default_factory=dict)
     questions: int = 0
     brackets: int = 0
     finished: tuple[tuple[str, ...], ...] = ()

@@ -229,17 +229,17 @@ class Controller:
             self._observers.say(
                 "info", "acknowledged by the operator" if paused else "the operator says that it may go on"
             )
-        self._announce()
+        self._announce(seen.time_s)
         return self._seen, joints
 
-    def _announce(self) -> None:
+    def _announce(self, time_s: float) -> None:
         """Tell people what the supervisor does, and what waits for them, when that changes."""
         while self._operator.jobs.news:
             self._observers.say("warning", self._operator.jobs.news.pop(0))
         while self._watchdog.news:
             self._observers.say("error", self._watchdog.news.pop(0))
         unacknowledged = self._supervisor.unacknowledged
-        if (news := self._announcer.news(self._judgement, unacknowledged)) is not None:
+        if (news := self._announcer.news(self._judgement, time_s, unacknowledged)) is not None:
             self._observers.say(*news)
         if (alarm := self._announcer.alarm(self._judgement, unacknowledged)) is not None:
             self._actor.alarm(alarm)

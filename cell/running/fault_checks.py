@@ -23,6 +23,7 @@ from skills.motion.separation import Following, Separation, SeparationMonitor
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
+LATELY_S = 1.0  # a hold for a near hand lasts as long as the fastest motion of this time asks for
 LATE_S, VERY_LATE_S = 0.08, 0.40
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
@@ -53,6 +54,7 @@ class Memory:
 
     Attributes:
         too_near: the hand was too near in the tick before.
+        leasts_m: when which protective distance was asked for, in the last second: a hand that screws is slow and fast.
         share: of speed, as the arm was last told.
         backwards: the arm's newest stamp is before the one that came before it.
         trajectory: what the arm was last sent and was not told to give up.
@@ -62,6 +64,7 @@ class Memory:
     def __init__(self) -> None:
         self.gripper, self.hands = GripperMemory(), HandMemory()
         self.too_near = self.backwards = False
+        self.leasts_m: tuple[tuple[float, float], ...] = ()
         self.share = 1.0
         self._arm_s = -math.inf
         self.trajectory: JointTrajectory | None = None
@@ -301,9 +304,16 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
     def too_near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         found = separation(seen, memory)
-        slack_m = monitor.settings.hysteresis_m if memory.too_near else 0.0
-        memory.too_near = found is not None and found.distance_m < found.least_m + slack_m
-        if found is None or not memory.too_near:
+        if found is None:
+            memory.too_near, memory.leasts_m = False, ()
+            return None
+        lately = ((at_s, least_m) for at_s, least_m in memory.leasts_m if at_s > seen.time_s - LATELY_S)
+        memory.leasts_m = (*lately, (seen.time_s, found.least_m))
+        least_m = found.least_m
+        if memory.too_near:
+            least_m = max(least_m for _, least_m in memory.leasts_m) + monitor.settings.hysteresis_m
+        memory.too_near = found.distance_m < least_m
+        if not memory.too_near:
             return None
         words = "the hand is too near" + "; the arm moves away from it, slowly" * (found.leaving > 0)
         return Detection(words, leaving=found.leaving)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
 from cell.interfaces.clock import Clock
-from cell.interfaces.faults import ACKNOWLEDGE, USUAL, Judgement
+from cell.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, Judgement
 from cell.interfaces.perception import Frame
 from cell.running.device_reader import describe
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 
+ENCOUNTER_S = 2.0  # a hand that was away for less is in the same encounter
 ONCE = ("tick_late",)  # a machine that is too slow is so again and again
 
 
@@ -19,6 +21,7 @@ class Announcer:
 
     def __init__(self) -> None:
         self._said: tuple[tuple[str, ...], ...] = ()
+        self._met_s = -math.inf  # when the hand was too near last
         self._asked = False
         self._once: set[str] = set()
         self._alarm = ""
@@ -31,8 +34,8 @@ class Announcer:
         self._alarm = text
         return text
 
-    def news(self, judgement: Judgement, unacknowledged: bool = False) -> tuple[Level, str] | None:
-        """What is to be said now, if it is something new.
+    def news(self, judgement: Judgement, time_s: float, unacknowledged: bool = False) -> tuple[Level, str] | None:
+        """What is to be said now, if it is something new; a hand that comes again at once is not.
 
         Args:
             unacknowledged: the cell waits until a person acknowledges it.
@@ -42,6 +45,10 @@ class Announcer:
             for signal, words in judgement.reasons
             if signal not in USUAL and signal not in self._once
         )
+        if (HAND_TOO_NEAR,) in reasons:
+            self._met_s = time_s
+        elif (HAND_TOO_NEAR,) in self._said and time_s - self._met_s < ENCOUNTER_S:
+            reasons = (*reasons, (HAND_TOO_NEAR,))
         asks, self._asked = unacknowledged and not self._asked, unacknowledged
         if reasons == self._said and not asks:
             return None

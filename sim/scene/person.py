@@ -17,6 +17,7 @@ from sim.scene.human_hand import Grasp
 
 NEVER_S = 1e6  # a pause that outlasts every run
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+GoesOn = Literal["parked", "leaving"]
 Order = Literal["random", "positions", "reversed", "parts", "any"]
 
 
@@ -142,6 +143,7 @@ class BesideRobot(Model):
     Attributes:
         waits: share of the occasions on which the person waits for the arm.
         begins_s: how long the person waits after screwing for the robot to begin.
+        goes_on: when a person who waits goes on: once the arm stands parked, or as soon as it leaves the bracket.
         stands_s: how long the person watches an arm that stands still away from its parking place.
         intrusions_per_min: how often the hand goes into the way of an arm that moves.
         intrusion_m_s: top speed of such a reach, least and most.
@@ -154,6 +156,7 @@ class BesideRobot(Model):
 
     waits: Share = 1.0
     begins_s: float = Field(default=2.5, ge=0, le=60)
+    goes_on: GoesOn = "parked"
     stands_s: float = Field(default=8.0, ge=0, le=600)
     intrusions_per_min: float = Field(default=0.0, ge=0, le=60)
     intrusion_m_s: Span = (0.8, 1.6)
@@ -276,8 +279,10 @@ _CARELESS = _ORDINARY.model_copy(
 )
 PERSONS = {
     "careful": Person(),
+    "careful_brisk": Person(robot=BesideRobot(goes_on="leaving")),
     "absent": Person(pause_s=(NEVER_S, NEVER_S)),  # nobody does anything
     "ordinary": _ORDINARY,
+    "ordinary_brisk": _ORDINARY.model_copy(update={"robot": _ORDINARY.robot.model_copy(update={"goes_on": "leaving"})}),
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
     "careless": _CARELESS,
     "hasty": _CARELESS.model_copy(  # as fast as ISO 13855 has hands

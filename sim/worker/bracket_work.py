@@ -179,10 +179,15 @@ class Waiting:
         yield from self.while_true(lambda: self._sight.arm_parked and not self._asked(), self._habits.begins_s)
 
     def works(self, handed: Callable[[], bool]) -> Script:
-        """While the arm moves or is not parked; not where it just stands there, asks for help or holds a part out."""
-        still_s = 0.0
+        """While the arm moves or is not parked; not where it just stands there, asks for help or holds a part out.
+
+        Who goes on with an arm that leaves does not wait until it is parked.
+        """
+        still_s, brisk = 0.0, self._habits.goes_on == "leaving"
         while not self._sight.arm_parked and still_s < self._habits.stands_s:
             if handed() or (self._asked() and not self._sight.arm_over_bracket):
+                return
+            if brisk and self._sight.arm_leaves:
                 return
             busy = self._sight.arm_moving or self._sight.arm_over_bracket
             still_s = 0.0 if busy else still_s + self._work.dt_s

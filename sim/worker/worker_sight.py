@@ -26,6 +26,7 @@ ARM_NEAR_BRACKET_M = 0.13
 HELD_OUT_M, HELD_M = 0.15, 0.05  # a tool this far beyond the bracket holds out what is this close to it
 ARM_MOVING_RAD_S = 0.02
 ARM_PARKED_RAD = 0.05
+ARM_LEAVES_M_S = 0.05
 
 
 class WorkerWorld(Protocol):
@@ -178,6 +179,15 @@ class Sight:
     def arm_moving(self) -> bool:
         """Whether any joint of the arm moves."""
         return bool(self._arm_dofs) and float(np.abs(self._data.qvel[self._arm_dofs]).max()) > ARM_MOVING_RAD_S
+
+    @property
+    def arm_leaves(self) -> bool:
+        """Whether the arm moves away from the bracket, and is no longer over it."""
+        if self._tool is None or self.arm_over_bracket:
+            return False
+        tool_m, tool_m_s = self.tool()
+        away = (tool_m - np.array(self.bracket_m))[:2]
+        return float(tool_m_s[:2] @ away) > ARM_LEAVES_M_S * float(np.linalg.norm(away))
 
     @property
     def arm_parked(self) -> bool:

@@ -6,13 +6,16 @@ import numpy as np
 
 from cell.files.words.message import Message
 from cell.interfaces.command import Command
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import ObjectStatus, Observation
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.grasping.phases import Move, done, failed, held
+from skills.grasping.phases import FingersRest, Move, done, failed, held
+from skills.grasping.way_down import WayDown
 from skills.motion.planner import Load, MotionPlanner
 
 DOWN = np.array([0.0, 0.0, -1.0])
+FELT = 0.3  # share of a line down that may be one motion with the way there: nothing is felt in it
+LATE_S = 0.3  # before the line, fingers that still open stop the arm: then it stands above
 RESTS_M = 0.005  # contact this near to the goal is the body on the plate, not the peg on the rim
 
 
@@ -42,34 +45,60 @@ def meets_something(planner: MotionPlanner, move: Move, observation: Observation
 
 
 class Descend:
-    """A phase: straight down to a part, which ends in failure as soon as the fingers meet something."""
+    """A phase: over a part and straight down to it, which ends in failure as soon as the fingers meet something.
+
+    The fingers open on the way; where they are late, the arm stops above.
+    """
 
     def __init__(
         self,
         name: str,
         planner: MotionPlanner,
+        above_rad: Array,
         target: Pose,
-        load: Load,
+        loads: tuple[Load, Load],
         speed_m_s: float | None = None,
         *,
         feels: bool = False,
     ) -> None:
         """Args:
         name: type of the part.
+        above_rad: joints (6,) over the part.
         target: world_from_tool when the fingers close.
+        loads: over the part, and down to it.
         feels: what the fingers meet may be what the part lies on: they close there.
         """
         self._name, self._planner, self._feels = name, planner, feels
-        self._move = Move(
-            Message("going down to {name}", name=name),
-            lambda start: planner.straight_move(start, target, load, speed_m_s),
-            planner.settings,
-        )
+        self._rest: FingersRest | None = None
+        over, down = loads
+
+        def way() -> WayDown:
+            return WayDown(
+                (Message("moving above {name}", name=name), Message("going down to {name}", name=name)),
+                planner,
+                above_rad,
+                over,
+                lambda: planner.straight_move(above_rad, target, down, speed_m_s),
+                most=FELT,
+            )
+
+        self._way, self._move = way, way()
 
     def poll(self, observation: Observation, command: Command) -> Progress:
-        """Follow the line and feel."""
-        progress = self._move.poll(observation, command)
-        if progress.status is SkillStatus.RUNNING and meets_something(self._planner, self._move, observation):
+        """Follow the way and feel."""
+        if self._rest is not None:
+            rests = self._rest.poll(observation, command)
+            if rests.status is not SkillStatus.SUCCESS:
+                return rests
+            self._rest = None
+        progress, move = self._move.poll(observation, command), self._move
+        moving = observation.gripper.object_status is ObjectStatus.MOVING
+        if progress.status is SkillStatus.RUNNING and moving and move.only_line(observation, LATE_S):
+            command.follow, command.stop_arm = None, True
+            self._rest, self._move = FingersRest("opening the fingers", self._planner.settings), self._way()
+            return Progress(SkillStatus.RUNNING, "opening the fingers")
+        felt = move.only_line(observation) and meets_something(self._planner, move, observation)
+        if progress.status is SkillStatus.RUNNING and felt:
             if self._feels:
                 command.follow, command.stop_arm = None, True
                 return done(Message("the fingers feel what {name} lies on", name=self._name))

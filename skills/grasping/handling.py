@@ -7,13 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from cell.files.words.message import Message
-from cell.interfaces.command import GripperCommand
+from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
+from cell.interfaces.skill import Progress
 from skills.grasping.contact import RESTS_M, Descend, Insert, SetDown
-from skills.grasping.phases import Activate, FingersRest, Move, Phase, SetGripper
+from skills.grasping.phases import Activate, Move, Phase, SetGripper
+from skills.grasping.way_down import WayDown
 from skills.motion.collision import Box, body_box, part_box
 from skills.motion.grasp_pose import (
     Grasp,
@@ -31,6 +33,7 @@ from skills.motion.lying_grasp import held_box
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.motion.settings import MotionSettings
 
+IN_HOLE = " in its hole"
 _NEAR_M = 0.13  # half the gripper's width and half the longest part
 
 
@@ -134,13 +137,7 @@ def take_phases(
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
-        Move(
-            Message("moving above {name}", name=name),
-            lambda start: planner.free_way(start, above, above_part),
-            settings,
-        ),
-        FingersRest("opening the fingers", settings),
-        Descend(name, planner, grasp.world_from_tool, around_part, descent_m_s),
+        Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
         SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(
             Message("lifting {name}", name=name),
@@ -163,7 +160,9 @@ def put_phases(
     into_hole: bool = False,
     slipped_m: float = RESTS_M,
 ) -> list[Phase] | str:
-    """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
+    """Phases that put the held part at `target` (its part frame), and end with the empty fingers above it.
+
+    From a part in a hole the next motion takes the fingers away, without a stop above it.
 
     Args:
         hold: how the fingers hold it.
@@ -183,40 +182,49 @@ def put_phases(
     above = planner.kinematics.follow(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
-    depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
+    depth_m = kind.peg_length_m + settings.insertion_start_m
     before = at_height(pose, pose.position_m[2] + depth_m)
-    clear_m = _clear_height_m(planner, kind, target)
-    lowered: list[Phase] = [SetDown(name, planner, pose, lowering, slipped_m)]
+    lifting = Message("carrying {name}", name=name)
     if into_hole:
-        lowered = [
-            Move(
-                Message("lowering {name}", name=name),
-                lambda start: planner.straight_move(start, before, lowering),
-                settings,
-                holding=name,
-            ),
-            Insert(name, planner, pose, depth_m, lowering),
-        ]
-    return [
-        Move(
-            Message("carrying {name}", name=name),
-            lambda start: planner.free_way(start, above, carrying),
-            settings,
+        let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
+        down = WayDown(
+            (lifting, Message("lowering {name}", name=name)),
+            planner,
+            above,
+            carrying,
+            lambda: planner.straight_move(above, before, lowering),
             holding=name,
-        ),
-        *lowered,
-        *release_phases(planner, name, opening_m, clear_m),
+        )
+        return [down, Insert(name, planner, pose, depth_m, lowering), LetGo(name, planner, opening_m, let_go)]
+    return [
+        Move(lifting, lambda start: planner.free_way(start, above, carrying), settings, holding=name),
+        SetDown(name, planner, pose, lowering, slipped_m),
+        *release_phases(planner, name, opening_m, _clear_height_m(planner, kind, target)),
     ]
 
 
 def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m: float) -> list[Phase]:
     """Phases that open the fingers around a part that stands or lies, and lift them to a height above it."""
     settings = planner.settings
-    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
-        SetGripper(Message("letting go of {name}", name=name), release, settings),
+        LetGo(name, planner, opening_m),
         Move(Message("leaving {name}", name=name), lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
+
+
+class LetGo(SetGripper):
+    """Open the fingers; the planner is told what they stand around, if the next motion begins there."""
+
+    def __init__(self, name: str, planner: MotionPlanner, opening_m: float, around: Box | None = None) -> None:
+        settings = planner.settings
+        release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+        super().__init__(Message("letting go of {name}", name=name), release, settings)
+        self._planner, self._around = planner, around
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Open them; a hand may be told to leave while they open, too."""
+        self._planner.around = self._around
+        return super().poll(observation, command)
 
 
 def slips_m(kind: PartType) -> float:
@@ -229,6 +237,13 @@ def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
     """Height of a carried body's bottom that clears every part on the bracket."""
     tallest = max(part.size_m[2] for part in planner.product.parts.values())
     return planner.bench.bracket.position_m[2] + tallest + kind.peg_length_m + planner.settings.carry_gap_m
+
+
+def lift_m(planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> float:
+    """Height of a lifted body's bottom that clears what stands near it, and the tray's rim."""
+    tray, kind = planner.bench.tray, planner.product.parts[part.part]
+    tops = [tray.centre_m[2] + tray.wall_m, *_tops_near_m(part, others)]
+    return max(tops) + kind.peg_length_m + planner.settings.carry_gap_m
 
 
 def present_hold(planner: MotionPlanner, name: str, observation: Observation) -> Hold:
@@ -266,19 +281,17 @@ def _approach_height_m(
     planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], grasp: Grasp
 ) -> float:
     """TCP height at which the fingertips pass over the part and its near neighbours."""
-    settings = planner.settings
-    kind = planner.product.parts[part.part]
-    x, y, bottom = part.world_from_part.position_m
-    tops = [bottom + kind.size_m[2]]
-    for other in others:
-        ox, oy, other_bottom = other.world_from_part.position_m
-        if np.hypot(ox - x, oy - y) < _NEAR_M:
-            tops.append(other_bottom + other.size_m[2])
-    return (
-        max(*tops, grasp.world_from_tool.position_m[2])
-        + settings.robot.tool.fingertip_beyond_tcp_m
-        + settings.approach_gap_m
-    )
+    settings, kind = planner.settings, planner.product.parts[part.part]
+    top_m = max(part.world_from_part.position_m[2] + kind.size_m[2], *_tops_near_m(part, others), -np.inf)
+    over_m = settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
+    return max(top_m, grasp.world_from_tool.position_m[2]) + over_m
+
+
+def _tops_near_m(part: PartDetection, others: Sequence[PartDetection]) -> list[float]:
+    """Of the parts that the gripper or the part in it could touch."""
+    x, y, _ = part.world_from_part.position_m
+    places = [(other, other.world_from_part.position_m) for other in others]
+    return [at[2] + other.size_m[2] for other, at in places if np.hypot(at[0] - x, at[1] - y) < _NEAR_M]
 
 
 def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> float:

@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from skills.motion.beside_person import BesidePerson
 from skills.motion.collision import Box, CollisionChecker, Scene
 from skills.motion.grip import STROKE_M, Hold
 from skills.motion.kinematics import OTHERS, USUAL, Kinematics
@@ -43,7 +44,9 @@ class Load:
 Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
 Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
 Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
+Onto = Callable[[float], None]
 
+BESIDE_M = 0.08  # of a part's middle: a tool that is farther away has left it
 SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
 CHECKS_A_TICK = 500  # of postures: some 8 ms
 LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
@@ -65,6 +68,7 @@ class MotionPlanner:
         separation: of the arm from the person.
         hold: how the part is held that was taken last; None where this planner has not seen to one.
         lying: how it is held if it was taken as it lay; None for a part that stood.
+        around: the part that the open fingers still stand around; every motion keeps clear of it, until the tool left.
     """
 
     def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
@@ -72,9 +76,11 @@ class MotionPlanner:
         self.settings = settings or MotionSettings()
         self.hold: Hold | None = None
         self.lying: LyingHold | None = None
+        self.around: Box | None = None
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(self._checker, bench, self.settings)
+        self._beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
 
     @property
     def robot_shapes(self) -> tuple[Shape, ...]:
@@ -107,12 +113,37 @@ class MotionPlanner:
         return settled(self.free_way(start_rad, goal_rad, load))
 
     def free_way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
-        """To joints: the direct way, or else what looks for another one, a tick's worth of work at a time."""
+        """To joints: the soonest of a few ways, or else what looks for another one, a tick's worth of work at a time.
+
+        These are the direct way and, where the arm is slow for hands that may come, ways that lead back from there.
+        From low over a hole the tool goes up at first: what it stands around may be hidden from the camera.
+        """
+        self.forget_left(start_rad)
         scene = self.scene(load)
-        direct = joint_move(start_rad, goal_rad, self.settings)
-        if scene.is_free(np.array([start_rad, goal_rad])):
-            return direct
+        for way in () if self._low_over_hole(start_rad) else self._beside.soonest(start_rad, goal_rad):
+            if scene.is_free(way):
+                return self._through(scene, way)
         return self._around(scene, start_rad, goal_rad, load)
+
+    def way_and_line(
+        self, start_rad: Array, above_rad: Array, load: Load, line: Callable[[], Plan], onto: Onto, most: float = 1.0
+    ) -> Looking:
+        """By a free way to joints, and on a line from there, as one motion without a stop between them.
+
+        Args:
+            line: plans the line from there on.
+            onto: is told how long the way takes before only the line is followed.
+            most: share of the shorter of them in which they are one motion at most.
+        """
+        straight = line()
+        found = straight if isinstance(straight, str) else self.free_way(start_rad, above_rad, load)
+        for way in (found,) if isinstance(found, JointTrajectory | str) else found:
+            if not isinstance(way, JointTrajectory):
+                yield way
+                continue
+            assert isinstance(straight, JointTrajectory)
+            onto(way.duration_s)
+            yield blended([way, straight], self.settings, self.scene(load).is_free, most)
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""
@@ -150,7 +181,7 @@ class MotionPlanner:
     def _lifted(
         self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
     ) -> JointTrajectory | None:
-        """Up at first and down at the end, nearly straight, with the direct way between; None where that is not free.
+        """Up at first and down at the end, nearly straight, the soonest way between; None where that is not free.
 
         Args:
             leaving: what counts on the way up, where the tool goes away from what stands beside it.
@@ -159,8 +190,13 @@ class MotionPlanner:
         up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
         if up_rad is None or over_rad is None:
             return None
-        way = np.array([start_rad, up_rad, over_rad, goal_rad] if drop_m else [start_rad, up_rad, goal_rad])
-        return self._through(scene, way) if leaving.is_free(way[:2]) and scene.is_free(way[1:]) else None
+        if not leaving.is_free(np.array([start_rad, up_rad])):
+            return None
+        for over in self._beside.soonest(up_rad, over_rad):
+            rest = np.concatenate([over, [goal_rad]]) if drop_m else over
+            if scene.is_free(rest):
+                return self._through(scene, np.concatenate([[start_rad], rest]))
+        return None
 
     def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
         """The joints that have the tool so much higher."""
@@ -210,7 +246,25 @@ class MotionPlanner:
     def scene(self, load: Load, spare_m: float = 0.0) -> Scene:
         """What is kept clear of on a motion, by so much more than needed."""
         margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
-        return self._checker.scene(load.opening_m, load.obstacles, load.held, margin_m)
+        obstacles = load.obstacles if self.around is None else (*load.obstacles, self.around)
+        return self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
+
+    def _low_over_hole(self, joints_rad: Array) -> bool:
+        """Whether the fingers may stand around a part in a hole, or the part between them in one."""
+        if self.around is not None:
+            return True
+        tool_m = self.kinematics.forward(joints_rad).position_m
+        tallest_m = max(part.size_m[2] for part in self.product.parts.values())
+        x, y, z = self.bench.bracket.pose.inverse().transform(np.array(tool_m))
+        near = any(np.hypot(x - a, y - b) < BESIDE_M / 2 for a, b in self.product.bracket.holes_m.values())
+        return near and z < tallest_m
+
+    def forget_left(self, joints_rad: Array) -> None:
+        """Forget what the fingers stood around, if the tool is no longer beside it."""
+        if self.around is not None:
+            off_m = np.subtract(self.kinematics.forward(joints_rad).position_m, self.around.pose.position_m)
+            if np.abs(off_m).max() > BESIDE_M:
+                self.around = None
 
     def travel_s(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""

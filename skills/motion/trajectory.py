@@ -100,19 +100,20 @@ def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
 
 
 def blended(
-    legs: Sequence[JointTrajectory], settings: MotionSettings, is_free: Callable[[Array], bool]
+    legs: Sequence[JointTrajectory], settings: MotionSettings, is_free: Callable[[Array], bool], most: float = 1.0
 ) -> JointTrajectory:
     """The same without stops: each leg begins, added to the one before, as early as limits and room allow.
 
     Args:
         legs: each starts where the last one ends, at rest.
         is_free: whether a path (n, 6) touches nothing.
+        most: share of the shorter leg in which two legs are one motion at most.
     """
     whole = legs[0]
     for before, leg in pairwise(legs):
         whole = joined([whole, leg])
         shortest = min(len(before.times_s), len(leg.times_s)) - 1
-        for share in BLENDS:
+        for share in (share for share in BLENDS if share <= most):
             overlap = int(share * shortest)
             corner = len(whole.times_s) - len(leg.times_s)
             early = _added(whole.positions_rad, corner, overlap)

@@ -9,7 +9,7 @@ from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.scene.hand import CONAFFINITY, FOREARM_GROUP, Hand
 from sim.scene.parts import ScenePart
-from sim.scene.person import Grip, Person, ScrewHabits
+from sim.scene.person import PERSONS, Grip, Person, ScrewHabits
 from sim.scene.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
 
@@ -151,6 +151,18 @@ def test_person_stops_screwing_when_the_arm_comes() -> None:
     shift.world.set_arm(ARM_OVER_BRACKET_RAD)
     assert shift.until(lambda: shift.doing("idle"), 2.0)
     assert not shift.until(lambda: not shift.doing("idle"), 12.0)
+
+
+@pytest.mark.parametrize(("person", "goes_on"), [("careful", False), ("careful_brisk", True)])
+def test_a_person_goes_on_when_the_arm_is_parked_or_already_when_it_leaves(person: str, goes_on: bool) -> None:
+    shift = Shift(seed=0, settings=PERSONS[person])
+    assert shift.until(lambda: shift.doing("screw"))
+    shift.world.set_arm(ARM_OVER_BRACKET_RAD)
+    assert shift.until(lambda: shift.doing("idle"), 2.0)
+    assert not shift.until(lambda: not shift.doing("idle"), 2.0)
+    beside = (ARM_OVER_BRACKET_RAD[0] - 0.6, *ARM_OVER_BRACKET_RAD[1:])
+    shift.world.data.ctrl[shift.world.arm_ctrl] = beside
+    assert shift.until(lambda: not shift.doing("idle"), 3.0) is goes_on
 
 
 def test_person_with_a_part_waits_for_the_arm_to_leave_the_bracket() -> None:

@@ -13,6 +13,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
+from skills.motion.beside_person import BesidePerson
 from skills.motion.collision import Box
 from skills.motion.grasp_pose import hole_pose
 from skills.motion.planner import Load, MotionPlanner, settled
@@ -143,3 +144,33 @@ def test_a_search_knows_the_range_of_the_joint_that_follows_from_the_others(behi
     for range_rad, free in ((6.28, True), (1.5, False)):
         room = Room(scene, ends, np.array([6.28, 6.28, 3.14, range_rad, 6.28, 6.28]))
         assert room.is_free(dict(enumerate(room.ends[0].tolist()))) is free
+
+
+def test_from_low_over_a_hole_the_tool_goes_up_first_whatever_is_known_to_stand_there(planner: MotionPlanner) -> None:
+    a, b, c = hole_pose(planner.product, planner.bench, "p4").position_m
+    low = planner.reach([Pose((a, b, c + 0.03), DOWN)], np.array(planner.bench.arm_park_rad), Load(0.05, close=True))
+    assert not isinstance(low, str), low
+    way = planner.free_move(low[1], np.array(planner.bench.arm_park_rad), Load(0.05))
+    assert isinstance(way, JointTrajectory), way
+    for joints in way.positions_rad:
+        x, y, z = planner.kinematics.forward(joints).position_m
+        assert z > c + 0.05 or np.hypot(x - a, y - b) < 0.005
+
+
+def test_beside_a_person_ways_lead_back_first_and_are_sooner_for_that(planner: MotionPlanner) -> None:
+    park = np.array(planner.bench.arm_park_rad)
+    beside = BesidePerson(planner.separation, planner.kinematics, planner.settings.speed_limits_rad_s)
+    for hole in ("p1", "p4"):
+        a, b, c = hole_pose(planner.product, planner.bench, hole).position_m
+        over = planner.reach([Pose((a, b, c + 0.16), DOWN)], park, LOAD)
+        assert not isinstance(over, str), over
+        ways = beside.soonest(over[1], park)
+        direct = beside.takes_s(np.array([over[1], park]))[0]
+        assert len(ways[0]) > 2
+        assert beside.takes_s(ways[0])[0] < 0.9 * direct
+        back_m = planner.kinematics.forward(ways[0][1]).position_m
+        assert back_m[0] < a - 0.1
+        assert back_m[1:] == pytest.approx((b, c + 0.16), abs=1e-3)
+    far = planner.reach([Pose((0.35, -0.45, 0.3), DOWN)], park, LOAD)
+    assert not isinstance(far, str), far
+    assert [len(way) for way in beside.soonest(park, far[1])] == [2]

@@ -49,17 +49,23 @@ def holding(planner: MotionPlanner, product: Product, robot: IdealRobot) -> Idea
     return robot
 
 
-def test_pick_ends_with_the_part_held_high(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+def test_pick_ends_with_the_part_held_above_what_stands_near_it(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, bench: Bench
+) -> None:
     progress = robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4)))
     assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "holding o2")
     observation = robot.observe()
     assert observation.gripper.holding
-    tool = planner.kinematics.forward(np.array(observation.arm.positions_rad))
-    assert tool.position_m[2] > 0.15
-    assert robot.time_s < 4.0
+    lone_m = tool_height_m(planner, observation)
+    assert lone_m > 0.07
+    assert robot.time_s < 3.0
+    beside = [seen(product, "o1", 0.55, -0.3)]
+    robot = IdealRobot(bench.arm_look_rad, part_m=0.034)
+    assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4), beside)).status is SkillStatus.SUCCESS
+    assert tool_height_m(planner, robot.observe()) > lone_m + 0.02
 
 
-def test_place_lets_go_over_the_hole(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+def test_place_lets_go_in_the_hole(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
     holding(planner, product, robot)
     before = len(robot.sent)
     progress = robot.run(Place(planner, "p4", "o2"))
@@ -69,10 +75,24 @@ def test_place_lets_go_over_the_hole(planner: MotionPlanner, product: Product, r
     assert not robot.observe().gripper.holding
     lowest = min(
         planner.kinematics.forward(joints).position_m
-        for trajectory in robot.trajectories[-3:]
+        for trajectory in robot.trajectories[-1:]
         for joints in trajectory.positions_rad[-1:]
     )
     assert lowest[0] == pytest.approx(0.72, abs=1e-3)
+
+
+def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
+    planner: MotionPlanner, product: Product, robot: IdealRobot
+) -> None:
+    holding(planner, product, robot)
+    assert robot.run(Place(planner, "p4", "o2")).status is SkillStatus.SUCCESS
+    let_go = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad)).position_m
+    assert planner.around is not None
+    assert robot.run(MoveTo(planner, "park")).status is SkillStatus.SUCCESS
+    for joints in robot.trajectories[-1].positions_rad:
+        x, y, z = np.subtract(planner.kinematics.forward(joints).position_m, let_go)
+        assert z > 0.02 or np.hypot(x, y) < 0.005
+    assert planner.around is None
 
 
 def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
@@ -133,8 +153,8 @@ def test_fingers_come_down_slowly_where_there_is_little_room(
         robot = IdealRobot(bench.arm_look_rad, part_m=0.042)
         beside = [seen(product, "o3", 0.55, -0.4 + 0.042 + gap_m, 0.0)]
         assert robot.run(Pick(planner, seen(product, "o3", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
-        durations.append(robot.trajectories[1].duration_s)
-    assert durations[1] > 1.3 * durations[0]
+        durations.append(robot.trajectories[0].duration_s)
+    assert durations[1] > durations[0] + 0.15
 
 
 def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
@@ -144,7 +164,7 @@ def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
     robot.run(Place(planner, "p1", "o2"))
     robot.run(MoveTo(planner, "park"))
     end = np.array(bench.arm_look_rad)
-    assert len(robot.trajectories) >= 7
+    assert len(robot.trajectories) == 5
     for trajectory in robot.trajectories:
         np.testing.assert_allclose(trajectory.positions_rad[0], end, atol=1e-3)
         speeds = np.diff(trajectory.positions_rad, axis=0) / np.diff(trajectory.times_s)[:, None]
@@ -357,7 +377,7 @@ def lost_on_the_way(robot: IdealRobot, skill: PhasedSkill, doing: str, after_tic
     [
         ("pick", "going down to o2", 4),
         ("place", "lowering o2", 4),
-        ("place", "lowering o2", 16),  # by feel
+        ("place", "lowering o2", 9),  # by feel
         ("put back", "lowering o2", 4),
     ],
 )
@@ -380,9 +400,11 @@ def test_an_arm_that_is_pushed_while_it_is_held_has_met_nothing(
     """It hangs above its path, which it still has: only while it follows that freely, something below may be why."""
     skill = Pick(planner, seen(product, "o2", 0.55, -0.4))
     going_down = 0
-    while going_down < 8:
+    while going_down < 6:
         command = Command()
-        going_down += skill.poll(robot.observe(), command).reason.startswith("going down")
+        progress = skill.poll(robot.observe(), command)
+        assert progress.status is SkillStatus.RUNNING
+        going_down += progress.reason.startswith("going down")
         robot.act(command)
         if going_down == 1:
             above = robot.observe().arm.positions_rad

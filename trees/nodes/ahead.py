@@ -28,13 +28,14 @@ class ChooseSparePart(CellNode):
     """Wait until a part is sure to be needed whatever the person does next, and choose it.
 
     While the person fetches, one part of the type in their hand is theirs; as long as it is not seen what they hold,
-    it may be any. Of several types that one is chosen which has a position that the guard lets pass, then the one of
-    which most remain.
+    it may be any. A person whose hand rests goes first, but for the last part: the robot need not park before it, and
+    brings it sooner. Of several types that one is chosen which has a position that the guard lets pass, then the one
+    of which most remain.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief and plans")
-    patience_s = InputPort(float, "how long the hand must rest before the robot goes first", default=0.8, least=0)
+    patience_s = InputPort(float, "how long hand and arm must rest before the robot goes first", default=0.8, least=0)
     steady_s = InputPort(float, "how long a part must be seen in the hand: it passes over others", default=0.4, least=0)
     part = OutputPort(Part, "type of the part to fetch")
 
@@ -58,14 +59,16 @@ class ChooseSparePart(CellNode):
         if seen.bench is None:
             self.feedback_message = "no view of the bench yet"
             return Status.RUNNING
-        if seen.bench.action.kind != "idle":
+        if seen.bench.action.kind != "idle" or seen.arm.moving:  # some wait until the arm is parked
             self._rests_since_s = None
         elif self._rests_since_s is None:
             self._rests_since_s = seen.time_s
         held = None if seen.bench.hand is None else seen.bench.hand.held_part
         if held != self._held:
             self._held, self._held_since_s = held, seen.time_s
-        if self._rests_since_s is not None and seen.time_s - self._rests_since_s < self.patience_s.get():
+        rests_s = 0.0 if self._rests_since_s is None else seen.time_s - self._rests_since_s
+        last = (+remaining(self.services, self.state.get())).total() == 1
+        if seen.bench.action.kind == "idle" and rests_s < self.patience_s.get() and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
         spare = self._spare()
@@ -188,9 +191,9 @@ class RecallTray(CellNode):
 
 
 def remaining(services: Services, state: AssemblyState) -> Counter[str]:
-    """How many parts of each type are still to be placed."""
+    """How many parts of each type are still to be placed; what was let go in a hole counts as placed."""
     left = Counter({name: part.quantity for name, part in services.tools.product.parts.items()})
-    left.subtract(state.placed.values())
+    left.subtract({**services.memory.let_go, **state.placed}.values())
     return left
 
 
@@ -203,6 +206,8 @@ def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, 
     bench = services.now.observation.bench
     theirs = None if bench is None or bench.action.kind != "assembly" else bench.action.position
     for position in plan.guidance.get(part, ()):
+        if position in services.memory.let_go:
+            continue
         verdict = judge(services, plan, state, part, position)
         if verdict.decision != "act":
             reason = verdict.reason

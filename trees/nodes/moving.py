@@ -65,6 +65,18 @@ class GripperIsEmpty(CellNode):
         return Status.FAILURE if self.now.observation.gripper.holding else Status.SUCCESS
 
 
+class ArmStands(CellNode):
+    """The arm does not move."""
+
+    node_type = "Condition"
+    traits = Traits(instant=True)
+    what_if = "if the arm stood"
+
+    def update(self) -> Status:
+        arm = self.now.observation.arm
+        return Status.SUCCESS if arm.stands and not arm.moving else Status.FAILURE
+
+
 class IdentifyHeldPart(CellNode):
     """Tell by the distance of the fingers which part is between them, unless this run picked it."""
 

@@ -8,7 +8,7 @@ from cell.files.words.message import Message
 from cell.interfaces.memory import more, without
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
-from trees.engine.ports import InOutPort, InputPort
+from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
@@ -39,6 +39,7 @@ class PlacePart(SkillNode):
         where = _where(self.part.get(), self.position.get())
         if status is Status.SUCCESS:
             services.memory.unplaced = without(services.memory.unplaced, where)
+            services.memory.let_go = {**services.memory.let_go, self.position.get(): self.part.get()}
         elif status is Status.FAILURE and services.now.observation.time_s - self._begun_s >= TRIED_S:
             services.memory.unplaced = more(services.memory.unplaced, where)
         return status
@@ -69,30 +70,54 @@ class PlacedInVain(CellNode):
         return Status.SUCCESS
 
 
+class AwaitLetGo(CellNode):
+    """Wait until a part was let go in a hole, and is not yet seen there."""
+
+    part = OutputPort(Part, "type of that part")
+    position = OutputPort(Hole, "hole it was put into")
+
+    def update(self) -> Status:
+        for position, part in self.memory.let_go.items():
+            self.part.set(Part(part))
+            self.position.set(Hole(position))
+            self.feedback_message = Message("let go of {part} at {position}", part=part, position=position)
+            return Status.SUCCESS
+        self.feedback_message = ""
+        return Status.RUNNING
+
+
 class VerifyPlacement(CellNode):
-    """Check that the hole now holds the part, upright."""
+    """Check that the hole now holds the part, upright, as soon as the view of it is free."""
 
     part = InputPort(Part, "type of the placed part")
     position = InputPort(Hole, "hole it was put into")
-    timeout_s = InputPort(float, "longest wait for a clear view showing it", default=2.0, least=0)
+    timeout_s = InputPort(float, "how long it may look otherwise in a clear view", default=2.0, least=0)
+    hidden_s = InputPort(float, "longest wait for a clear view", default=10.0, least=0)
 
     _begun_s = 0.0
+    _seen_since_s: float | None = None
 
     def initialise(self) -> None:
-        self._begun_s = self.now.observation.time_s
+        self._begun_s, self._seen_since_s = self.now.observation.time_s, None
 
     def update(self) -> Status:
-        part, position = self.part.get(), self.position.get()
+        part, position, now_s = self.part.get(), self.position.get(), self.now.observation.time_s
         view = self.now.observation.bench
         hole = view.holes.get(position) if view else None
-        if hole is not None and hole.seen_s > self._begun_s and hole.part == part and hole.upright:
+        clear = hole is not None and hole.seen_s > self._begun_s
+        if clear and hole is not None and hole.part == part and hole.upright:
             self.feedback_message = Message("{part} is at {position}", part=part, position=position)
             return Status.SUCCESS
         seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
         self.feedback_message = Message("sees {seen} at {position}", seen=seen, position=position)
         self.what_if = f"if {part} were seen upright at {position}"
-        late = self.now.observation.time_s - self._begun_s > self.timeout_s.get()
-        return Status.FAILURE if late else Status.RUNNING
+        if clear and self._seen_since_s is None:
+            self._seen_since_s = now_s
+        late = self._seen_since_s is not None and now_s - self._seen_since_s > self.timeout_s.get()
+        if not late and now_s - self._begun_s <= self.hidden_s.get():
+            return Status.RUNNING
+        self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
+        return Status.FAILURE
 
 
 class RecordPlacement(CellNode):
@@ -106,6 +131,7 @@ class RecordPlacement(CellNode):
         part, position = self.part.get(), self.position.get()
         state = self.state.get()
         by_robot = {**state.by_robot, position: part}
+        self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
         self.state.set(replace(state.with_placement(part, position), by_robot=by_robot))
         self.now.show(message=Message("placed {part} at {position}", part=part, position=position))
         self.tools.journal.note("belief", edge=[part, position], source="robot")

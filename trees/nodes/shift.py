@@ -75,6 +75,7 @@ class BeginBracket(CellNode):
 
     def update(self) -> Status:
         memory = self.memory
+        memory.let_go = {}
         left, memory.left_off = memory.left_off, ResumeState()
         resumed = left.under_way
         number = left.bracket if resumed else max(self.number.get(), left.bracket) + 1

@@ -40,6 +40,7 @@ class StartGraph(CellNode):
 
     def update(self) -> Status:
         memory = self.memory
+        memory.let_go = {}
         kept, memory.left_off = memory.left_off.state, ResumeState()
         if self.state.carried and self.state.entry:
             kept = self.state.entry.value

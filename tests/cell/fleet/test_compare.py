@@ -13,7 +13,7 @@ import pytest
 from cell.commands.main import main
 from cell.errors import InputError
 from cell.fleet.compare import Limit, differing, findings, overall, pair
-from cell.fleet.compare_text import as_json, lines, page
+from cell.fleet.compare_text import as_json, by_person, lines, page, persons_as_json
 from cell.fleet.table import read_table, write_table
 
 Rows = list[dict[str, Any]]
@@ -99,6 +99,16 @@ def test_the_comparison_can_be_read() -> None:
     assert "&lt;a&gt;.xml" in html
     assert html.count("<circle") == 40
     assert "http" not in html
+
+
+def test_times_are_told_by_person() -> None:
+    rng = np.random.default_rng(0)
+    brisk, slow = pair(rows(rng, 40), rows(rng, 40, -8.0)), pair(rows(rng, 40), rows(rng, 40, 8.0))
+    assert by_person(brisk) == []
+    both = [*brisk, *(({**a, "person": "ordinary"}, {**b, "person": "ordinary"}) for a, b in slow)]
+    times = [line.split() for line in by_person(both) if "time_s" in line]
+    assert [(line[0], line[-1]) for line in times] == [("careful", "better"), ("ordinary", "worse")]
+    assert persons_as_json(both).keys() == {"careful", "ordinary"}
 
 
 def test_rows_come_back_from_a_table(tmp_path: Path) -> None:

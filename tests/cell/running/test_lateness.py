@@ -68,7 +68,8 @@ def test_a_late_tick_is_told_once_and_other_troubles_every_time() -> None:
     announcer = Announcer()
     slow = Judgement(Action.SLOW, 0.25, (("tick_late", "a tick came 0.09 s late"),))
     hold = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
-    told = [announcer.news(judgement) for judgement in (slow, Judgement(), slow, Judgement(), hold, Judgement(), hold)]
+    judgements = (slow, Judgement(), slow, Judgement(), hold, Judgement(), hold)
+    told = [announcer.news(judgement, 10.0 * number) for number, judgement in enumerate(judgements)]
     assert [words and words[1].split(":")[0] for words in told] == [
         "slow",
         None,
@@ -78,3 +79,10 @@ def test_a_late_tick_is_told_once_and_other_troubles_every_time() -> None:
         "all clear",
         "hold",
     ]
+
+
+def test_a_hand_that_comes_again_at_once_is_told_once() -> None:
+    announcer, hold = Announcer(), Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
+    told = [announcer.news(hold if number % 10 < 6 else Judgement(), 0.1 * number) for number in range(60)]
+    told += [announcer.news(Judgement(), 6.0 + 0.1 * number) for number in range(30)]
+    assert [words[1].split(":")[0] for words in told if words] == ["hold", "all clear"]

@@ -471,6 +471,28 @@ def test_an_arm_that_a_near_hand_holds_may_only_go_away_and_slowly() -> None:
     assert supervisor.judge(near_hand(2, path_s=back.duration_s - 0.3)).action is Action.HOLD
 
 
+def beside(tick: int, x_m: float, speed_m_s: float) -> Observation:
+    """An arm that stands over the bracket, and a hand that moves towards it."""
+    hand = replace(hand_at(x_m, BESIDE_M[1]), box_px=(99, 99, 200, 200), height_m=0.15, velocity_m_s=(-speed_m_s, 0.0))
+    return arm(positions_rad=OVER_RAD)(view(hand=hand)(sound(tick)))
+
+
+def test_a_hand_that_turns_a_screw_holds_the_arm_once() -> None:
+    def holds(x_m: float, speed_m_s: float) -> bool:
+        return make_supervisor(TABLE, motion_planner()).judge(beside(0, x_m, speed_m_s)).action is Action.HOLD
+
+    x_m = next(x for x in np.arange(BESIDE_M[0], 1.3, 0.02).tolist() if holds(x, 0.4) and not holds(x + 0.01, 0.0))
+    supervisor = make_supervisor(TABLE, motion_planner())
+    speeds_m_s = [0.4 if tick < 60 and tick % 12 < 6 else 0.0 for tick in range(110)]
+    held = [
+        supervisor.judge(beside(tick, x_m + 0.005, one)).action is Action.HOLD for tick, one in enumerate(speeds_m_s)
+    ]
+    changes = [tick for tick in range(1, len(held)) if held[tick] != held[tick - 1]]
+    assert held[0]
+    assert len(changes) == 1
+    assert 75 <= changes[0] <= 95  # a second after the last fast motion
+
+
 @pytest.mark.parametrize("signal", ["hand_unknown", "bench_stale", "camera_unhealthy", "arm_safeguard_stop"])
 def test_whatever_else_holds_the_arm_holds_it_beside_a_near_hand_too(signal: str) -> None:
     supervisor, path = make_supervisor(TABLE, motion_planner()), path_out()

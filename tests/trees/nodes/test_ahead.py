@@ -74,6 +74,33 @@ def test_a_hand_that_has_just_come_to_rest_goes_first() -> None:
     assert answers == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
 
 
+def test_a_hand_that_rests_goes_first_once_the_arm_is_out_of_its_way_but_not_for_the_last_part() -> None:
+    at = services()
+    node = chooser(at, AssemblyState({}))
+    still = at.now.observation.arm
+    for time_s, moving in ((1.0, True), (2.0, True), (3.0, False), (3.7, False)):
+        at.now.observation = replace(at.now.observation, arm=replace(still, moving=moving))
+        see(at, time_s, action=IDLE)
+        assert node.update() is Status.RUNNING
+    see(at, 3.9, action=IDLE)
+    assert node.update() is Status.SUCCESS
+    last = chooser(services(), AssemblyState({**ONE_OF_TWO.placed, "p6": "o2"}))
+    see(last.services, 1.0, action=IDLE)
+    assert last.update() is Status.SUCCESS
+    assert last.part.entry.value == "o1"  # type: ignore[union-attr]
+
+
+def test_what_was_let_go_and_not_yet_seen_is_neither_fetched_nor_placed_again() -> None:
+    at = services(let_go={"p2": "o1"})
+    node = waiter(at)
+    see(at, 1.0, action=TRANSIT)
+    assert node.update() is Status.SUCCESS
+    assert node.position.entry.value == "p1"  # type: ignore[union-attr]
+    last = chooser(services(let_go={"p6": "o1"}), AssemblyState({**ONE_OF_TWO.placed, "p3": "o2"}))
+    see(last.services, 1.0, action=Action("screw", 1.0))
+    assert last.update() is Status.RUNNING
+
+
 def test_a_robot_that_fetches_nothing_says_why() -> None:
     """A detector that takes a resting hand for one that fetches would keep the robot waiting in silence."""
     at = services()

@@ -9,12 +9,13 @@ import pytest
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
+from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, SkillStatus
 from tests import ROOT
-from tests.trees.nodes.rig import SURE, services
+from tests.trees.nodes.rig import EMPTY_HOLES, SURE, see, services
 from trees.engine.status import Status
-from trees.nodes.placing import PlacedInVain, PlacePart
+from trees.nodes.placing import AwaitLetGo, PlacedInVain, PlacePart, RecordPlacement, VerifyPlacement
 from trees.nodes.services import Services
 from trees.testing import TreeBench, alone
 
@@ -70,3 +71,44 @@ def test_ahead_of_the_person_a_robot_asks_instead_of_pressing_on_a_full_hole_for
     for _ in range(60):
         made.tick(0.1)
     assert (made.started("PlacePart"), made.started("AskForHelp")) == (3, 1)
+
+
+def verified(to: Services, looks: list[tuple[float, HoleView]]) -> list[Status]:
+    """What VerifyPlacement answers as time goes on, from 1 s on."""
+    see(to, 1.0)
+    node: Any = alone(VerifyPlacement("verify"), to, part="o1", position="p2")
+    node.initialise()
+    answers = []
+    for time_s, hole in looks:
+        see(to, time_s, holes={**EMPTY_HOLES, "p2": hole})
+        answers.append(node.update())
+    return answers
+
+
+def test_a_placement_is_looked_at_once_the_view_is_free() -> None:
+    hidden, there = HoleView(None, 1.0, 0.9), HoleView("o1", 1.0, 6.0)
+    assert verified(services(), [(3.0, hidden), (6.0, hidden), (6.1, there)])[-1] is Status.SUCCESS
+
+
+def test_a_hole_that_looks_otherwise_for_long_or_stays_hidden_shows_no_placement() -> None:
+    to = services(let_go={"p2": "o1", "p1": "o1"})
+    empty = [(time_s, HoleView(None, 1.0, time_s)) for time_s in (4.0, 5.9, 6.1)]
+    assert verified(to, empty) == [Status.RUNNING, Status.RUNNING, Status.FAILURE]
+    assert to.memory.let_go == {"p1": "o1"}
+    assert (
+        verified(services(), [(10.9, HoleView(None, 1.0, 0.9)), (11.1, HoleView(None, 1.0, 0.9))])[1] is Status.FAILURE
+    )
+
+
+def test_what_was_let_go_counts_as_placed_once_it_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skills.pick_and_place.Place", lambda *_: Lowering(SkillStatus.SUCCESS))
+    to = services()
+    awaits: Any = alone(AwaitLetGo("await"), to)
+    assert awaits.update() is Status.RUNNING
+    place(to, 2.5)
+    assert awaits.update() is Status.SUCCESS
+    assert (awaits.part.entry.value, awaits.position.entry.value) == ("o1", "p2")
+    record: Any = alone(RecordPlacement("record"), to, part="o1", position="p2", state=AssemblyState({}))
+    assert record.update() is Status.SUCCESS
+    assert record.state.entry.value.by_robot == {"p2": "o1"}
+    assert to.memory.let_go == {}

@@ -19,7 +19,7 @@ from cell.interfaces.product import Product
 from learned.semantic.data import load_demonstrations
 
 OPTIONS = (
-    *("network", "data", "simulated", "epochs", "every", "only", "plan", "budget", "recorded", "jobs", "out"),
+    *("network", "data", "simulated", "begin", "epochs", "every", "only", "plan", "budget", "recorded", "jobs", "out"),
     *("overwrite", "config", "seed"),
 )
 FOLDER, PAPER = Path("trained"), "paper"
@@ -42,6 +42,10 @@ class Wanted:
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="With --data: learn from simulated data, too.")] = False
     epochs: Annotated[int | None, Option(min=1, help="With --data: passes through the data.")] = None
+    begin: Annotated[
+        str | None,
+        Option(metavar="shipped|FILE", help="With hands: go on with weights that were trained before."),
+    ] = None
     recorded: Annotated[
         Path | None, Option(help="Folder of `cell log export --to training`: learn from these runs too.")
     ] = None
@@ -99,10 +103,13 @@ def _train_on_own(wanted: Wanted) -> None:
         )
     if wanted.every or wanted.only or wanted.plan or wanted.recorded:
         raise InputError("--all, --only, --plan and --recorded do not go with --data")
+    if wanted.begin is not None and wanted.network != "hands":
+        raise InputError(f"--begin {wanted.begin}: goes with hands; {wanted.network} are trained from nothing")
     task = TASKS[wanted.network]
     asked = Training(
         data=wanted.data,
         simulated=wanted.simulated,
+        begin=wanted.begin,
         epochs=wanted.epochs,
         budget=wanted.budget or (task.defaults or {}).get("budget", ""),
         out=None if wanted.out == FOLDER else wanted.out,

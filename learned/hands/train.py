@@ -25,8 +25,9 @@ from learned.hands.model import FINDER_KIND, READER_KIND, REFINER_KIND, finder_f
 from learned.hands.network import Finder, Found, Read, Reader
 from learned.hands.refiner import Refined, Refiner
 from learned.hands.regions import planes
-from learned.inference.onnx_model import ModelCard, OnnxModel
+from learned.inference.onnx_model import ModelCard, OnnxModel, digest_of
 from learned.training.recipe import Recipe, Task
+from learned.training.torch_model import begin_with
 from learned.training.training_loop import Epoch
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -36,19 +37,24 @@ FINDER_EPOCHS_SHARE = 1.0  # of the reader's epochs
 REFINER_EPOCHS_SHARE = 2.85  # and the refiner later: it is to be exact
 BATCH = 32
 NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time
-LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
+LEARNING_RATE, TUNING_RATE, WEIGHT_DECAY = 3e-3, 6e-4, 1e-2  # TUNING_RATE: of weights that were learned before
 TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
 PALM_SPREAD = 0.1  # standard deviation of the logarithm of a palm's length, among people and not only in training
 
 
 @dataclass(frozen=True)
 class Training:
-    """What is trained on, and how long."""
+    """What is trained on, and how long.
+
+    Attributes:
+        begin: weights of a reader, with finder and refiner beside it, to begin with; None for random ones.
+    """
 
     data: HandData
     types: tuple[str, ...]
     seed: int
     epochs: int = EPOCHS
+    begin: Path | None = None
 
 
 class HandTraining(Model):
@@ -67,6 +73,7 @@ def train_hands(
     *,
     score: Callable[[], dict[str, float]],
     epochs: int = EPOCHS,
+    begin: Path | None = None,
     command: str = "cell lab train hands",
     apart: Collection[str] = (),
     quiet: bool = False,
@@ -77,6 +84,7 @@ def train_hands(
         folders: of `cell lab data hands`.
         score: scores of the tracker that reads `out`.
         apart: recordings that are not learned from.
+        begin: weights to begin with, finder and refiner beside them.
 
     Returns:
         The scores.
@@ -85,7 +93,7 @@ def train_hands(
         InputError: a folder cannot be used.
     """
     types = tuple(product.parts)
-    training = Training(load_hands(folders, setup, types, seed, apart), types, seed, epochs)
+    training = Training(load_hands(folders, setup, types, seed, apart), types, seed, epochs, begin)
     data, rng = training.data, partial(np.random.default_rng, seed)
     if len(_rows_of_sizes(data)) < BATCH:  # before minutes go into the finder
         raise InputError("hands: heights are learned from hands whose size is known: add --simulated")
@@ -172,7 +180,10 @@ def _recipe(
         batch: of rows of the data.
         drawn: the rows of an epoch in their order.
     """
-    data, which = training.data, zlib.crc32(kind.encode())
+    data, which, begin = training.data, zlib.crc32(kind.encode()), training.begin
+    if begin is not None:
+        files = {FINDER_KIND: finder_file(begin), READER_KIND: begin, REFINER_KIND: refiner_file(begin)}
+        begin_with(network, files[kind], kind)
     rows = len(drawn(np.random.default_rng(0)))
     if (batches := len(range(0, rows - BATCH + 1, BATCH))) == 0:
         raise InputError(f"{kind}: {rows} examples are too few to learn from; {BATCH} are needed, or --simulated")
@@ -190,7 +201,7 @@ def _recipe(
         losses=losses,
         epochs=epochs,
         batches=batches,
-        rate=LEARNING_RATE,
+        rate=LEARNING_RATE if begin is None else TUNING_RATE,
         decay=WEIGHT_DECAY,
         settings=HandTraining(epochs=training.epochs),
         vocabulary={"parts": training.types},
@@ -200,6 +211,7 @@ def _recipe(
             "hands": len(_rows_of_hands(data)),
             "palm_length_m": round(float(np.median(data.palm_lengths_m)), 4),
             "palm_spread": PALM_SPREAD,
+            **({} if begin is None else {"began_with": digest_of(begin.read_bytes())[:16]}),
         },
     )
 

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from numpy.typing import NDArray
+from onnx import numpy_helper
 from pydantic import JsonValue
 from torch import nn
 
@@ -39,6 +41,34 @@ class TorchModel:
             found = self._network(*(torch.from_numpy(values) for values in inputs.values()))
         values = found if isinstance(found, tuple) else (found,)
         return {name: value.numpy() for name, value in zip(self.outputs, values, strict=True)}
+
+
+def begin_with(network: nn.Module, weights: Path, kind: str) -> None:
+    """Give a network the numbers that its like was exported with.
+
+    What was normalised over batches was folded into the layer before: it stays so, and only its offset is learned.
+
+    Raises:
+        ModelError: they are of another kind, shape, or no weights.
+    """
+    OnnxModel.load(weights, kind)
+    tensors = {one.name.removesuffix(".short"): one for one in onnx.load(weights).graph.initializer}
+
+    def fill(name: str, value: torch.Tensor) -> None:
+        held = tensors.get(name)
+        if held is None or tuple(held.dims) != tuple(value.shape):
+            raise ModelError(f"{weights}: holds no {name} of {tuple(value.shape)}: training cannot begin with it")
+        value.data.copy_(torch.from_numpy(numpy_helper.to_array(held).astype(np.float32)))
+
+    folded = {name: one for name, one in network.named_modules() if isinstance(one, nn.BatchNorm2d)}
+    for name, norm in folded.items():
+        nn.init.ones_(norm.weight)
+        norm.running_mean, norm.running_var = torch.zeros_like(norm.bias), torch.ones_like(norm.bias) - norm.eps
+        fill(f"{name.rpartition('.')[0]}.0.weight_bias", norm.bias)
+        norm.eval()
+    for name, value in network.named_parameters():
+        if name.rpartition(".")[0] not in folded:
+            fill(name, value)
 
 
 def write_weights(

@@ -78,7 +78,8 @@ def hands(asked: Training, weights: Path) -> Scores:
     from learned.hands.model import SlimReader
     from learned.hands.train import train_hands
 
-    epochs = asked.epochs or 9
+    begin = None if asked.begin is None else WEIGHTS / weights.name if asked.begin == "shipped" else Path(asked.begin)
+    epochs = asked.epochs or (9 if begin is None else 4)
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
     configuration, product = asked.cell()
     setup, types = configuration.bench.overhead, tuple(product.parts)
@@ -101,6 +102,7 @@ def hands(asked: Training, weights: Path) -> Scores:
         asked.seed,
         score=score,
         epochs=epochs,
+        begin=begin,
         apart=logs,
         command=asked.command("hands", epochs=epochs),
     )

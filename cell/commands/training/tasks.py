@@ -188,7 +188,7 @@ TASKS = {
             "hands",
             "hand tracker",
             ("slim",),
-            ("data", "simulated", "budget", "epochs"),
+            ("data", "simulated", "begin", "budget", "epochs"),
             networks.hands,
             lambda file, _: (finder_file(file), refiner_file(file)),
             _BUDGET,

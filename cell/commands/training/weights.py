@@ -43,6 +43,12 @@ class Training:
         Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default."),
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="Learn from simulated data beside those of --data.")] = False
+    begin: Annotated[
+        str | None,
+        Option(
+            metavar="shipped|FILE", help="Go on with weights that were trained before; few pictures are enough then."
+        ),
+    ] = None
     validation: Annotated[Path | None, Option(help="Another such folder to score on.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
     tracker: Annotated[

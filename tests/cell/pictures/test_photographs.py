@@ -32,7 +32,8 @@ def landmarks(wrist: Array, turn: float = 0.0) -> Array:
         end = np.array([0.0, -52.0]) + np.array(tip) if number else np.array([-48.0, -52.0])
         points += [base + share * (end - base) for share in (0.0, 1 / 3, 2 / 3, 1.0)]
     cos, sin = np.cos(turn), np.sin(turn)
-    return np.array(points) @ np.array([[cos, sin], [-sin, cos]]) + wrist
+    turned: Array = np.array(points) @ np.array([[cos, sin], [-sin, cos]]) + wrist
+    return turned
 
 
 def photograph(points: Array) -> Image:

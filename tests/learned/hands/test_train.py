@@ -1,6 +1,7 @@
 """The small tracker learns from a folder of frames, and what it learned can be loaded and asked."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from cell.configuration import load_configuration, load_product  # noqa: E402
-from cell.errors import InputError  # noqa: E402
+from cell.errors import InputError, ModelError  # noqa: E402
+from cell.settings import WEIGHTS  # noqa: E402
 from learned.hands.augment import turned_images, varied  # noqa: E402
 from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
 from learned.hands.evaluate import score_readings  # noqa: E402
@@ -26,12 +28,14 @@ from learned.hands.model import (  # noqa: E402
     finder_file,
     refiner_file,
 )
-from learned.hands.network import HEAT_PX, Reader, soft_argmax  # noqa: E402
+from learned.hands.network import HEAT_PX, Finder, Reader, soft_argmax  # noqa: E402
 from learned.hands.refinement import CLOSE_PX  # noqa: E402
 from learned.hands.refiner import Refiner  # noqa: E402
 from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.train import train_hands  # noqa: E402
+from learned.inference.onnx_model import OnnxModel  # noqa: E402
 from learned.training.recipe import Recipe, Task  # noqa: E402
+from learned.training.torch_model import begin_with  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
@@ -317,3 +321,37 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "hands.jsonl").write_text('{"format": "cell.hands"}\n{"file": 3}\n')
     with pytest.raises(InputError, match=r"hands\.jsonl:2"):
         load_hands([tmp_path], SETUP, TYPES, 0)
+
+
+@pytest.mark.parametrize(
+    ("network", "file", "kind", "shapes"),
+    [
+        (Finder, "hands_slim_finder.onnx", FINDER_KIND, {"image": (1, 3, 120, 160)}),
+        (
+            lambda: Reader(3),
+            "hands_slim.onnx",
+            READER_KIND,
+            {"region": (2, 3, 128, 128), "around": (2, 3, 96, 96), "place": (2, 2)},
+        ),
+        (Refiner, "hands_slim_refiner.onnx", REFINER_KIND, {"closeup": (2, 3, 96, 96), "place": (2, 2)}),
+    ],
+)
+def test_what_begins_with_weights_answers_as_they_do(
+    network: Callable[[], Any], file: str, kind: str, shapes: dict[str, tuple[int, ...]]
+) -> None:
+    begun = network()
+    begin_with(begun, WEIGHTS / file, kind)
+    rng = np.random.default_rng(0)
+    inputs = {name: rng.random(shape, dtype=np.float32) for name, shape in shapes.items()}
+    shipped = OnnxModel.load(WEIGHTS / file, kind).run(inputs)
+    with torch.no_grad():
+        answer = begun(*(torch.from_numpy(one) for one in inputs.values()))
+    for name, value in answer._asdict().items():
+        assert np.abs(value.numpy() - shipped[name]).max() < 1e-4, name
+
+
+def test_weights_of_another_network_are_no_beginning() -> None:
+    with pytest.raises(ModelError, match=r"hands\.slim"):
+        begin_with(Finder(), WEIGHTS / "hands_slim.onnx", FINDER_KIND)
+    with pytest.raises(ModelError, match=r"holds no facts\.2\.weight of \(18, 192\)"):
+        begin_with(Reader(4), WEIGHTS / "hands_slim.onnx", READER_KIND)

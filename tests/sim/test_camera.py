@@ -11,15 +11,13 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from learned.classical.image_health import REMEMBERED
 from sim.devices.clock import SimClock
 from sim.rendering.camera import SimCamera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.studio import Studio, visible_poses
+from sim.rendering.studio import Studio
 from sim.scene.clutter import standing
 from sim.scene.look import Camera
 from sim.scene.world import World, build_world
-from sim.truth.ground_truth_perception import SHIFTS_PX, GroundTruthPerception
 from tests.contracts import camera as camera_contract
 from tests.contracts.camera import CHECKS, Check
 from tests.sim.conftest import MakeRig
@@ -169,13 +167,3 @@ def test_contract(product: Product, bench: Bench, name: CameraName, check: Check
 
     camera = SimCamera(name, setup, world, take)
     check(camera_contract.Bench(camera, SimClock(world, [], [camera]), (setup.width_px, setup.height_px)))
-
-
-def test_without_pixels_no_image_comes_again_as_long_as_the_check_of_the_camera_remembers(looking: World) -> None:
-    still = Frame("overhead", 0, 0.0, np.full((120, 160, 3), 90, np.uint8), Pose((0.0, 0.0, 1.0)))
-    seen = GroundTruthPerception(looking, hand=False, still=still)
-    exposures = [
-        Exposure("overhead", number, 0.0, still.world_from_camera, (visible_poses(looking.data),))
-        for number in range(0, 2 * REMEMBERED, SHIFTS_PX)
-    ]
-    assert len({seen.take(one).image.tobytes() for one in exposures}) == len(exposures)

@@ -13,10 +13,14 @@ from cell.interfaces.command import Display
 from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.pose import Array, Pose
+from learned.classical.image_health import REMEMBERED
 from sim.cell import SimCell
+from sim.rendering.photographer import Exposure
+from sim.rendering.studio import visible_poses
 from sim.scene.jobs import NOT_LISTED, Jobs
 from sim.scene.person import Person, ShiftHabits
 from sim.scene.settings import SimSettings
+from sim.truth.ground_truth_perception import SHIFTS_PX
 from sim.truth.score import Placement
 from sim.worker.worker import Worker
 from tests.sim.worker_bench import bench, product
@@ -248,3 +252,13 @@ def test_what_fell_over_on_the_bench_is_picked_up(cell: SimCell) -> None:
     assert [sorted(act["parts"]) for act in acts] == [["o1", "o3"]]  # type: ignore[call-overload]
     settle(cell, cell.world.time_s + 8.0)
     assert in_tray(cell)["o3"] == 1
+
+
+def test_no_image_comes_again_as_long_as_the_check_of_the_camera_remembers(blind: SimCell) -> None:
+    assert blind.sight is not None
+    seen = blind.world.camera_pose("overhead"), (visible_poses(blind.world.data),)
+    images = [
+        blind.sight.take(Exposure("overhead", number, 0.0, *seen)).image.tobytes()
+        for number in range(0, 2 * REMEMBERED, SHIFTS_PX)
+    ]
+    assert len(set(images)) == len(images)

@@ -10,6 +10,7 @@ acknowledges after 3 s. Rows that are in the file already are not run again.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from cell.commands.run import SEARCHES_GARBAGE
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import CellError
 from cell.faults.injection import EITHER, RECOVERS, STATES, STOPS, Injection, attended
@@ -259,6 +261,8 @@ def main() -> None:
     asked = parser.parse_args()
     rows = [Row(**json.loads(line)) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
     done = {(row.fault, row.state) for row in rows}
+    gc.freeze()  # a search of garbage holds up the twin, which is in this process
+    gc.set_threshold(SEARCHES_GARBAGE)
     for name in asked.faults:
         for state in asked.states:
             if (name, state) not in done:

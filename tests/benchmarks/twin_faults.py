@@ -10,6 +10,7 @@ acknowledges after 3 s. Rows that are in the file already are not run again.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from cell.commands.run import SEARCHES_GARBAGE
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import CellError
 from cell.faults.injection import EITHER, RECOVERS, STATES, STOPS, Injection, attended
@@ -174,7 +176,7 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
     product, host = load_product(configuration), own_host(2)
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        settings = {"arm": UrSettings(host=host), "gripper": _gripper(wire, host, Path(folder))}
+        of_arm, of_gripper = UrSettings(host=host), _gripper(wire, host, Path(folder))
         arms: list[TwinArm] = []
 
         def made(world: World) -> TwinArm:
@@ -187,19 +189,23 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
         sim = SimCell(
             product, configuration.bench, simulation, "virtual", "twin", 0, goal, worker=False, rendered=False, arm=made
         )  # fmt: skip
-        plain = {role: one.model_dump() for role, one in settings.items()}
+        plain = {"arm": of_arm.model_dump(), "gripper": of_gripper.model_dump()}
         twin = TwinCell(sim, arms[0], plain, "ur10", PERIOD_S, slower)
         stack.callback(twin.close)
         twin.serve()
         clock = WorldTime(twin)
-        arm = UrArm(settings["arm"], clock, product, configuration.robot)
+        arm = UrArm(of_arm, clock, product, configuration.robot)
         stack.callback(arm.close)
-        gripper = (ModbusGripper if wire == "modbus" else UrcapGripper)(settings["gripper"], clock)  # type: ignore[arg-type]
+        gripper = (
+            ModbusGripper(of_gripper, clock)
+            if isinstance(of_gripper, RobotiqModbusSettings)
+            else UrcapGripper(of_gripper, clock)
+        )
         stack.callback(gripper.close)
         beside = without_pixels(sim, configuration, product)
         assert beside.host is not None
-        cameras = {role: Locked(twin, getattr(beside, role), beside.host.begin) for role in ("overhead", "wrist")}
-        devices = replace(beside, clock=clock, arm=arm, gripper=gripper, host=cameras["overhead"], **cameras)
+        overhead, wrist = (Locked(twin, camera, beside.host.begin) for camera in (beside.overhead, beside.wrist))
+        devices = replace(beside, clock=clock, arm=arm, gripper=gripper, host=overhead, overhead=overhead, wrist=wrist)
         yield twin, lambda fault: _run(configuration, product, devices, fault)
 
 
@@ -221,7 +227,7 @@ def tried(name: str, state: str, wire: str, slower: float) -> Row:
         fault = WireFault(case, state, twin)
         try:
             outcome = run(fault)
-            told = outcome.end, outcome.reason, outcome.condition, outcome.sim_time_s
+            told: tuple[str, str, str, float] = outcome.end, outcome.reason, outcome.condition, outcome.sim_time_s
         except CellError as error:
             told = "raised", str(error), "", 0.0
         with twin.lock:
@@ -255,6 +261,8 @@ def main() -> None:
     asked = parser.parse_args()
     rows = [Row(**json.loads(line)) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
     done = {(row.fault, row.state) for row in rows}
+    gc.freeze()  # a search of garbage holds up the twin, which is in this process
+    gc.set_threshold(SEARCHES_GARBAGE)
     for name in asked.faults:
         for state in asked.states:
             if (name, state) not in done:

@@ -16,6 +16,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Pose
 from learned.classical.track_health import motion_of
+from skills.motion import arm_outline
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
 from skills.motion.person_space import EDGES, Person, PersonSpace
@@ -346,6 +347,27 @@ def arm_that_brakes(trajectory: JointTrajectory, path_s: float, share: float) ->
             arm.pace(share if clock.now_s() < began_s + S.reaction_s else 0.0)
             clock.sleep_until(clock.now_s() + PERIOD_S)
     return found
+
+
+@given(PLACES, st.floats(-0.4, 0.4), SPEEDS, PATHS, st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_what_is_not_measured_would_change_nothing(
+    x_m: float, y_m: float, speed_m_s: float, path_s: float, holding: bool
+) -> None:
+    seen, ahead = hand(x_m, y_m, speed_towards_person(speed_m_s)), (ACROSS, path_s)
+    persons = MONITOR.persons.of([seen], (), 0.1)
+    found = MONITOR.judge(ACROSS.at(path_s), persons, holding, ahead)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(arm_outline, "bounds_m", lambda corners_m, _: np.full(corners_m.shape[2:], -9.0))
+        assert MONITOR.judge(ACROSS.at(path_s), persons, holding, ahead) == found
+
+
+def test_no_distance_is_below_its_bound() -> None:
+    rng = np.random.default_rng(5)
+    placed = MONITOR.outline.placed(rng.uniform(-2.0, 2.0, (30, 6)))
+    for person in MONITOR.persons.of([hand(0.6, 0.1), hand(0.9, -0.2)], EDGES, 0.1):
+        rooms = MONITOR.outline.rooms(placed, person.body, True)
+        assert (rooms.distances_m >= rooms.least_m).all()
 
 
 def test_links_are_placed_as_pinocchio_places_them() -> None:

@@ -32,12 +32,12 @@ class ForesightSettings(Model):
         belongs: exponent of the belief that the part in the hand belongs there.
     """
 
-    goes_on: float = 0.6
-    near_m: float = 0.03
-    strays: float = 0.3
-    heads: float = 1.0
-    sharpness: float = 1.0
-    belongs: float = 1.0
+    goes_on: float = 1.0
+    near_m: float = 0.0235
+    strays: float = 11.3
+    heads: float = 3.3
+    sharpness: float = 1.33
+    belongs: float = 1.3
 
 
 DEFAULT = ForesightSettings()

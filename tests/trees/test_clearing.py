@@ -55,7 +55,7 @@ def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> No
     for park in (node for node in tree.nodes if "StayOutOfTheWay" in node.full_path):
         if type(park).__name__ == "MoveTo":
             beside = [one for one in tree.nodes if one.full_path.rsplit("/", 1)[0] == park.full_path.rsplit("/", 1)[0]]
-            assert [type(one).__name__ for one in beside] == ["GiveWay", "MoveTo"]
+            assert [type(one).__name__ for one in beside] == ["ReactiveSequence", "GiveWay", "MoveTo"]
 
 
 @pytest.mark.parametrize("kind", [PickPart, MoveAside])

@@ -481,12 +481,10 @@ def test_a_hand_that_turns_a_screw_holds_the_arm_once() -> None:
     def holds(x_m: float, speed_m_s: float) -> bool:
         return make_supervisor(TABLE, motion_planner()).judge(beside(0, x_m, speed_m_s)).action is Action.HOLD
 
-    x_m = next(x for x in np.arange(BESIDE_M[0], 1.3, 0.02).tolist() if holds(x, 0.4) and not holds(x + 0.01, 0.0))
+    x_m = next(x for x in np.arange(BESIDE_M[0], 1.3, 0.02).tolist() if holds(x, 0.4) and not holds(x - 0.05, 0.0))
     supervisor = make_supervisor(TABLE, motion_planner())
     speeds_m_s = [0.4 if tick < 60 and tick % 12 < 6 else 0.0 for tick in range(110)]
-    held = [
-        supervisor.judge(beside(tick, x_m + 0.005, one)).action is Action.HOLD for tick, one in enumerate(speeds_m_s)
-    ]
+    held = [supervisor.judge(beside(tick, x_m, one)).action is Action.HOLD for tick, one in enumerate(speeds_m_s)]
     changes = [tick for tick in range(1, len(held)) if held[tick] != held[tick - 1]]
     assert held[0]
     assert len(changes) == 1

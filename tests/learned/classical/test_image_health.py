@@ -248,7 +248,7 @@ def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:
 
 
 def test_velocity_is_a_mean_and_acceleration_follows_from_the_last_three_places() -> None:
-    """Constant acceleration of 4 m/s2 from 0.5 m/s, where frames are lost, too; with one stamp twice nothing is known."""
+    """Of 4 m/s2 from 0.5 m/s, also where frames are lost; with one stamp twice nothing is known."""
     times_s = (0.0, 0.1, 0.3, 0.4)
     places = [(time_s, np.array([0.5 * time_s + 2.0 * time_s**2, 0.1])) for time_s in times_s]
     velocity, acceleration = motion_of(places)

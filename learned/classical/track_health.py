@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -73,12 +74,14 @@ class TrackHealth:
 
 
 def motion_of(places: Sequence[tuple[float, Array]]) -> tuple[Point | None, Point | None]:
-    """Mean velocity over all places (2,), and acceleration over the last three; None where they are too few.
+    """Mean velocity over all places (2,), and acceleration over the last three.
+
+    None where they are too few, or where their times do not increase.
 
     Args:
-        places: each with its time, which increases.
+        places: each with its time.
     """
-    if len(places) < 2:
+    if len(places) < 2 or any(after[0] <= before[0] for before, after in pairwise(places)):
         return None, None
     velocity = _speed(places[0], places[-1])
     if len(places) < 3:

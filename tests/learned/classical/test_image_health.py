@@ -17,7 +17,7 @@ from cell.interfaces.perception import Frame, HandSample
 from learned.classical.bench_evidence import Landmarks
 from learned.classical.box_model import View, obstacle_mask
 from learned.classical.image_health import ImageHealth
-from learned.classical.track_health import TrackHealth
+from learned.classical.track_health import TrackHealth, motion_of
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 from tests.learned.classical.scenes import classical_bench_watcher
 
@@ -245,6 +245,18 @@ def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:
     speeds = [view.hand.speed_m_s for view in views if view.hand is not None and view.hand.velocity_m_s is not None]
     assert len(speeds) > 30
     assert 0.2 < max(speed for speed in speeds if speed is not None) < 2.0
+
+
+def test_velocity_is_a_mean_and_acceleration_follows_from_the_last_three_places() -> None:
+    """Of 4 m/s2 from 0.5 m/s, also where frames are lost; with one stamp twice nothing is known."""
+    times_s = (0.0, 0.1, 0.3, 0.4)
+    places = [(time_s, np.array([0.5 * time_s + 2.0 * time_s**2, 0.1])) for time_s in times_s]
+    velocity, acceleration = motion_of(places)
+    assert velocity == pytest.approx((0.5 + 2.0 * 0.4, 0.0))
+    assert acceleration == pytest.approx((4.0, 0.0))
+    assert motion_of(places[:1]) == (None, None)
+    assert motion_of(places[:2])[1] is None
+    assert motion_of([*places, places[-1]]) == (None, None)
 
 
 def track(*boxes: tuple[int, int, int, int] | None) -> list[str]:

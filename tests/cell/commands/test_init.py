@@ -43,7 +43,8 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 def in_folder(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A command of this clone's program, called in another folder."""
-    environment = {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # plugins take seconds to load
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **alone}
     return finished([sys.executable, "-m", *arguments], folder, environment)
 
 

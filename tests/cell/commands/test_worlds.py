@@ -10,7 +10,7 @@ from sim.worker.worker import Worker
 
 
 def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
-    call = ["lab", "data", "hands", "--look", "nominal", "--seeds", "0:4", "--out", str(tmp_path / "new")]
+    call = ["lab", "data", "hands", "--look", "nominal", "--seeds", "0:3", "--out", str(tmp_path / "new")]
     gc.collect()
     before = _workers()
     gc.disable()  # it comes of itself only where there are many small objects; a recording is a few large ones

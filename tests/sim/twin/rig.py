@@ -32,7 +32,7 @@ def own_host(number: int) -> str:
 def slower_now() -> float:
     """How many times slower a twin must go to keep its time beside what else this machine does."""
     waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
-    return float(min(max(round(waiting), 1), 16))
+    return float(min(max(round(waiting), 1), 8))
 
 
 class Twin:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
 import yaml
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from cell.device_settings import OwnDevice
+from cell.errors import LogError
 from cell.interfaces.robot import default_robot
-from cell.log.replay.logged_tree import upgrade
+from cell.log.read.reader import Log
+from cell.log.replay.logged_tree import upgrade, write_files
 from skills.drivers.settings import CanSettings, SignalSettings
 
 
@@ -50,3 +53,18 @@ def test_the_robot_of_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> No
     robot = default_robot().model_copy(update={"name": "mine"})
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot.model_dump(mode="json")))
     assert as_recorded(tmp_path, robot="robots/mine.yaml").robot.name == "mine"
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"configuration.yaml": b"devices: 3"},
+        {"configuration.yaml": b"motion: [1]"},
+        {"configuration.yaml": b"nodes: 7"},
+        {"configuration.yaml": b"motion: {}", "robot.yaml": b"\xff"},
+    ],
+)
+def test_a_configuration_that_is_none_is_one_clear_error(files: dict[str, bytes], tmp_path: Path) -> None:
+    log = Log(tmp_path / "log.mcap", files, {}, {}, (), ())
+    with pytest.raises(LogError, match="has a configuration that cannot be read"):
+        write_files(log, files, tmp_path)

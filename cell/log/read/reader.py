@@ -19,6 +19,7 @@ from cell.recording import identity as digest
 from cell.recording.parts import part_number, parts_of, whole_path
 
 T = TypeVar("T")
+MOST_DIGITS = 18  # of a count
 LOSSY = {"recovered", "dropped"}  # metadata of files that say themselves that something is missing
 
 
@@ -68,7 +69,7 @@ class Log:
         """How many ticks the run had, as far as the log knows: more than are here where some are missing."""
         counted = self.outcome.get("ticks", "")
         last = self.ticks[-1].number + 1 if self.ticks else 0
-        return max(int(counted) if counted.isdigit() else 0, last)
+        return max(_whole(counted) or 0, last)
 
 
 @dataclass(frozen=True)
@@ -241,9 +242,15 @@ def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
 
 def _number(path: Path, content: McapContent) -> int:
     text = content.metadata.get("part", {}).get("number", "0")
-    if not (text.isascii() and text.isdigit()):
-        raise LogError(path, f"has the part number {text!r}")
-    return int(text)
+    number = _whole(text)
+    if number is None:
+        raise LogError(path, f"has the part number {text[:40]!r}")
+    return number
+
+
+def _whole(text: str) -> int | None:
+    """A count; None where the text is none."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS else None
 
 
 def _beyond_head(messages: list[Message]) -> list[Message]:
@@ -267,7 +274,7 @@ def _missing(first: _Part, last: _Part, ticks: TickBuilder) -> list[str]:
     if cropped := first.content.cropped:
         told.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
     counted = last.content.metadata.get("outcome", {}).get("ticks", "")
-    if counted.isdigit() and ticks.last is not None and ticks.last + 1 < int(counted):
+    if ticks.last is not None and ticks.last + 1 < (_whole(counted) or 0):
         told.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.last}")
     if ticks.blind:
         told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")

@@ -13,7 +13,7 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.log.read.reader import Log, json_of
-from cell.log.replay.logged_tree import recorded_table, write_files
+from cell.log.replay.logged_tree import WRONG, recorded_table, write_files
 from cell.wiring.detectors import fitted
 from cell.wiring.services import Planners, load_planners
 from learned.inference.onnx_model import digest_of
@@ -87,7 +87,12 @@ def _load(
         )
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
-        faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
+        try:
+            faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
+        except WRONG as error:
+            raise LogError(
+                log.path, f"has a table of faults that cannot be read: {type(error).__name__}: {error}"
+            ) from None
         configuration, _ = fitted(configuration, product)  # as the run had it
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults

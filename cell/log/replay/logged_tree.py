@@ -35,6 +35,7 @@ UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robo
 UR10 = "package://ur10/ur10.urdf"
 FOLDER = "tree/"
 PRODUCT = "product.yaml"
+WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, yaml.YAMLError)  # what wrong data raise
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
@@ -137,7 +138,7 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
     """Put attachments of a log into a folder, in folders of their own as their names say; see also `upgrade`.
 
     Raises:
-        LogError: a name leads out of the folder.
+        LogError: a name leads out of the folder, or the configuration is none.
     """
     for name, content in files.items():
         target = (folder / name).resolve()
@@ -146,7 +147,12 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
     if CONFIGURATION in files:
-        upgrade(folder)
+        try:
+            upgrade(folder)
+        except WRONG as error:
+            raise LogError(
+                log.path, f"has a configuration that cannot be read: {type(error).__name__}: {error}"
+            ) from None
 
 
 def logged_bench(log: Log) -> Bench:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -226,3 +227,9 @@ def test_a_message_that_is_no_object_is_one_clear_error(data: bytes, tmp_path: P
     for topic in ("/observation", "/note/belief", "/timing", "/judgement"):
         with pytest.raises(LogError, match="does not hold what it should"):
             TickBuilder(tmp_path).take(Message(topic, "json", 0, data))
+
+
+@pytest.mark.parametrize("count", ["²", "9" * 5000, "-3", "many", ""])
+def test_a_count_of_ticks_that_is_none_is_not_known(path: Path, count: str) -> None:
+    log = replace(read_log(path), outcome={"ticks": count})
+    assert log.ticks_of_run == log.ticks[-1].number + 1

@@ -10,8 +10,10 @@ import yaml
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from cell.device_settings import OwnDevice
+from cell.errors import LogError
 from cell.interfaces.robot import default_robot
-from cell.log.replay.logged_tree import upgrade
+from cell.log.read.reader import Log
+from cell.log.replay.logged_tree import upgrade, write_files
 from skills.drivers.settings import CanSettings, SignalSettings
 
 
@@ -63,3 +65,18 @@ def test_folders_of_nodes_are_those_of_the_folder_in_which_it_is_replayed_and_no
     read = as_recorded(log, nodes=["nodes", "mine"], devices={"simulation": "sim.yaml"})
     assert read.nodes == (str(here / "mine"),)
     assert [one.name for one in here.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"configuration.yaml": b"devices: 3"},
+        {"configuration.yaml": b"motion: [1]"},
+        {"configuration.yaml": b"nodes: 7"},
+        {"configuration.yaml": b"motion: {}", "robot.yaml": b"\xff"},
+    ],
+)
+def test_a_configuration_that_is_none_is_one_clear_error(files: dict[str, bytes], tmp_path: Path) -> None:
+    log = Log(tmp_path / "log.mcap", files, {}, {}, (), ())
+    with pytest.raises(LogError, match="has a configuration that cannot be read"):
+        write_files(log, files, tmp_path)

@@ -55,6 +55,7 @@ class Memory:
     Attributes:
         too_near: the hand was too near in the tick before.
         leasts_m: when which protective distance was asked for, in the last second: a hand that screws is slow and fast.
+        leaving: share of speed at which an arm that is too near may go on.
         share: of speed, as the arm was last told.
         backwards: the arm's newest stamp is before the one that came before it.
         trajectory: what the arm was last sent and was not told to give up.
@@ -65,6 +66,7 @@ class Memory:
         self.gripper, self.hands = GripperMemory(), HandMemory()
         self.too_near = self.backwards = False
         self.leasts_m: tuple[tuple[float, float], ...] = ()
+        self.leaving = 0.0
         self.share = 1.0
         self._arm_s = -math.inf
         self.trajectory: JointTrajectory | None = None
@@ -309,14 +311,16 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
             return None
         lately = ((at_s, least_m) for at_s, least_m in memory.leasts_m if at_s > seen.time_s - LATELY_S)
         memory.leasts_m = (*lately, (seen.time_s, found.least_m))
-        least_m = found.least_m
+        least_m, slack_m = found.least_m, monitor.settings.hysteresis_m
         if memory.too_near:
-            least_m = max(least_m for _, least_m in memory.leasts_m) + monitor.settings.hysteresis_m
+            least_m = max(least_m for _, least_m in memory.leasts_m) + slack_m
         memory.too_near = found.distance_m < least_m
         if not memory.too_near:
             return None
-        words = "the hand is too near" + "; the arm moves away from it, slowly" * (found.leaving > 0)
-        return Detection(words, leaving=found.leaving)
+        if found.distance_m < found.least_m + slack_m:  # else only a motion before asks for more room
+            memory.leaving = found.leaving
+        words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.leaving > 0)
+        return Detection(words, leaving=memory.leaving)
 
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
         joints = seen.arm.positions_rad

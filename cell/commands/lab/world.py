@@ -39,10 +39,10 @@ def world(
         configuration, _ = fitted(configuration, product)
         detect = partial(detectors_of, configuration.bench, product, configuration.perception)
         server, devices = open_world(configuration, product, seed, goal, at, detect)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: server.end())
-    console().print(f"the world is at {at}: cell lab run --world {at}; Ctrl-C ends it", highlight=False)
     try:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda *_: server.end())
+        console().print(f"the world is at {at}: cell lab run --world {at}; Ctrl-C ends it", highlight=False)
         server.serve()
-    finally:
+    finally:  # also where nobody reads what is printed: its processes would be waited for at exit, for ever
         devices.close()

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import gc
+import signal
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import pytest
+
+from cell.commands.lab.world import world
 from cell.commands.main import main
 from sim.worker.worker import Worker
 
@@ -23,3 +29,21 @@ def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
 
 def _workers() -> int:
     return sum(type(one) is Worker for one in gc.get_objects())
+
+
+def test_a_world_that_cannot_say_where_it_is_closes_its_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where whoever started it has gone; at exit they would be waited for, for ever."""
+    closed: list[bool] = []
+    devices, server = SimpleNamespace(close=lambda: closed.append(True)), SimpleNamespace(end=lambda: None)
+
+    def gone(*_: Any, **__: Any) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("cell.commands.lab.world.open_world", lambda *_: (server, devices))
+    monkeypatch.setattr("cell.commands.lab.world.console", lambda: SimpleNamespace(print=gone))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(BrokenPipeError):
+        world(at=tmp_path / "w.sock")
+    assert closed == [True]

@@ -14,22 +14,36 @@ PAPER_GRAPH = 96, 2  # width and convolutions of the paper's network
 _NEVER = -1e9
 
 
+class PairLayer(nn.Module):
+    """A layer over regions of both objects and of their union; what it makes of a region is worked out once."""
+
+    def __init__(self, features: int, hidden: int) -> None:
+        super().__init__()
+        self.first = nn.Linear(features, hidden)
+        self.second, self.union = (nn.Linear(features, hidden, bias=False) for _ in range(2))
+
+    def forward(self, batch: Batch, there: Tensor) -> Tensor:
+        """(pairs, hidden) of the pairs that are there (b, n, n)."""
+        scene, i, j = there.nonzero(as_tuple=True)
+        both = self.first(batch.regions)[scene, i] + self.second(batch.regions)[scene, j]
+        told: Tensor = both + self.union(batch.unions[scene, i, j])
+        return told
+
+
 class Vmrn(nn.Module):
     """Zhang et al. 2018: regions of both objects and of their union, two layers of FC, BN, ReLU, then three classes."""
 
     def __init__(self, features: int, hidden: int) -> None:
         super().__init__()
-        self.layers = nn.Sequential(*_fc(3 * features, hidden), *_fc(hidden, hidden), nn.Linear(hidden, 3))
+        self.enter = PairLayer(features, hidden)
+        self.layers = nn.Sequential(*_normed(hidden), nn.Linear(hidden, hidden), *_normed(hidden), nn.Linear(hidden, 3))
 
     def forward(self, batch: Batch) -> Tensor:
         """Logits (b, n, n, 3) of FATHER, CHILD, NOTHING; both orders averaged."""
-        count = batch.present.shape[1]
-        first = batch.regions[:, :, None].expand(-1, -1, count, -1)
-        pairs = torch.cat([first, first.transpose(1, 2), batch.unions], dim=-1)
         there = pairs_there(batch)
-        logits = pairs.new_zeros((*there.shape, 3))
+        logits = batch.unions.new_zeros((*there.shape, 3))
         if there.any():
-            logits[there] = self.layers(pairs[there])
+            logits[there] = self.layers(self.enter(batch, there))
         return (logits + turned(logits)) / 2
 
     def loss(self, batch: Batch, answers: Answers) -> Tensor:
@@ -42,19 +56,18 @@ class GvmrnRf(nn.Module):
 
     def __init__(self, features: int, hidden: int) -> None:
         super().__init__()
-        self.enter = nn.Sequential(nn.Linear(3 * features, hidden), nn.ReLU())
-        self.filter = nn.Linear(hidden, 1)
+        self.enter, self.filter = PairLayer(features, hidden), nn.Linear(hidden, 1)
         self.convolutions = nn.ModuleList(GraphConvolution(hidden, hidden) for _ in range(2))
         self.leave = nn.Linear(2 * hidden, 3)
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits (b, n, n, 3) of relations, and (b, n, n) that there is one."""
-        count = batch.present.shape[1]
-        first = batch.regions[:, :, None].expand(-1, -1, count, -1)
-        entered = self.enter(torch.cat([first, first.transpose(1, 2), batch.unions], dim=-1))
+        count, there = batch.present.shape[1], pairs_there(batch)
+        entered = batch.unions.new_zeros((*there.shape, self.filter.in_features))
+        entered[there] = torch.relu(self.enter(batch, there))
         related = self.filter(entered).squeeze(-1)
         related = (related + related.transpose(1, 2)) / 2
-        kept = torch.sigmoid(related) * pairs_there(batch)
+        kept = torch.sigmoid(related) * there
         nodes, passed = entered.flatten(1, 2), kept.flatten(1)
         links = _shared(count, nodes) * passed[:, None] * passed[:, :, None]
         links = links / links.sum(-1, keepdim=True).clamp(min=1e-6)
@@ -204,8 +217,8 @@ def turned(logits: Tensor) -> Tensor:
     return logits.transpose(1, 2)[..., [1, 0, 2]]
 
 
-def _fc(narrow: int, wide: int) -> tuple[nn.Module, ...]:
-    return nn.Linear(narrow, wide), nn.BatchNorm1d(wide), nn.ReLU()
+def _normed(wide: int) -> tuple[nn.Module, ...]:
+    return nn.BatchNorm1d(wide), nn.ReLU()
 
 
 def _shared(count: int, like: Tensor) -> Tensor:

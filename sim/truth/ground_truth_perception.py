@@ -78,7 +78,8 @@ class GroundTruthPerception:
         turn, shift = divmod(sequence, SHIFTS_PX**2)
         down, right = divmod(shift, SHIFTS_PX)
         noise = self._noise[down : down + height, right : right + width] * (-1) ** turn
-        return np.clip(self._still + noise, 0, 255).astype(np.uint8)
+        image: NDArray[np.uint8] = np.clip(self._still + noise, 0, 255).astype(np.uint8)
+        return image
 
     def close(self) -> None:
         """Nothing to let go of."""

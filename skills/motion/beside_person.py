@@ -53,7 +53,7 @@ class BesidePerson:
         marks = np.linspace(0.0, gone[-1], max(2, math.ceil(gone[-1] / MARK_RAD) + 1))
         rows = np.column_stack([np.interp(marks, gone, column) for column in way_rad.T])
         placed = monitor.outline.placed(rows)
-        rooms_m, _ = monitor.outline.rooms(placed, self._person.body, holding=False)
+        rooms_m = monitor.outline.rooms(placed, self._person.body, holding=False).distances_m
         rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - settings.hand_error_m - monitor.arm_error_m
         speeds_m_s = np.full(rooms_m.shape, self._person.hand_speed_m_s)
         spare_s = arrival_s(rooms_m, speeds_m_s, settings) - self._person.age_s - settings.reaction_s

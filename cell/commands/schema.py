@@ -92,7 +92,7 @@ def _with_ranges(schema: Any) -> Any:
         return [_with_ranges(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    if schema.get("type") in ("number", "integer", "boolean"):
+    if schema.get("type") in ("number", "integer", "boolean") or "enum" in schema:
         return {"anyOf": [schema, {"type": "array", "items": schema, "minItems": 2, "maxItems": 2}]}
     return {key: value if key == "default" else _with_ranges(value) for key, value in schema.items()}
 

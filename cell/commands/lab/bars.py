@@ -74,12 +74,11 @@ class Measured(Model):
     seeds: int | None = Field(default=None, ge=1)
     figures: tuple[Figure, ...]
 
-    def words(self, first_seed: int, share: float) -> list[str]:
+    def words(self, first_seed: int) -> list[str]:
         """What is typed."""
         if self.seeds is None:
             return [*self.command.split(), "--seed", str(first_seed), "--json"]
-        last = first_seed + max(2, round(share * self.seeds))
-        return [*self.command.split(), "--seeds", f"{first_seed}:{last}", "--json"]
+        return [*self.command.split(), "--seeds", f"{first_seed}:{first_seed + self.seeds}", "--json"]
 
 
 class Bars(Model):
@@ -93,20 +92,19 @@ def bars(
         int, Option(min=FIRST_SEED, max=LAST_SEED - 1000, help="Of the fresh draw; all figures begin there.")
     ],
     only: Annotated[list[str] | None, Option(help="Commands that begin so, like hands; may be repeated.")] = None,
-    share: Annotated[float, Option(min=0.01, max=1, help="Of the recordings; fewer are faster, and say less.")] = 1.0,
     out: Annotated[
         Path | None, Option("--out", "-o", help="File that keeps the answers; interrupted, the command goes on there.")
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Score all shipped networks on one fresh draw, a row for each figure, with its bar.
+    """Score all shipped networks on one fresh draw, beside their bars.
 
-    Ends with status 1 where a bar is missed. The rows are those of docs/figures.
+    A row for each figure; ends with status 1 where a bar is missed.
     """
     chosen = chosen_bars(only)
     weights = {path.name: digest_of(path.read_bytes())[:16] for path in sorted(WEIGHTS.glob("*.onnx"))}
-    store = RowStore(out, ["command"], {"first_seed": first_seed, "share": share, "weights": weights})
-    rows = list(measured(chosen, first_seed, share, store, ask))
+    store = RowStore(out, ["command"], {"first_seed": first_seed, "weights": weights})
+    rows = list(measured(chosen, first_seed, store, ask))
     console().print(_table(rows))
     if as_json:
         print_json({"first_seed": first_seed, "rows": rows})
@@ -130,13 +128,12 @@ def chosen_bars(only: Sequence[str] | None = None, path: Path = BARS) -> list[Me
 def measured(
     chosen: Sequence[Measured],
     first_seed: int,
-    share: float,
     store: RowStore,
     ask: Callable[[list[str]], Any],
 ) -> Iterator[dict[str, Any]]:
     """A row for each figure; commands whose answers are kept are not asked again."""
     for one in chosen:
-        words = one.words(first_seed, share)
+        words = one.words(first_seed)
         command = f"cell lab eval {' '.join(words)}"
         if command not in store:
             console().print(command, highlight=False)

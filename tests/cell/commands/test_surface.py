@@ -87,8 +87,8 @@ def test_a_run_has_few_options_and_the_labs_six_more() -> None:
 def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
-    assert len(evaluations) == 15
-    assert len(names) <= 53
+    assert len(evaluations) == 16
+    assert len(names) <= 55
 
 
 @pytest.mark.parametrize("name", commands.OLD_COMMANDS)

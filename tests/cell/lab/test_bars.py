@@ -52,9 +52,9 @@ def test_what_was_asked_is_not_asked_again(tmp_path: Path) -> None:
 
     for _ in range(2):
         store = RowStore(tmp_path / "bars.jsonl", ["command"], {"first_seed": 900_000})
-        (row,) = measured([ONE], 900_000, 0.5, store, ask)
-    assert asked == [["hands", "--look", "hard", "--seeds", "900000:900005", "--json"]]
-    assert row["command"] == "cell lab eval hands --look hard --seeds 900000:900005 --json"
+        (row,) = measured([ONE], 900_000, store, ask)
+    assert asked == [["hands", "--look", "hard", "--seeds", "900000:900010", "--json"]]
+    assert row["command"] == "cell lab eval hands --look hard --seeds 900000:900010 --json"
 
 
 def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:

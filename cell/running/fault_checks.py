@@ -23,7 +23,7 @@ from skills.motion.separation import Following, Separation, SeparationMonitor
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
-LATELY_S = 1.0  # a hold for a near hand lasts as long as the fastest motion of this time asks for
+LATELY_S = 0.3  # a hold for a near hand lasts as long as the fastest motion of this time asks for
 LATE_S, VERY_LATE_S = 0.08, 0.40
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
@@ -54,7 +54,7 @@ class Memory:
 
     Attributes:
         too_near: the hand was too near in the tick before.
-        leasts_m: when which protective distance was asked for, in the last second: a hand that screws is slow and fast.
+        leasts_m: when which protective distance was asked for, of late: a hand that screws is slow and fast.
         leaving: share of speed at which an arm that is too near may go on.
         share: of speed, as the arm was last told.
         backwards: the arm's newest stamp is before the one that came before it.

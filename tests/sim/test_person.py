@@ -135,5 +135,5 @@ def test_a_bad_person_is_refused_with_its_line(tmp_path: Path, text: str) -> Non
 
 
 def test_an_unknown_person_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(InputError, match="careful, absent, ordinary, varied, careless"):
+    with pytest.raises(InputError, match="careful, careful_brisk, absent, ordinary, ordinary_brisk, varied, careless"):
         load_person("nobody")

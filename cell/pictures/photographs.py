@@ -41,7 +41,7 @@ GAIN = 0.2  # of the light, channel by channel
 SLEEVE = (0.75, 1.15)  # half its width, by the length from palm to wrist
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CutHand:
     """A hand, and what it was cut out of.
 

@@ -107,7 +107,7 @@ def short_numbers() -> torch.autocast:
     return torch.autocast(device, torch.bfloat16, enabled=has_them)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Epoch(Dataset[dict[str, Tensor]]):
     """The batches of one epoch, each made when its turn comes: which ones follows from the seed alone.
 

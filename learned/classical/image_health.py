@@ -31,6 +31,7 @@ BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
 LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
 LEAST_SHARPNESS = 0.5  # of the baseline's
 REMEMBERED, OLD_FRAMES = 4096, 5  # frames, none of which may come again; one before the last few is an old one
+AGAIN = 4  # frames before, one of which must be old, too: what is still may look the same once, by chance
 STUCK_FRAMES, STUCK_SHARE, CELL = 5, 0.02, 5  # frames and share of cells, of so many sampled pixels, that stay the same
 NOISE, NOISE_SHARE, NOISY_FRAMES = 30, 0.12, 12  # levels, share of pixels that change by more, frames in a row
 LEAST_STEP = 10.0  # grey levels across an edge of the plate
@@ -150,6 +151,7 @@ class _Freshness:
         self._noisy = 0
         self._same: NDArray[np.intp] = np.zeros(0, np.intp)  # frames in a row in which each cell was the same
         self._number = 0
+        self._agos: tuple[int, ...] = ()
         self._old = False
         self.repeats = ""
 
@@ -163,8 +165,9 @@ class _Freshness:
         self._noisy, self._before = (self._noisy + 1 if noisy else 0), samples
         ago = self._ago(cells)
         if not self._old:
-            self._old = ago > OLD_FRAMES
-            self.repeats = f"an image of {ago} frames ago came again" if ago > 1 else ""
+            self._agos = (*self._agos[-AGAIN:], ago)
+            self._old = sum(one > OLD_FRAMES for one in self._agos) > 1
+            self.repeats = f"an image of {ago} frames ago came again" if self._old or 1 < ago <= OLD_FRAMES else ""
         if ago == 1:
             return "frozen"
         if (self._same + 1 >= STUCK_FRAMES).mean() > STUCK_SHARE:

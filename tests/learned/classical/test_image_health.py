@@ -315,3 +315,17 @@ def test_landmarks_that_an_obstacle_hides_are_not_asked_for_and_others_are() -> 
     hidden = [covered[places[:, 1], places[:, 0]].any() for places in (every.places[0], kept.places[0])]
     assert hidden == [True, False]
     assert 0.5 * len(every.groups) < len(kept.groups) < len(every.groups)
+
+
+def test_one_image_that_looks_like_an_old_one_is_chance_and_two_are_old_images() -> None:
+    from learned.classical.image_health import _Freshness
+
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 255, (90, 120, 3), dtype=np.uint8) for _ in range(40)]
+    once, again = _Freshness(), _Freshness()
+    for number in [*range(20), 3, *range(20, 40)]:
+        once.judge(frames[number])
+        assert once.repeats == ""
+    for number in [*range(20), 3, 4]:
+        again.judge(frames[number])
+    assert again.repeats == "an image of 17 frames ago came again"

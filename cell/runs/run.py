@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -42,7 +43,7 @@ from cell.watching.brackets import BracketTally
 from cell.watching.observer import End, Observer, Outcome
 from cell.wiring.bench_checks import refuse_blocked
 from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
-from cell.wiring.devices import Drivers, find_drivers
+from cell.wiring.devices import find_drivers
 from cell.wiring.reload import WatchedTree
 from cell.wiring.services import TickClock, load_planners, make_services
 from sim.process import pacing as real_time
@@ -130,22 +131,21 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
         files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
-        return _run(options, files, motion, drivers, tally, log, console, watchdog)
+        assemble = partial(Assembled, options, files, motion, drivers, tally, log, console)
+        return _run(assemble, options, files, motion, log, watchdog)
 
 
 def _run(
+    assemble: Callable[[ExitStack], Assembled],
     options: RunOptions,
     files: Files,
     motion: MotionPlanner,
-    drivers: Drivers,
-    tally: BracketTally,
     log: Path,
-    console: Console,
     watchdog: Watchdog,
 ) -> RunResult:
     injection = None if options.inject is None else Injection.parse(options.inject)
     with ExitStack() as stack:
-        parts = Assembled(options, files, motion, drivers, tally, log, console, stack)
+        parts = assemble(stack)
         parts.say_unsafe()
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(

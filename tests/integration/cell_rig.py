@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from cell.configuration import Configuration, load_configuration, load_product
@@ -28,30 +28,22 @@ CAN = CONFIGURATION.devices.gripper_bus
 @contextmanager
 def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
     """A cell without a person, with these parts in the tray."""
-    with _opened(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
+    with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
         yield cell
 
 
 @contextmanager
 def with_person(goal: str, seed: int) -> Iterator[SimCell]:
     """A cell with a person who assembles this goal."""
-    with _opened(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
+    with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
         yield cell
 
 
 @contextmanager
 def person_who_knows(product: Product, goal: str, seed: int) -> Iterator[SimCell]:
     """A cell with a person who assembles a goal that only they know."""
-    with _opened(SimCell(product, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
+    with closing(SimCell(product, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
         yield cell
-
-
-@contextmanager
-def _opened(cell: SimCell) -> Iterator[SimCell]:
-    try:
-        yield cell
-    finally:
-        cell.close()
 
 
 _motion: list[MotionPlanner] = []

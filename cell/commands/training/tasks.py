@@ -15,6 +15,7 @@ from cell.commands.options import takes
 from cell.commands.terminal import console, print_json, report_scores
 from cell.commands.training import networks
 from cell.commands.training import tasks as planners
+from cell.commands.training.shares import require_apart
 from cell.commands.training.weights import (
     Training,
     folder_for,
@@ -151,7 +152,7 @@ class LearnedTask:
         if asked.kind == "rcnn" and asked.share != 1 and asked.backbone != NARROW:
             raise InputError(f"--share {asked.share:g}: goes with --backbone {NARROW}; {asked.backbone} is whole")
         if self.name == "actions":
-            networks.require_apart(asked.data or (), asked.validation)
+            require_apart(asked.data or (), asked.validation)
         return replace(asked, kind=asked.kind or (self.kinds or ("",))[0])
 
     def train(self, asked: Training) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.commands.options import seeds_of
-from cell.commands.training import networks
+from cell.commands.training import networks, shares
 from cell.commands.training.weights import Training
 from cell.lab.actions import Tally
 
@@ -25,7 +25,7 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
     def make(_what: str, folder: Path, options: dict[str, Any], *flags: str) -> None:
         made[folder] = options | {"flags": flags}
 
-    monkeypatch.setattr(networks, "make_data", make)
+    monkeypatch.setattr(shares, "make_data", make)
     folders, validation = networks.recordings(Training(kind="slim"), tmp_path / "actions_slim.onnx", 4200.0)
     counts = dict.fromkeys((False, True), 0)
     for folder in folders:
@@ -84,7 +84,7 @@ def test_what_cannot_end_well_is_told_before_it_begins(
     words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(networks, "make_data", lambda *_: pytest.fail("recordings are made"))
+    monkeypatch.setattr(shares, "make_data", lambda *_: pytest.fail("recordings are made"))
     (tmp_path / "there.json").write_text("mine")
     for name, log, content in (("a", "sunday.mcap", "0a"), ("b", "monday.mcap", "1b"), ("c", "copied.mcap", "1b")):
         (tmp_path / name).mkdir()

@@ -315,7 +315,7 @@ def _of_frames(what: str, frames: list[Frame], rate_hz: float, age_s: float) -> 
         return DeviceCheck(told, f"rate_hz says {rate_hz:g}: a USB port of its own, less exposure, or a lower rate_hz")
     if age_s > OLD_S + 2 / rate_hz:
         return DeviceCheck(told, "too old: less buffering in the camera, or another way to it")
-    if float(np.mean(frames[-1].image)) < DARK:
+    if max(float(np.mean(frame.image)) for frame in frames) < DARK:
         return DeviceCheck(told, "they are black: take the cover off, light the bench, or raise exposure")
     if all(np.array_equal(frames[0].image, one.image) for one in frames[1:]):
         return DeviceCheck(told, "they are all the same: the camera is frozen; unplug it for a moment")

@@ -54,6 +54,8 @@ class RunStatistics(Observer):
 class Fluency(Observer):
     """An observer that adds up who acts and who waits, from the first action of either on.
 
+    An arm that is held waits, whatever path it follows.
+
     Args:
         tool_m: where the tool is over the bench, (x, y), for an observation.
     """
@@ -80,9 +82,10 @@ class Fluency(Observer):
         self._holding = stopped
         self._held_s += period_s if stopped else 0.0
         human = seen.bench is not None and seen.bench.action.kind != "idle"
-        robot = seen.arm.moving or seen.gripper.object_status is ObjectStatus.MOVING
+        moves = not seen.arm.stands
+        robot = moves or seen.gripper.object_status is ObjectStatus.MOVING
         self._add(period_s, human, robot)
-        if seen.arm.moving and seen.bench is not None and seen.bench.hand is not None:
+        if moves and seen.bench is not None and seen.bench.hand is not None:
             tool_m, hand = self._tool_m(seen), seen.bench.hand
             self._least_m = min(self._least_m, math.dist(tool_m, hand.fingertips_m), math.dist(tool_m, hand.palm_m))
 

@@ -22,7 +22,7 @@ def tick(number: int, human: bool, robot: bool, held: bool = False) -> TickRecor
     one = record(number)
     hand = HandSample(one.observation.time_s, (0, 0, 9, 9), (0.5, 0.0), (0.6, 0.0))
     view = replace(idle_view(frame(number)), action=Action("transit" if human else "idle", 1.0), hand=hand)
-    arm = replace(one.observation.arm, moving=robot)
+    arm = replace(one.observation.arm, moving=robot, velocities_rad_s=(0.1 * robot,) * 6)
     judgement = Judgement(Judged.HOLD if held else Judged.RUN)
     return replace(one, observation=replace(one.observation, bench=view, arm=arm), judgement=judgement)
 
@@ -64,6 +64,16 @@ def test_an_arm_that_stands_and_wants_nothing_is_not_held() -> None:
         fluency.tick(replace(tick(number, False, False, held=True), command=one))
     found = fluency.report()
     assert (found["interventions"], found["held_s"]) == (1, pytest.approx(0.08))
+
+
+def test_an_arm_that_is_held_waits_and_comes_nearer_to_nobody() -> None:
+    fluency = Fluency(lambda _: (0.5, 0.0))
+    for number in range(4):
+        one = tick(number, human=True, robot=False, held=True)
+        arm = replace(one.observation.arm, moving=True)  # it follows a path, and stands on it
+        fluency.tick(replace(one, observation=replace(one.observation, arm=arm)))
+    found = fluency.report()
+    assert (found["robot_idle"], found["concurrent"], found["least_distance_m"]) == (1, 0, None)
 
 
 def test_where_nobody_acts_there_are_no_shares() -> None:

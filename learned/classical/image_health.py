@@ -60,11 +60,14 @@ class _Looked:
     Attributes:
         samples: every GRID-th pixel along both axes.
         small: the means of GRID x GRID pixels.
+        high, low: the brightest and the darkest channel of those.
         grey: the image in grey.
     """
 
     samples: NDArray[np.uint8]
     small: NDArray[np.uint8]
+    high: NDArray[np.uint8]
+    low: NDArray[np.uint8]
     grey: NDArray[np.uint8]
     figures: _Figures
 
@@ -208,7 +211,10 @@ def _look(image: NDArray[np.uint8]) -> _Looked:
     samples = np.ascontiguousarray(image[::GRID, ::GRID])
     small = cv2.resize(image, None, fx=1 / GRID, fy=1 / GRID, interpolation=cv2.INTER_AREA)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
-    return _Looked(samples, np.asarray(small, np.uint8), grey, _figures(samples, grey))
+    red, green, blue = cv2.split(small)
+    high, low = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
+    small, high, low = (np.asarray(one, np.uint8) for one in (small, high, low))
+    return _Looked(samples, small, high, low, grey, _figures(samples, grey))
 
 
 def _absolute(looked: _Looked) -> str:
@@ -219,13 +225,11 @@ def _absolute(looked: _Looked) -> str:
         return "bright"
     if spread < LEAST_CONTRAST:
         return "without contrast"
-    high, low = looked.small.max(axis=2), looked.small.min(axis=2)
-    return "without colour" if float(np.max(high - low)) < LEAST_COLOUR else ""
+    return "without colour" if float(np.max(looked.high - looked.low)) < LEAST_COLOUR else ""
 
 
 def _glaring(looked: _Looked) -> str:
-    high, low = looked.small.max(axis=2), looked.small.min(axis=2)
-    dead = ((high < BLACK) | (low > WHITE)).astype(np.float32)
+    dead = ((looked.high < BLACK) | (looked.low > WHITE)).astype(np.float32)
     shares = cv2.boxFilter(dead, -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
     return "black or glaring in part" if bool((shares > THICK_SHARE).any()) else ""
 

@@ -31,6 +31,7 @@ REPEATS_S, STUCK_S = (
     0.24,
 )  # a moving arm tells something new by then, and goes on along its path
 LONGEST_S = 0.2  # between two states that can be compared
+BRAKED = ("protective_stop", "recovery")  # what pushes an arm whose brakes are on may shake it
 JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
 SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.1, 0.15, 3  # told speeds differ from measured ones by less, or less often
 
@@ -237,7 +238,7 @@ class ArmMonitor:
         positions, speeds = np.array(arm.positions_rad), np.array(arm.velocities_rad_s)
         if (np.abs(positions) > self._range_rad).any():
             return "the arm told a joint beyond its range"
-        if (np.abs(speeds) > self._speed_rad_s).any():
+        if arm.mode not in BRAKED and (np.abs(speeds) > self._speed_rad_s).any():
             return "the arm told a joint faster than it can be"
         if path_s < 0:
             return "the arm told a place before the beginning of its path"
@@ -263,7 +264,7 @@ class ArmMonitor:
                 moved=f"{moved[joint]:.2f}",
                 took_s=f"{took_s:.2f}",
             )
-        if arm.mode in ("protective_stop", "recovery"):  # its brakes are on, and what pushes it may shake it
+        if arm.mode in BRAKED:
             self._mismatches[:] = 0
             return ""
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2

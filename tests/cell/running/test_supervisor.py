@@ -202,6 +202,12 @@ def test_what_was_acknowledged_while_it_lasted_clears_when_it_is_gone_but_not_mu
         assert supervisor.judge(sound(ends)).action is acts
 
 
+@pytest.mark.parametrize(("mode", "acts"), [("protective_stop", Action.HOLD), ("normal", Action.STOP)])
+def test_what_shakes_an_arm_with_its_brakes_on_does_not_end_the_run(mode: str, acts: Action) -> None:
+    shaken = arm(mode=mode, velocities_rad_s=(0.0, 0.0, 0.0, 3.8, -6.0, 0.1))
+    assert begun().judge(shaken(sound(2))).action is acts
+
+
 def test_a_gripper_that_restarted_is_held_until_it_is_active_again() -> None:
     supervisor = begun()
     actions = [supervisor.judge(gripper(activated=False)(sound(tick))).action for tick in range(2, 30)]

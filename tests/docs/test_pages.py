@@ -16,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ENTRY = re.compile(r"- (?:[^:\n]+: )?([\w/*-]+\.md)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:cell|trees|skills|learned|sim|config|tests|docs)/[\w/.]+\.\w+)`")
-MOST_WORDS = 1300
+MOST_WORDS, MOST_WORDS_IN_ALL = 1300, 18_000
 OWN = ("config/cell.yaml", "trees/fetch_two.xml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
 
@@ -40,6 +40,10 @@ def test_lines_are_wrapped(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_no_page_is_longer_than_a_sitting(page: Path) -> None:
     assert len(page.read_text().split()) <= MOST_WORDS
+
+
+def test_all_pages_together_are_read_in_an_afternoon() -> None:
+    assert sum(len(page.read_text().split()) for page in PAGES if page not in GENERATED) <= MOST_WORDS_IN_ALL
 
 
 def test_every_page_is_in_the_nav_of_the_site() -> None:

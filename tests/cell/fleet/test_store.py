@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,25 +15,21 @@ from cell.fleet.store import get, put, results_folder
 NAMES = ("runs.jsonl", "runs.parquet")
 
 
-@pytest.fixture(params=["memory", "s3"])
+@pytest.fixture(params=["memory", "object store"])
 def place(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """An address in memory, and one of an object store that runs beside the test."""
     if request.param == "memory":
         yield "memory://results/sweep"
         return
-    pytest.importorskip("s3fs")
-    server = pytest.importorskip("moto.server")
-    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-        monkeypatch.setenv(name, "test")
-    running = server.ThreadedMotoServer(port=0)
+    pytest.importorskip("gcsfs")
+    server = pytest.importorskip("gcp_storage_emulator.server")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    running = server.create_server("127.0.0.1", port, in_memory=True, default_bucket="results")
     running.start()
-    address = "http://{}:{}".format(*running.get_host_and_port())
-    monkeypatch.setenv("AWS_ENDPOINT_URL", address)
-    import s3fs
-
-    s3fs.S3FileSystem.clear_instance_cache()
-    s3fs.S3FileSystem(endpoint_url=address).mkdir("results")
-    yield "s3://results/sweep"
+    monkeypatch.setenv("STORAGE_EMULATOR_HOST", f"http://127.0.0.1:{port}")
+    yield "gs://results/sweep"
     running.stop()
 
 

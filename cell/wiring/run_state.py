@@ -241,8 +241,6 @@ class _Writer:
         if isinstance(value, MethodType):
             return {"method": [self(value.__self__), value.__name__]}
         if (not _is_own(value) and not dataclasses.is_dataclass(kind)) or isinstance(value, Model):
-            if isinstance(value, Mapping):
-                print(kind)
             return KEPT
         if not hasattr(value, "__dict__") and not dataclasses.is_dataclass(kind):
             return KEPT

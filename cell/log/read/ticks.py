@@ -38,7 +38,7 @@ class LoggedTick:
         display: what the person was shown from this tick on, as plain data; None for no change.
         wall_s: how long the tick took on the machine that ran it.
         judgement: what the supervisor allowed, as plain data; None in logs from before it.
-        state: what a replay from the next tick on needs, as JSON; None in most ticks.
+        state: what a replay from the next tick on needs, as plain data; None in most ticks.
         inputs: what came from outside before this tick, in order: ("edit", files of a tree that takes over in it) and
             ("hook", an order about breakpoints and overrides).
     """
@@ -55,7 +55,7 @@ class LoggedTick:
     overrun: bool
     inputs: tuple[Note, ...] = ()
     judgement: Mapping[str, Any] | None = None
-    state: bytes | None = field(default=None, compare=False)
+    state: Mapping[str, Any] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class _Pending:
         self.inputs = inputs
         self.parts: dict[str, dict[str, Any]] = {}
         self.notes: list[Note] = []
-        self.state: bytes | None = None
+        self.state: dict[str, Any] | None = None
 
     def whole(self) -> LoggedTick:
         tick, timing = self.parts["/tick"], self.parts["/timing"]
@@ -155,8 +155,9 @@ class TickBuilder:
             elif topic in FROM_OUTSIDE:
                 self._outside.append((FROM_OUTSIDE[topic], _fields(message.data)))
             elif topic == "/state":
+                state = _fields(message.data)
                 if self._pending is not None:
-                    self._pending.state = message.data
+                    self._pending.state = state
             elif topic in OF_A_TICK or topic.startswith("/note/"):
                 self._add(topic, _fields(message.data))
         except (ValueError, KeyError, TypeError, ValidationError) as error:

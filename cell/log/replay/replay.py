@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -119,7 +118,7 @@ class Replay:
 
     def _go_on(self, before: LoggedTick) -> None:
         """Take the state that the log holds after a tick."""
-        state = json.loads(before.state or b"{}")
+        state = before.state or {}
         if "lost" in state:
             raise LogError(self.log.path, f"cannot be replayed from tick {before.number + 1} on: {state['lost']}")
         try:

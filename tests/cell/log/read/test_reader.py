@@ -224,7 +224,7 @@ def test_ticks_whose_inputs_are_lost_hold_none_for_them(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("data", [b"7", b"null", b"[1]", b'"x"', b"{"])
 def test_a_message_that_is_no_object_is_one_clear_error(data: bytes, tmp_path: Path) -> None:
-    for topic in ("/observation", "/note/belief", "/timing", "/judgement"):
+    for topic in ("/observation", "/note/belief", "/timing", "/judgement", "/state"):
         with pytest.raises(LogError, match="does not hold what it should"):
             TickBuilder(tmp_path).take(Message(topic, "json", 0, data))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import copy
 import shutil
 from pathlib import Path
 
@@ -107,11 +107,11 @@ def test_each_bracket_that_is_left_is_replayed_identical(shift: Path, bracket: i
 
 def test_a_state_that_is_not_taken_up_would_be_seen(shift: Path) -> None:
     log = read_log(shift)
-    state = json.loads(log.ticks[0].state or b"")
+    state = copy.deepcopy(dict(log.ticks[0].state or {}))
     [counts] = [fields for path, _, fields in state["nodes"] if "CountTicks" in path]
     assert counts["_ticks"] == 3 * 8, "it counted through eight brackets that are gone"
     counts["_ticks"] += 1
-    object.__setattr__(log.ticks[0], "state", json.dumps(state).encode())
+    object.__setattr__(log.ticks[0], "state", state)
     first = Replay(log, changes(shift), 9).run().first_by_aspect["node"]
     assert "CountTicks" in first.node
 
@@ -132,11 +132,11 @@ def test_a_bracket_that_is_gone_is_refused_by_name(shift: Path) -> None:
 
 def test_the_state_of_a_hostile_log_is_refused(shift: Path) -> None:
     log = read_log(shift)
-    state = json.loads(log.ticks[0].state or b"")
+    state = copy.deepcopy(dict(log.ticks[0].state or {}))
     evil = {"n": 10**6, "object": ["cell.recording.sink", "LogSink"], "of": {}}
     for what in ({"_x": evil}, {"_x": {**evil, "object": ["subprocess", "Popen"]}}):
         state["nodes"][0][2] = what
-        object.__setattr__(log.ticks[0], "state", json.dumps(state).encode())
+        object.__setattr__(log.ticks[0], "state", state)
         with pytest.raises(LogError, match=r"no part of a run's state|does not know"):
             Replay(log, changes(shift), 9)
 

@@ -14,7 +14,8 @@ from typing import Any
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, person_checks
+from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks
+from cell.running.person_checks import person_checks
 from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from skills.motion.planner import MotionPlanner
 

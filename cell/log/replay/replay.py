@@ -25,8 +25,9 @@ from cell.running.device_writer import withhold
 from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
 from cell.wiring.reload import take_over
-from cell.wiring.run_state import StateError, go_on_from
+from cell.wiring.run_state import go_on_from
 from cell.wiring.services import TickClock, make_services
+from cell.wiring.state_reader import StateError
 from skills.motion.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange

@@ -182,7 +182,7 @@ class Splitting(Fork):
         self.left = sorted(trials, key=lambda one: one.tick)
         self.now = Drawn(-1, NONE, 0, math.inf)
         self.supervisor: Blindable | None = None
-        self._watch, self._tell, self._ticks = watch, tell, 0
+        self._watch, self._tell, self._ticks, self._over = watch, tell, 0, False
 
     def supervised(self, table: FaultTable, motion: MotionPlanner) -> Supervisor:
         """The usual one, until it is blinded."""
@@ -201,6 +201,9 @@ class Splitting(Fork):
         while self.began_s is None and self.left and self._ticks >= self.left[0].tick:
             self._try(self.left.pop(0), time_s)
         if self.began_s is None:
+            if not self.left and not self._over:  # all are told: how it would have gone on is of no interest
+                self._over = True
+                os.kill(os.getpid(), signal.SIGTERM)
             return
         if (self._blind and self._watch.danger.words) or time_s - self._watch.noticed_s > REACTS_S:
             self.reply(self._watch.row(self))  # how it goes on adds nothing

@@ -23,12 +23,13 @@ PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
 SIMULATION = CONFIGURATION.devices.simulation
 CAN = CONFIGURATION.devices.gripper_bus
+UNWATCHED = BENCH.model_copy(update={"overhead": BENCH.overhead.model_copy(update={"rate_hz": 5.0})})
 
 
 @contextmanager
 def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
-    """A cell without a person, with these parts in the tray."""
-    with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
+    """A cell without a person, with these parts in the tray, and fewer frames, as nobody is there to be watched."""
+    with closing(SimCell(PRODUCT, UNWATCHED, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
         yield cell
 
 

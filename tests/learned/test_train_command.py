@@ -47,18 +47,19 @@ def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
     config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = shipped_weights("grasp", "pairwise").read_bytes()
-    assert main(["train", "--config", str(config)]) == 0
+    made = config.with_name("grasp_pairwise.onnx")
+    made.write_bytes(b"mine")
+    assert main(["train", "--config", str(config)]) == 2
+    assert f"{made}: exists already; choose another --config, or add --overwrite" in capsys.readouterr().err
+    assert made.read_bytes() == b"mine"
+    assert main(["train", "--config", str(config), "--overwrite"]) == 0
     told = capsys.readouterr().err
     assert "about 1 minute" in told
     assert lines(told)["planners"] == {
         "semantic": {"kind": "bayes"},
         "grasp": {"kind": "pairwise", "weights": "grasp_pairwise.onnx"},
     }
-    made = config.with_name("grasp_pairwise.onnx")
     OnnxModel.load(made, "grasp.pairwise")
-    assert main(["train", "--config", str(config)]) == 2
-    assert f"{made}: exists already; choose another --config, or add --overwrite" in capsys.readouterr().err
-    assert main(["train", "--config", str(config), "--overwrite"]) == 0
     assert shipped_weights("grasp", "pairwise").read_bytes() == before
 
 
@@ -91,8 +92,9 @@ def test_a_plan_trains_nothing(config: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.torch
-def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> None:
-    words = ["lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]
+def test_training_leaves_the_shipped_weights_alone_and_nothing_that_torch_says_reaches_the_user(config: Path) -> None:
+    words = ["lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--seed", "3", "--json"]
+    before = shipped_weights("semantic", "factored").read_bytes()
     briefly = (
         "import sys; from learned.semantic import train; from learned.semantic.settings import FactoredSettings;"
         "train.FactoredSettings = lambda: FactoredSettings(steps=3);"
@@ -102,6 +104,8 @@ def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> Non
     found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=500)
     for word in ("triton", "torchvision", "initializer", "Warning", "torch.onnx"):
         assert word not in found.stderr
+    assert OnnxModel.load(config.with_name("semantic_factored.onnx"), "semantic.factored").card.seed == 3
+    assert shipped_weights("semantic", "factored").read_bytes() == before
 
 
 def test_auto_is_the_learned_planner_where_its_weights_fit_and_exact_inference_elsewhere() -> None:

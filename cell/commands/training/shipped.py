@@ -6,10 +6,11 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from cell.commands.terminal import console
@@ -92,7 +93,8 @@ def train_steps(steps: Sequence[Step], out: Path, config: Path, *, jobs: int, pl
         say(line, highlight=False)
 
 
-def steps_of_shipped() -> Iterator[Step]:
+@cache
+def steps_of_shipped() -> tuple[Step, ...]:
     """The commands on the cards of all shipped weights, each once, the longest first."""
     files: dict[str, list[str]] = {}
     for path in sorted(WEIGHTS.iterdir(), key=lambda path: (len(path.stem), path.name)):
@@ -104,7 +106,7 @@ def steps_of_shipped() -> Iterator[Step]:
         budget = words[words.index("--budget") + 1] if "--budget" in words else ""
         fixed_s = PAPER_GRASP_S if {"grasp", "paper"} <= set(words) else PLANNER_S
         steps.append(Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s))
-    yield from sorted(steps, key=lambda step: -step.seconds)
+    return tuple(sorted(steps, key=lambda step: -step.seconds))
 
 
 def of_paper(step: Step) -> bool:

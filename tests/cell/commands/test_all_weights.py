@@ -41,7 +41,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
 
 def test_every_shipped_file_is_made_by_one_step() -> None:
-    steps = list(steps_of_shipped())
+    steps = steps_of_shipped()
     files = [name for step in steps for name in step.files]
     assert sorted(files) == sorted(path.name for path in WEIGHTS.iterdir())
     for step in steps:
@@ -85,9 +85,9 @@ def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: 
     assert main(["train", "--all", "--out", str(out), "--only", "holes"]) == 0
     assert len(trained) == 1
     assert main(["train", "--all", "--out", str(out)]) == 0
-    assert len(trained) == len(list(steps_of_shipped()))  # the holes only once
+    assert len(trained) == len(steps_of_shipped())  # the holes only once
     assert main(["train", "--all", "--out", str(out)]) == 0
-    assert len(trained) == len(list(steps_of_shipped()))
+    assert len(trained) == len(steps_of_shipped())
     (out / "holes_plate.onnx").unlink()
     assert main(["train", "--all", "--out", str(out)]) == 0
     assert trained[-1][-1].endswith("holes_plate.onnx")
@@ -109,7 +109,7 @@ def test_ctrl_c_ends_it_with_a_word_on_how_to_go_on(
 
 def test_two_at_a_time_make_the_same_files(tmp_path: Path, trained: list[list[str]]) -> None:
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 0
-    assert len(trained) == len(list(steps_of_shipped()))
+    assert len(trained) == len(steps_of_shipped())
     for path in WEIGHTS.iterdir():
         assert (tmp_path / "new" / path.name).read_bytes() == path.read_bytes()
 
@@ -128,7 +128,7 @@ def test_when_one_of_two_fails_no_other_begins(
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "ended with status 3 (see" in told
-    assert len(begun) < len(list(steps_of_shipped()))
+    assert len(begun) < len(steps_of_shipped())
 
 
 @pytest.mark.usefixtures("trained")

@@ -22,13 +22,18 @@ from sim.data.recording import Assembly, record
 from sim.scene.settings import SimSettings
 
 
-def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path) -> None:
+def test_data_are_made_once_what_was_interrupted_anew_and_of_other_options_or_another_product_not(
+    tmp_path: Path,
+) -> None:
+    config = tmp_path / "cell.yaml"
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text())
     folder, mine = tmp_path / "some", tmp_path / "some.unfinished" / "notes.txt"
     (folder / UNFINISHED).mkdir(parents=True)
     (folder / UNFINISHED / "half.jsonl").write_text("{")
     mine.parent.mkdir()
     mine.write_text("mine")
-    options = {"--look": "nominal", "--seeds": "3"}
+    options = {"--look": "nominal", "--seeds": "3", "--config": config}
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").exists()
     assert not (folder / UNFINISHED).exists()
@@ -37,6 +42,12 @@ def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path
     made = (folder / "manifest.json").stat().st_mtime_ns
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").stat().st_mtime_ns == made
+    with pytest.raises(InputError, match=r"other settings \(--seeds\); remove the folder"):
+        make_data("actions", folder, {**options, "--seeds": "3:5"}, "--thin")
+    products = tmp_path / "products.yaml"
+    products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))
+    with pytest.raises(InputError, match="product or bench"):
+        make_data("actions", folder, options, "--thin")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -92,21 +103,6 @@ def test_what_another_process_left_out_counts_too(tmp_path: Path) -> None:
 def test_what_the_command_said_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no look 'moonlight'"):
         make_data("hands", tmp_path / "some", {"--look": "moonlight"})
-
-
-def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Path) -> None:
-    config = tmp_path / "cell.yaml"
-    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
-    folder, options = tmp_path / "some", {"--look": "nominal", "--seeds": "3", "--config": config}
-    make_data("actions", folder, options, "--thin")
-    make_data("actions", folder, options, "--thin")
-    with pytest.raises(InputError, match=r"other settings \(--seeds\); remove the folder"):
-        make_data("actions", folder, {**options, "--seeds": "3:5"}, "--thin")
-    products = tmp_path / "products.yaml"
-    products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))
-    with pytest.raises(InputError, match="product or bench"):
-        make_data("actions", folder, options, "--thin")
 
 
 def test_a_folder_without_hands_is_told_before_any_frames_are_made(

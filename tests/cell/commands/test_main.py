@@ -143,6 +143,8 @@ def test_a_missing_font_is_told_instead_of_drawing_empty_boxes(
     monkeypatch.setattr("trees.views.picture._rendered", lambda _: b"the same with and without text")
     assert "apt-get install -y fonts-dejavu-core" in complaint(capsys, "show", TREE, "--png", tmp_path / "tree.png")
     assert not (tmp_path / "tree.png").exists()
+    monkeypatch.setattr("cell.commands.doctor.damaged_packages", dict)
+    monkeypatch.setattr("cell.commands.doctor.TRIAL_S", 0.2)
     main(["doctor", "--json"])
     findings = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
     assert [finding["what"] for finding in findings if "fonts-dejavu-core" in finding["remedy"]]

@@ -21,7 +21,7 @@ def test_the_command_on_a_card_names_the_data_that_was_learned_from() -> None:
     assert words[words.index("--epochs") + 1] == "23"
 
 
-@pytest.mark.parametrize("step", list(steps_of_shipped()), ids=lambda step: step.files[0])
+@pytest.mark.parametrize("step", steps_of_shipped(), ids=lambda step: step.files[0])
 def test_every_card_of_shipped_weights_can_be_typed_today(step: Step) -> None:
     words = list(step.words)
     command = get_command(train_app()).commands[words[0]]  # type: ignore[attr-defined]

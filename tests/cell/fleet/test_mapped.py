@@ -26,21 +26,18 @@ def test_one_worker_is_this_process_and_takes_what_is_wanted() -> None:
     assert taken == [0, 1, 2]
 
 
-def test_workers_answer_in_order_though_one_is_killed(tmp_path: Path) -> None:
+def test_workers_answer_in_order_though_one_is_killed_and_an_error_is_what_the_call_raised(tmp_path: Path) -> None:
     marks = [(number, str(tmp_path / "killed") if number == 2 else "") for number in range(8)]
-    answers = mapped(working.squared, iter(marks), workers=2)
-    assert list(answers) == [number**2 for number in range(8)]
+    answers, found = mapped(working.squared, iter([*marks, (-1, "")]), workers=2), []
+    with pytest.raises(InputError, match="no root: -1"):
+        found.extend(answers)
+    assert found == [number**2 for number in range(8)]
     assert (tmp_path / "killed").exists()
 
 
-def test_an_error_is_what_the_call_raised_and_a_call_that_kills_is_told() -> None:
-    with pytest.raises(InputError, match="no such thing"):
-        list(mapped(working.refused, [(1,)], workers=2))
-    with pytest.raises(CellError, match=r"lost again.*SIGKILL"):
-        list(mapped(working.dies, [()], workers=2))
-
-
-def test_answers_count_though_workers_do_not_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_call_that_kills_is_told_and_answers_count_though_workers_do_not_end_in_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     distributed = pytest.importorskip("distributed")
     close = distributed.LocalCluster.close
 
@@ -49,4 +46,7 @@ def test_answers_count_though_workers_do_not_end_in_time(monkeypatch: pytest.Mon
         raise TimeoutError
 
     monkeypatch.setattr(distributed.LocalCluster, "close", late)
-    assert list(mapped(math.factorial, [(3,), (4,)], workers=2)) == [6, 24]
+    answers = mapped(working.factorial, [(3,), (4,), (-1,)], workers=2)
+    assert [next(answers), next(answers)] == [6, 24]
+    with pytest.raises(CellError, match=r"lost again.*SIGKILL"):
+        next(answers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -17,15 +18,16 @@ def squared(number: int, kill_once: str) -> int:
     if kill_once and not Path(kill_once).exists():
         Path(kill_once).touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    if number < 0:
+        raise InputError(f"no root: {number}")
     return number**2
 
 
-def refused(number: int) -> int:
-    raise InputError(f"no such thing: {number}")
-
-
-def dies() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
+def factorial(number: int) -> int:
+    """Of a negative number it kills its process."""
+    if number < 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return math.factorial(number)
 
 
 def row(task: Task) -> dict[str, object]:

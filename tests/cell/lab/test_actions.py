@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from cell.lab.system import Listener, table_1, with_goals
 from learned.actions.settings import Classes
 from sim.data.hands import visible_shares
 from sim.data.placed import placed, releases, slipped, with_slips
-from sim.data.recording import Source
+from sim.data.recording import Assembly, Source
 from sim.data.recording import record as recorded
 from sim.data.tracks import hands_of
 from tests.cell.fakes import frame, idle_view
@@ -37,8 +38,13 @@ def test_a_placement_is_right_in_time_with_part_and_hole_and_once() -> None:
     assert matched(placed, []) == []
 
 
+@cache
+def slipping() -> Assembly:
+    return recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+
+
 def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
-    assembly = recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+    assembly = slipping()
     number, part, position = releases(assembly)[1]
     assert slipped(Source(assembly, PRODUCT, CONFIGURATION.bench)) == []
     forgotten = tuple(
@@ -63,7 +69,7 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
 
 
 def test_fingers_that_open_after_a_part_slipped_into_its_hole_placed_it_when_both_was_so() -> None:
-    assembly = recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+    assembly = slipping()
     number, part, position = releases(assembly)[1]
     forgotten = tuple(
         replace(label, released=False) if (label.part, label.position) == (part, position) else label

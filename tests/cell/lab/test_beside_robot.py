@@ -29,7 +29,9 @@ SEED = 800_321
 
 @pytest.fixture(scope="module")
 def assembly() -> Assembly:
-    return record_beside_robot(CONFIGURATION, PRODUCT, SEED)
+    """The begin of one."""
+    controller = CONFIGURATION.controller.model_copy(update={"max_duration_s": 16.0})
+    return record_beside_robot(CONFIGURATION.model_copy(update={"controller": controller}), PRODUCT, SEED)
 
 
 def test_a_signal_leaves_no_half_recording(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,7 +54,8 @@ def pads(assembly: Assembly, number: int) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_person_and_robot_build_the_bracket_together(assembly: Assembly) -> None:
+def test_person_and_robot_build_the_bracket_together() -> None:
+    assembly = record_beside_robot(CONFIGURATION, PRODUCT, SEED)
     last = assembly.moments[-1]
     found = holes_of(Source(assembly, PRODUCT, BENCH), last)
     assert {position: part for position, (part, _) in found.items()} == dict(PRODUCT.goal_placements(assembly.goal))

@@ -16,7 +16,7 @@ SAMPLE = {
     "carry": ("arm_frozen", "gripper_refuses", "camera_black"),
     "lower": ("arm_velocity_nan", "arm_protective_stop"),
     "lift": ("status_lost",),
-    "above": ("sighup", "camera_frozen"),
+    "above": ("sighup",),
     "waiting_for_help": ("heartbeat_lost",),
 }
 

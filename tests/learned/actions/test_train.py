@@ -48,10 +48,10 @@ def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
         assert pairs.sum(axis=0).argmax() == at
 
 
-SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("cnn_lstm", "lrcn")]
+SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("paper", "hand", "cnn_lstm", "lrcn")]
 
 
-@pytest.mark.parametrize("kind", ["slim", "paper", "hand", "track", *SLOW])
+@pytest.mark.parametrize("kind", ["slim", "track", *SLOW])
 def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
     from learned.actions.data import load_segments
     from learned.actions.model import load_actions
@@ -95,7 +95,7 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
     from learned.actions.train import Task
     from learned.lab.paper.actions import KINDS, measure_folds, page, summary
 
-    segments = load_segments([write_folder(tmp_path / "data", 40, 1, whole=True)], CLASSES)
+    segments = load_segments([write_folder(tmp_path / "data", 20, 1, whole=True)], CLASSES)
     apart = [segments.without(fold, 2) for fold in range(2)]
     for learned, kept in apart:
         assert not set(learned.logs) & set(kept.logs)

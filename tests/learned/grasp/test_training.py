@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
 SHORT_PAIRWISE = PairwiseSettings(
-    random_share=0.0, scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2
+    random_share=0.0, scenes=60, test_scenes=30, epochs=40, batch=64, hidden=24, members=1
 )
 SHORT_PAPER = PaperSettings(
-    scenes=20,
-    test_scenes=8,
-    epochs=2,
+    scenes=12,
+    test_scenes=4,
+    epochs=1,
     batch=8,
     hidden=16,
     layers=2,
     edges="printed",
     loose_share=0.0,
-    footprint_passes=200,
+    footprint_passes=20,
 )
 SEED = 5
 

@@ -7,11 +7,9 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.commands.training.weights import new_weights, shipped_weights
+from cell.commands.training.weights import new_weights
 from cell.files.files import shipped
-from learned.inference.onnx_model import OnnxModel
 from learned.semantic.data import load_demonstrations
-from learned.semantic.settings import FactoredSettings
 from tests.learned.products import DEFAULT
 
 
@@ -49,19 +47,3 @@ def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFix
 def test_new_weights_are_written_beside_the_configuration_or_into_the_working_folder(tmp_path: Path) -> None:
     assert new_weights("semantic", "factored", tmp_path / "mine.yaml") == tmp_path / "semantic_factored.onnx"
     assert new_weights("grasp", "paper", shipped("config", "cell.yaml")) == Path("grasp_paper.onnx")
-
-
-@pytest.mark.torch
-def test_training_for_a_configuration_leaves_the_shipped_weights_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("learned.semantic.train.FactoredSettings", lambda: FactoredSettings(steps=3))
-    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
-    before = shipped_weights("semantic", "factored").read_bytes()
-    assert (
-        main(["lab", "train", "semantic", "--kind", "factored", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"])
-        == 0
-    )
-    assert OnnxModel.load(tmp_path / "semantic_factored.onnx", "semantic.factored").card.seed == 3
-    assert shipped_weights("semantic", "factored").read_bytes() == before

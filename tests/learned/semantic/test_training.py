@@ -124,7 +124,7 @@ def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: 
             assert np.allclose(found[name], value, rtol=1e-4, atol=1e-30), name
 
 
-@pytest.mark.parametrize("kind", ["paper", "factored"])
+@pytest.mark.parametrize("kind", [pytest.param("paper", marks=pytest.mark.slow), "factored"])
 def test_training_on_another_product(kind: str, tmp_path: Path) -> None:
     from learned.semantic.train import train_semantic
 

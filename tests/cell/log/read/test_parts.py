@@ -6,6 +6,7 @@ import dataclasses
 import errno
 import gc
 import os
+import shutil
 import weakref
 from pathlib import Path
 from typing import Any
@@ -52,28 +53,44 @@ def recorded(path: Path, overwrite: bool = False, **settings: Any) -> McapRecord
     return recorder
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log in parts of .4 s, and the same in one file."""
+    folder = tmp_path_factory.mktemp("parts")
+    recorded(folder / "log.mcap", rotate_s=0.4)
+    recorded(folder / "whole.mcap")
+    return folder
+
+
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    """The name of a log in parts of .4 s."""
-    recorded(tmp_path / "log.mcap", rotate_s=0.4)
+def path(folder: Path, tmp_path: Path) -> Path:
+    """The name of the log in parts, in a folder of its own."""
+    for part in parts_of(folder / "log.mcap"):
+        shutil.copy(part, tmp_path)
     return tmp_path / "log.mcap"
+
+
+@pytest.fixture
+def whole(folder: Path, path: Path) -> Path:
+    """The same log in one file, beside its parts."""
+    return Path(shutil.copy(folder / "whole.mcap", path))
 
 
 def told(log: Log) -> list[tuple[str, int, bytes]]:
     return [(one.topic, one.time_ns, one.data) for one in log.messages]
 
 
-def test_all_parts_together_are_the_log_in_one_file(path: Path) -> None:
-    recorded(path, rotate_s=None)
-    whole, parts = read_log(path), read_log(part_path(path, 1))
+def test_all_parts_together_are_the_log_in_one_file(whole: Path) -> None:
+    path = whole
+    one, parts = read_log(path), read_log(part_path(path, 1))
     assert len(parts.parts) == 4
-    assert parts.ticks == whole.ticks
-    assert told(parts) == told(whole)
-    assert (parts.attachments, parts.metadata, parts.outcome) == (whole.attachments, whole.metadata, whole.outcome)
+    assert parts.ticks == one.ticks
+    assert told(parts) == told(one)
+    assert (parts.attachments, parts.metadata, parts.outcome) == (one.attachments, one.metadata, one.outcome)
     assert (parts.unfinished, parts.gaps) == ("", ())
     path.unlink()
-    assert told(read_log(path)) == told(whole), "the name without a number stands for all parts"
-    assert told(read_log(parts_of(path))) == told(whole)
+    assert told(read_log(path)) == told(one), "the name without a number stands for all parts"
+    assert told(read_log(parts_of(path))) == told(one)
 
 
 def test_a_stream_tells_the_same_part_by_part(path: Path) -> None:
@@ -91,9 +108,8 @@ def test_a_stream_tells_the_same_part_by_part(path: Path) -> None:
     assert list(query(LogStream(path), Query(topic="tick"))) == list(query(whole, Query(topic="tick")))
 
 
-def test_a_stream_holds_one_part_at_a_time(tmp_path: Path) -> None:
-    recorded(tmp_path / "log.mcap", rotate_s=0.4)
-    pieces = iter(LogStream(tmp_path / "log.mcap"))
+def test_a_stream_holds_one_part_at_a_time(path: Path) -> None:
+    pieces = iter(LogStream(path))
     first = weakref.ref(next(pieces).ticks[0].observation)
     next(pieces), next(pieces)
     gc.collect()
@@ -156,12 +172,11 @@ def test_closed_parts_are_compressed(path: Path) -> None:
     assert not list(path.parent.glob("*.packing"))
 
 
-def test_a_packed_file_holds_the_same_in_less_room(path: Path) -> None:
-    recorded(path, rotate_s=None)
-    before, size_bytes = read_mcap(path), path.stat().st_size
-    pack(path)
-    after = read_mcap(path)
-    assert path.stat().st_size < 0.7 * size_bytes
+def test_a_packed_file_holds_the_same_in_less_room(whole: Path) -> None:
+    before, size_bytes = read_mcap(whole), whole.stat().st_size
+    pack(whole)
+    after = read_mcap(whole)
+    assert whole.stat().st_size < 0.7 * size_bytes
     assert after == before
 
 
@@ -244,9 +259,8 @@ def test_replay_over_parts_is_that_of_one_file(commission_log: Log, tmp_path: Pa
     assert (comparison.identical, comparison.ticks) == (True, len(parts.ticks)), comparison.first
 
 
-def test_joints_at_the_rate_of_the_arm_come_back(tmp_path: Path) -> None:
-    recorded(tmp_path / "log.mcap")
-    found = [one for one in read_mcap(tmp_path / "log.mcap").messages if one.topic == joint_samples.TOPIC]
+def test_joints_at_the_rate_of_the_arm_come_back(whole: Path) -> None:
+    found = [one for one in read_mcap(whole).messages if one.topic == joint_samples.TOPIC]
     assert len(found) == TICKS
     for number, message in enumerate(found):
         expected, back = samples(number), joint_samples.decode(message.data)

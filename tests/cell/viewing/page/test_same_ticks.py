@@ -18,7 +18,7 @@ from cell.runs.options import RunOptions
 from cell.runs.run import run
 from tests import ROOT
 
-DURATION_S, CLIENTS_N = 6.0, 5
+DURATION_S, CLIENTS_N = 2.5, 5
 DECIDED = ("/tick", "/observation", "/command", "/display", "/judgement", "/note/belief", "/note/skill", "/bench")
 
 

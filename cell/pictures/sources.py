@@ -17,7 +17,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.log.read.frames import CAMERA, Frames
+from cell.log.read.frames import Frames
 from cell.log.read.reader import read_log
 from cell.wiring.drawn_frames import overhead_frames
 from skills.motion.kinematics import Kinematics
@@ -146,21 +146,18 @@ def _log(path: Path, camera: str, pose: Pose) -> Source:
     log = read_log(path)
     if log.unfinished:
         sys.stderr.write(f"cell: {path}: {log.unfinished}\n")
-    times_s = [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}{camera}"]
+    times_s = (stored := Frames(log)).times_s(camera)
     if not times_s:
         raise LogError(path, f"holds no frames of the camera {camera} (configuration: log.camera_frames)")
-    stored = Frames(log)
 
     def frames() -> Iterator[Frame]:
         for number, time_s in enumerate(times_s):
             found = stored.at(camera, time_s)
-            image = None if found is None else cv2.imdecode(np.frombuffer(found.jpeg, np.uint8), cv2.IMREAD_COLOR)
-            if image is None:
-                raise LogError(path, f"the image of camera {camera} at {time_s:.3f} s cannot be decoded")
+            assert found is not None
             png = stored.depth_at(camera, time_s)
             depth = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
             yield replace(
-                _frame(camera, number, time_s, image, pose),
+                _frame(camera, number, time_s, found.image(), pose),
                 depth_mm=None if depth is None else np.asarray(depth, np.uint16),
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from dataclasses import dataclass
@@ -9,11 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 from foxglove import messages
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
 from cell.errors import LogError
+from cell.interfaces.observation import Image
 from cell.log.read.mcap_file import Message
 from cell.log.read.reader import Log
 
@@ -49,11 +53,28 @@ def _message_class(kind: Any) -> Any:
 
 @dataclass(frozen=True)
 class LoggedFrame:
-    """One image as it was logged."""
+    """One image as it was logged in the file `path`."""
 
+    path: Path
     camera: str
     time_s: float
     jpeg: bytes
+
+    def image(self) -> Image:
+        """(height, width, 3) in BGR, as OpenCV has it.
+
+        Raises:
+            LogError: it cannot be decoded.
+        """
+        image = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR) if self.jpeg else None
+        if image is None:
+            raise LogError(self.path, f"the image of camera {self.camera} at {self.time_s:.3f} s cannot be decoded")
+        return np.asarray(image, np.uint8)
+
+    @property
+    def uri(self) -> str:
+        """For an HTML page."""
+        return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode()
 
 
 class Frames:
@@ -71,13 +92,13 @@ class Frames:
 
     def newest(self, time_s: float) -> list[LoggedFrame]:
         """The newest image of every camera at a time."""
-        found = []
-        for camera, written in self._messages.items():
-            count = bisect_right(written, round(time_s * 1e9), key=lambda message: message.time_ns)
-            if count:
-                message = written[count - 1]
-                found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
-        return found
+        return [frame for camera in self._messages if (frame := self.newest_of(camera, time_s)) is not None]
+
+    def newest_of(self, camera: str, time_s: float) -> LoggedFrame | None:
+        """The newest image of a camera at a time; None where there is none yet."""
+        written = self._messages.get(camera, [])
+        count = bisect_right(written, round(time_s * 1e9), key=lambda message: message.time_ns)
+        return self._frame(camera, written[count - 1]) if count else None
 
     def times_s(self, camera: str) -> list[float]:
         """When this camera took its images."""
@@ -89,7 +110,7 @@ class Frames:
         at = bisect_left(written, time_ns, key=lambda message: message.time_ns)
         if at == len(written) or written[at].time_ns != time_ns:
             return None
-        return LoggedFrame(camera, time_s, self._jpeg(written[at]))
+        return self._frame(camera, written[at])
 
     def depth_at(self, camera: str, time_s: float) -> bytes | None:
         """The depths of `at`, a PNG file of [mm]; None where they are not in the log."""
@@ -104,6 +125,9 @@ class Frames:
             paths.append(folder / f"{stem}-{frame.camera}.jpg")
             paths[-1].write_bytes(frame.jpeg)
         return paths
+
+    def _frame(self, camera: str, message: Message) -> LoggedFrame:
+        return LoggedFrame(self._path, camera, message.time_ns / 1e9, self._jpeg(message))
 
     def _jpeg(self, message: Message) -> bytes:
         content: bytes = decoded(self._path, message, IMAGE).data

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 from foxglove import messages
 
 from cell.configuration import Configuration
@@ -97,11 +96,8 @@ def _frames(log: Log, motion: MotionPlanner) -> Iterator[Frame]:
         place = bisect_right(known, time_ns, key=lambda pair: pair[0])
         if stored is None or not place:
             continue
-        image = cv2.imdecode(np.frombuffer(stored.jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise LogError(log.path, f"the image of {camera} at {time_ns / 1e9:.3f} s cannot be decoded")
         body = bodies.at(time_ns / 1e9) if camera == "overhead" else None
-        rgb: Any = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        rgb: Any = cv2.cvtColor(stored.image(), cv2.COLOR_BGR2RGB)
         yield Frame(camera, number, time_ns / 1e9, rgb, known[place - 1][1], body)
 
 

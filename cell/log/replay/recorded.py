@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cell.errors import DeviceFault
+from cell.errors import DeviceFault, LogError
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand, JointTrajectory
@@ -144,10 +144,10 @@ class RecordedCamera(_Recorded):
             self._sequence, time_s = number, self._times_s[number]
             logged = self._frames.at(self._role, time_s)
             assert logged is not None
-            coded = cv2.imdecode(np.frombuffer(logged.jpeg, np.uint8), cv2.IMREAD_COLOR)
-            if coded is None:
-                raise DeviceFault(f"camera {self._role}", f"the image at {time_s:.3f} s of the log is damaged")
-            image = np.asarray(cv2.cvtColor(coded, cv2.COLOR_BGR2RGB), np.uint8)
+            try:
+                image = np.asarray(cv2.cvtColor(logged.image(), cv2.COLOR_BGR2RGB), np.uint8)
+            except LogError as error:
+                raise DeviceFault(f"camera {self._role}", str(error)) from None
             at_tool, then_s = self._role == "wrist", time_s + self._later_s
             self._newest = Frame(self._role, number, then_s, image, self._mount, at_tool=at_tool)
         return self._newest

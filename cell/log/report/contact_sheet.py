@@ -9,10 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cell.errors import LogError
 from cell.files.files import whole_or_none
 from cell.interfaces.observation import Image
-from cell.log.read.frames import CAMERA, IMAGE, decoded
+from cell.log.read.frames import CAMERA, IMAGE, LoggedFrame, decoded
 from cell.log.read.indexed import IndexedLog
 from cell.log.read.mcap_file import Message
 from cell.viewing.moments import MOST_FRAMES, Boxes, Moments, spread
@@ -65,15 +64,14 @@ def shots(log: IndexedLog, moments: Moments, reason: str) -> list[Shot]:
 
 
 def _shot(path: Path, message: Message, caption: str, boxes: Boxes) -> Shot:
-    jpeg = np.frombuffer(decoded(path, message, IMAGE).data, np.uint8)
-    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR) if len(jpeg) else None
-    if image is None:
-        raise LogError(path, f"the image of {message.topic} at {message.time_ns / 1e9:.3f} s cannot be decoded")
-    image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    camera, time_s = message.topic.removeprefix(CAMERA), message.time_ns / 1e9
+    image = cv2.cvtColor(
+        LoggedFrame(path, camera, time_s, decoded(path, message, IMAGE).data).image(), cv2.COLOR_BGR2RGB
+    )
     for left, top, right, bottom in boxes:
         cv2.rectangle(image, (left, top), (right, bottom), BOX_RGB, 2)
     small = cv2.resize(image, THUMBNAIL_PX, interpolation=cv2.INTER_AREA)
-    return Shot(np.asarray(small, dtype=np.uint8), message.time_ns / 1e9, caption)
+    return Shot(np.asarray(small, dtype=np.uint8), time_s, caption)
 
 
 def compose(shots: list[Shot]) -> Image:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import difflib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -208,7 +207,5 @@ def _x(time_s: float, end_s: float) -> float:
 
 def _frame(log: Log, time_s: float) -> dict[str, Any] | None:
     """What the overhead camera saw then, as a data URI."""
-    for frame in Frames(log).newest(time_s):
-        if frame.camera == "overhead":
-            return {"time_s": frame.time_s, "uri": "data:image/jpeg;base64," + base64.b64encode(frame.jpeg).decode()}
-    return None
+    frame = Frames(log).newest_of("overhead", time_s)
+    return None if frame is None else {"time_s": frame.time_s, "uri": frame.uri}

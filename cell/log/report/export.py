@@ -12,7 +12,6 @@ from typing import Any
 
 import can
 import cv2
-import numpy as np
 
 from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
@@ -32,7 +31,6 @@ Row = dict[str, Any]
 BTLOG_MAGIC = b"BTCPP4-FileLogger2"
 BTLOG_HEAD = struct.Struct("<Bi")  # version, length of the XML
 STANDARD_ID = 0x7FF
-VIDEO_TOPIC = "/camera/overhead"
 YELLOW_BGR, WHITE_BGR, BAR_BGR = (0, 220, 255), (255, 255, 255), (40, 30, 24)
 BAR_PX, LINE_PX = 44, 18
 
@@ -194,23 +192,20 @@ def _video(log: Log, path: Path, name: Path) -> int:
     Args:
         name: what the file will be called, for messages.
     """
-    times_ns = [message.time_ns for message in log.messages if message.topic == VIDEO_TOPIC]
-    if len(times_ns) < 2:
+    times_s = (frames := Frames(log)).times_s("overhead")
+    if len(times_s) < 2:
         raise LogError(
-            log.path, f"holds {len(times_ns)} overhead frames; a video needs 2 (configuration: camera_frames)"
+            log.path, f"holds {len(times_s)} overhead frames; a video needs 2 (configuration: camera_frames)"
         )
-    frames, rate_hz = Frames(log), 1e9 * (len(times_ns) - 1) / max(1, times_ns[-1] - times_ns[0])
+    rate_hz = (len(times_s) - 1) / max(1e-9, times_s[-1] - times_s[0])
     starts = [tick.time_s for tick in log.ticks]
     rows = list(table(log))
     video = Video(path, rate_hz, name)
-    for time_ns in times_ns:
-        time_s = time_ns / 1e9
-        [stored] = [frame for frame in frames.newest(time_s) if frame.camera == "overhead"]
-        image = cv2.imdecode(np.frombuffer(stored.jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise LogError(log.path, f"the overhead image at {time_s:.3f} s cannot be decoded")
+    for time_s in times_s:
+        stored = frames.at("overhead", time_s)
+        assert stored is not None
         now = max(0, bisect_right(starts, time_s) - 1)
-        video.add(_overlaid(image, log.ticks[now], rows[now]))
+        video.add(_overlaid(stored.image(), log.ticks[now], rows[now]))
     return video.close()
 
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
-
-import cv2
-import numpy as np
 
 from cell.errors import InputError, LogError
 from cell.interfaces.perception import BenchView, PartsView
@@ -58,10 +54,9 @@ def key_frames(log: Log, placed: Sequence[Placed]) -> list[KeyFrame]:
     if len(kept) > MOST_FRAMES:
         kept = [kept[round(i * (len(kept) - 1) / (MOST_FRAMES - 1))] for i in range(MOST_FRAMES)]
     return [
-        _key_frame(log, time_s, caption, frame, marker)
+        _key_frame(time_s, caption, frame, marker)
         for time_s, camera, caption in kept
-        for frame in frames.newest(time_s)
-        if frame.camera == camera
+        if (frame := frames.newest_of(camera, time_s)) is not None
     ]
 
 
@@ -88,12 +83,9 @@ def _moments(log: Log, placed: Sequence[Placed]) -> Iterator[tuple[float, str, s
     yield log.ticks[-1].time_s, "overhead", "end"
 
 
-def _key_frame(log: Log, time_s: float, caption: str, frame: LoggedFrame, marker: _Marker) -> KeyFrame:
-    image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise LogError(log.path, f"the image of camera {frame.camera} at {frame.time_s:.3f} s cannot be decoded")
-    uri = "data:image/jpeg;base64," + base64.b64encode(frame.jpeg).decode()
-    return KeyFrame(time_s, caption, uri, image.shape[1], image.shape[0], tuple(marker.marks(frame)))
+def _key_frame(time_s: float, caption: str, frame: LoggedFrame, marker: _Marker) -> KeyFrame:
+    height_px, width_px = frame.image().shape[:2]
+    return KeyFrame(time_s, caption, frame.uri, width_px, height_px, tuple(marker.marks(frame)))
 
 
 class _Marker:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,7 +44,7 @@ def write_replay(
         crossed=told[2],
         leading=leading,
         words=[] if leading is None else difference_lines(leading)[1:],
-        frames=[(one.camera, one.time_s, base64.b64encode(one.jpeg).decode()) for one in frames],
+        frames=frames,
         before=[line for one in before for line in difference_lines(one)],
         after=[line for one in after[:MOST] for line in difference_lines(one)],
         left_out=max(0, len(after) - MOST),

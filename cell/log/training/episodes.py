@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.errors import LogError
 from cell.interfaces.pose import Array
-from cell.log.read.frames import CAMERA
+from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, json_of
 
 RATE_HZ = 15.0  # of a data set without images
@@ -96,7 +96,7 @@ def _asked(log: Log, measured: Array) -> Array:
 
 def image_times_s(log: Log) -> list[float]:
     """When the overhead camera took those images that are in the log."""
-    return [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}overhead"]
+    return Frames(log).times_s("overhead")
 
 
 def rate_hz_of(log: Log, *, filmed: bool) -> float:

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from cell.errors import InputError, LogError
+from cell.errors import InputError
 from cell.files.files import whole_or_none
 from cell.files.packages import needed
 from cell.interfaces.pose import Array
@@ -106,10 +105,9 @@ def _write_video(log: Log, episode: Episode, video: FilmedVideo) -> tuple[int, i
     """One frame a row; returns (height, width)."""
     frames, size = Frames(log), (0, 0)
     for row, time_s in enumerate(episode.times_s):
-        jpeg = next(frame.jpeg for frame in frames.newest(float(time_s)) if frame.camera == "overhead")
-        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise LogError(log.path, f"the overhead image at {time_s:.3f} s cannot be decoded")
+        frame = frames.newest_of("overhead", float(time_s))
+        assert frame is not None, "an episode begins with its first image"
+        image = frame.image()
         size = image.shape[0], image.shape[1]
         video.add(image)
         if row % PIXELS_EVERY == 0:

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.errors import LogError
 from cell.interfaces.bench import Bench
 from cell.interfaces.hand_window import TIPS_HEIGHT_M, hand_window, last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES, Action, BenchView, HandSample, PartsView
@@ -191,12 +190,7 @@ class Cropper:
     def image(self, camera: str, time_s: float) -> Image | None:
         """The frame that was taken at this very time; None where the log has none."""
         frame = self._frames.at(camera, time_s)
-        if frame is None:
-            return None
-        image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise LogError(self._log.path, f"the image of camera {camera} at {time_s:.3f} s cannot be decoded")
-        return np.asarray(image, np.uint8)
+        return None if frame is None else frame.image()
 
     def _save(
         self, camera: str, sequence: int, time_s: float, box_px: tuple[int, int, int, int], what: str

@@ -86,10 +86,16 @@ def rested(product: Product, bench: Bench, seed: int, settings: ClutterSettings 
     return world
 
 
-def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(product: Product, bench: Bench) -> None:
+@pytest.fixture(scope="module")
+def worlds(product: Product, bench: Bench) -> list[World]:
+    return [rested(product, bench, seed) for seed in range(8)]
+
+
+def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(
+    worlds: list[World], product: Product, bench: Bench
+) -> None:
     middle, half = np.array(bench.tray.centre_m[:2]), np.array(bench.tray.size_m) / 2
-    for seed in range(8):
-        world = rested(product, bench, seed)
+    for world in worlds:
         assert sorted(part.part for part in world.bodies) == sorted([*full_set(product), UNKNOWN])
         assert set(world.parts.values()) == set(product.parts)
         for part in world.bodies:
@@ -99,8 +105,10 @@ def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(product: Produc
             assert np.abs(world.data.qvel[part.qvel : part.qvel + 6]).max() < 0.05
 
 
-def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(product: Product, bench: Bench) -> None:
-    found = [one for seed in range(8) for one in resting_parts(rested(product, bench, seed))]
+def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(
+    worlds: list[World], product: Product, bench: Bench
+) -> None:
+    found = [one for world in worlds for one in resting_parts(world)]
     upright = [one for one in found if one.posture == "upright" and not one.on_top and one.part != UNKNOWN]
     on_top = [one for one in found if one.on_top]
     assert len(upright) > 8

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections import namedtuple
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,9 +21,14 @@ from tests import ROOT
 Usage = namedtuple("Usage", "total used free")
 
 
+RENDERS, PACKAGES = cache(doctor.renders), cache(doctor.missing_packages)
+
+
 @pytest.fixture(autouse=True)
 def short_trial(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It looks at the cell for a moment, and not at the files of all packages."""
+    """It looks at the cell for a moment, at rendering and packages once, and not at the files of all packages."""
+    monkeypatch.setattr(doctor, "renders", RENDERS)
+    monkeypatch.setattr(doctor, "missing_packages", PACKAGES)
     monkeypatch.setattr(doctor, "damaged_packages", dict)
     monkeypatch.setattr(doctor, "TRIAL_S", 0.2)
 

@@ -86,7 +86,7 @@ def test_its_tests_pass_and_can_fail(folder: Path) -> None:
     assert "3 passed" in whole.stdout
     tree = folder / "trees" / "assemble.xml"
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
-    assert in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider").returncode == 1
+    assert in_folder(folder, "pytest", "-x", "-q", "-p", "no:cacheprovider").returncode == 1
 
 
 def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:

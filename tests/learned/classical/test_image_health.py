@@ -23,7 +23,7 @@ from tests.learned.classical.scenes import classical_bench_watcher
 
 Image = NDArray[np.uint8]
 Seen = tuple[Frame, list[HandSample]]
-SOUND, SPOILED = 20, 60
+SOUND, SPOILED = 20, 40
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from cell.commands.main import main
 from cell.configuration import DEFAULT_CONFIGURATION
 from tests.processes import finished, started
 
@@ -86,13 +87,14 @@ def recorded(command: list[str], log: Path, environment: dict[str, str] | None =
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_an_address_without_a_world_is_bad_input(tmp_path: Path, there: bool) -> None:
+def test_an_address_without_a_world_is_bad_input(
+    tmp_path: Path, there: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
     address = tmp_path / "world.sock"
     if there:
         address.write_text("no socket")
-    command = [*CELL, "lab", "run", "--world", str(address), "--log", str(tmp_path / "l.mcap")]
-    result = finished(command)
-    assert result.returncode == 2
-    assert result.stderr.startswith(f"cell: {address}: no world is there")
-    assert len(result.stderr.splitlines()) == 1, result.stderr
+    assert main(["lab", "run", "--world", str(address), "--log", str(tmp_path / "l.mcap")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"cell: {address}: no world is there")
+    assert len(told.splitlines()) == 1, told
     assert not (tmp_path / "l.mcap").exists()

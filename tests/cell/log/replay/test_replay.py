@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 from rich.console import Console
@@ -29,6 +29,7 @@ from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.read.test_reader import without
 from trees.engine.status import Status
 
+BARE: Any = {"images": False, "pixels": False, "one_process": True}
 LEAVES = """
 import sys
 from trees.nodes.services import CellNode
@@ -118,7 +119,7 @@ def test_a_command_that_differs_in_its_last_bit_is_found(commission_log: Log, wh
     ticks_with = tuple(
         dataclasses.replace(tick, command=command) if tick is victim else tick for tick in commission_log.ticks
     )
-    comparison = Replay(dataclasses.replace(commission_log, ticks=ticks_with)).run()
+    comparison = Replay(dataclasses.replace(commission_log, ticks=ticks_with)).run(until_s=victim.time_s + 1.0)
     assert (comparison.differing_ticks, comparison.first and comparison.first.tick) == (1, victim.number)
 
 
@@ -198,7 +199,7 @@ def test_a_node_that_ends_the_program_ends_neither_run_nor_replay(
     nodes.write_text(LEAVES)
     tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Leaves/></BehaviorTree></root>')
     monkeypatch.setenv("CELL_NODES", str(nodes))
-    result = run(RunOptions(tree, DEFAULT_CONFIGURATION, "g0", 1, "fast", path), Console(quiet=True))
+    result = run(RunOptions(tree, DEFAULT_CONFIGURATION, "g0", 1, "fast", path, **BARE), Console(quiet=True))
     assert (result.outcome.end, result.outcome.reason) == ("fault", "SystemExit: 0")
     comparison = Replay(read_log(path)).run()
     assert comparison.identical, comparison.first
@@ -213,7 +214,7 @@ def test_a_node_that_ends_the_program_when_halted_does_not_end_the_safe_stop(
     tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Leaves/></BehaviorTree></root>')
     monkeypatch.setenv("CELL_NODES", str(nodes))
     configuration = changed_configuration(tmp_path / "config", "max_duration_s: 300.0", "max_duration_s: 1.0")
-    result = run(RunOptions(tree, configuration, "g0", 1, "fast", path), Console(quiet=True))
+    result = run(RunOptions(tree, configuration, "g0", 1, "fast", path, **BARE), Console(quiet=True))
     assert result.outcome.exit_status != 0
     assert "the tree did not halt: SystemExit: 0" in str(result.outcome)
     comparison = Replay(read_log(path)).run()
@@ -227,7 +228,9 @@ def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: py
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     path = tmp_path / "log.mcap"
-    options = RunOptions(COMMISSION, configuration, "g0", 1, "fast", path, monitor_port=port, monitor_hooks=True)
+    options = RunOptions(
+        COMMISSION, configuration, "g0", 1, "fast", path, monitor_port=port, monitor_hooks=True, **BARE
+    )
     run(options, Console(quiet=True))
     log = read_log(path)
     looked = first(log, "LookAtTray").number

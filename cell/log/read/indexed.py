@@ -66,10 +66,9 @@ class IndexedLog:
     ) -> Iterator[Message]:
         try:
             with path.open("rb") as stream:
-                reader = self._reader(path, stream)
-                if _outside(reader, span):
-                    return
-                found = reader.iter_messages(topics, starting_at=span[0], ending_before=span[1], reverse=reverse)
+                found = self._reader(path, stream).iter_messages(
+                    topics, starting_at=span[0], ending_before=span[1], reverse=reverse
+                )
                 for _, channel, message in found:
                     yield Message(channel.topic, channel.message_encoding, message.log_time, message.data)
         except OSError as error:
@@ -91,7 +90,7 @@ class IndexedLog:
             summary = reader.get_summary()
         except (McapError, struct.error, ValueError, OSError):
             raise _NoIndexError from None
-        if summary is None:
+        if summary is None or not summary.chunk_indexes:
             raise _NoIndexError
         self._summaries[key] = summary
         return reader
@@ -130,19 +129,6 @@ class _Reader(SeekingReader):
     def __init__(self, stream: BinaryIO, summary: Summary | None) -> None:
         super().__init__(stream, validate_crcs=True)
         self._summary = summary
-
-
-def _outside(reader: _Reader, span: tuple[int, int]) -> bool:
-    """Whether nothing of the span is in the file, by its statistics.
-
-    Raises:
-        _NoIndexError: it has none.
-    """
-    summary = reader.get_summary()
-    if summary is None or summary.statistics is None or not summary.chunk_indexes:
-        raise _NoIndexError
-    counted = summary.statistics
-    return counted.message_start_time >= span[1] or counted.message_end_time < span[0]
 
 
 def _unindexed(path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool) -> Iterator[Message]:

@@ -28,7 +28,8 @@ def test_one_worker_is_this_process_and_takes_what_is_wanted() -> None:
 
 def test_workers_answer_in_order_though_one_is_killed_and_an_error_is_what_the_call_raised(tmp_path: Path) -> None:
     marks = [(number, str(tmp_path / "killed") if number == 2 else "") for number in range(8)]
-    answers, found = mapped(working.squared, iter([*marks, (-1, "")]), workers=2), []
+    found: list[int] = []
+    answers = mapped(working.squared, iter([*marks, (-1, "")]), workers=2)
     with pytest.raises(InputError, match="no root: -1"):
         found.extend(answers)
     assert found == [number**2 for number in range(8)]

@@ -15,13 +15,15 @@ from cell.commands import doctor
 from cell.commands.doctor import examine
 from cell.commands.main import main
 from cell.errors import InputError
+from cell.files.packages import missing_packages
 from cell.settings import WEIGHTS
+from sim.rendering.available import renders
 from tests import ROOT
 
 Usage = namedtuple("Usage", "total used free")
 
 
-RENDERS, PACKAGES = cache(doctor.renders), cache(doctor.missing_packages)
+RENDERS, PACKAGES = cache(renders), cache(missing_packages)
 
 
 @pytest.fixture(autouse=True)

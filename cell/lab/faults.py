@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 
 from cell.configuration import load_configuration, load_faults, load_product
-from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
+from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection, signals_of
 from cell.files.files import shipped
 from cell.files.row_store import Row
 from cell.interfaces.faults import FaultTable
@@ -40,7 +40,7 @@ from trees.node_library import node_registry
 
 HOLDING_STATES = ("lift", "carry", "lower")
 LIFTED_M = 0.003
-LONGEST_S = 150.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
+LONGEST_S = 240.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
 HANGS_S = 600  # of a trial, by the wall
 EVERY_STATE = ("idle", *STATES, "waiting_for_help")
 assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
@@ -49,11 +49,19 @@ Pairs = Mapping[str, Sequence[str]]
 
 def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
     """Faults by state: those that are named, or all; raises InputError for a name that there is not."""
-    pairs = {state: tuple(faults or FAULTS) for state in states or EVERY_STATE}
-    for state, names in pairs.items():
-        for fault in names:
+    for fault in faults or ():
+        if states is None:
+            signals_of(fault)
+        for state in states or ():
             Injection(fault, state)
-    return pairs
+    pairs = {state: tuple(one for one in faults or FAULTS if _comes(one, state)) for state in states or EVERY_STATE}
+    return {state: names for state, names in pairs.items() if names}
+
+
+def _comes(fault: str, state: str) -> bool:
+    """Whether it can come in this state."""
+    kind = FAULTS.get(fault)
+    return kind is None or not kind.states or state in kind.states
 
 
 def left(pairs: Pairs, rows: Sequence[Row], seed: int, first_seed: int) -> Pairs:

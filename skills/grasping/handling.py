@@ -12,14 +12,14 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from cell.interfaces.skill import Progress
-from skills.grasping.contact import RESTS_M, Descend, Insert, SetDown
-from skills.grasping.phases import Activate, Move, Phase, SetGripper
-from skills.grasping.way_down import WayDown
+from cell.interfaces.skill import Progress, SkillStatus
+from skills.grasping.contact import RESTS_M, Descend, Insert, Lower, SetDown
+from skills.grasping.phases import Activate, Move, Phase, SetGripper, failed
 from skills.motion.collision import Box, body_box, part_box
 from skills.motion.grasp_pose import (
     Grasp,
     fingers_clear,
+    fits,
     grasps,
     grip_of,
     held_boxes,
@@ -138,7 +138,7 @@ def take_phases(
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
-        SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
+        TakeHold(name, planner, grasp.hold),
         Move(
             Message("lifting {name}", name=name),
             lambda start: planner.rise(start, lifted_m, grasp.opening_m),
@@ -184,20 +184,17 @@ def put_phases(
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     depth_m = kind.peg_length_m + settings.insertion_start_m
     before = at_height(pose, pose.position_m[2] + depth_m)
-    lifting = Message("carrying {name}", name=name)
     if into_hole:
         let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
-        down = WayDown(
-            (lifting, Message("lowering {name}", name=name)),
-            planner,
-            above,
-            carrying,
-            lambda: planner.straight_move(above, before, lowering),
-            holding=name,
-        )
+        down = Lower(name, planner, above, carrying, lambda: planner.straight_move(above, before, lowering))
         return [down, Insert(name, planner, pose, depth_m, lowering), LetGo(name, planner, opening_m, let_go)]
     return [
-        Move(lifting, lambda start: planner.free_way(start, above, carrying), settings, holding=name),
+        Move(
+            Message("carrying {name}", name=name),
+            lambda start: planner.free_way(start, above, carrying),
+            settings,
+            holding=name,
+        ),
         SetDown(name, planner, pose, lowering, slipped_m),
         *release_phases(planner, name, opening_m, _clear_height_m(planner, kind, target)),
     ]
@@ -210,6 +207,28 @@ def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m:
         LetGo(name, planner, opening_m),
         Move(Message("leaving {name}", name=name), lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
+
+
+class TakeHold(SetGripper):
+    """Close the fingers on a part; they feel by its width where it is one of another type."""
+
+    def __init__(self, name: str, planner: MotionPlanner, hold: Hold) -> None:
+        """Args:
+        hold: beside the middle of a part it is not known how wide that is.
+        """
+        settings = planner.settings
+        close = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
+        super().__init__(Message("grasping {name}", name=name), close, settings, must_hold=True)
+        self._name, self._planner, self._hold = name, planner, hold
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Close them, and look how far."""
+        progress, planner = super().poll(observation, command), self._planner
+        if progress.status is not SkillStatus.SUCCESS or self._hold.place_m != 0.0:
+            return progress
+        if fits(planner.product.parts[self._name], observation.gripper.opening_m, planner.settings):
+            return progress
+        return failed(Message("grasping {name}: by its width it is something else", name=self._name))
 
 
 class LetGo(SetGripper):

@@ -18,7 +18,7 @@ from skills.motion.planner import Load, MotionPlanner, Plan
 DOWN = np.array([0.0, 0.0, -1.0])
 FELT = 0.3  # share of a line down that may be one motion with the way there: nothing is felt in it
 LATE_S = 0.3  # before the line, fingers that still open stop the arm: then it stands above
-BLENDED_LAG_M = 0.008  # as `contact_lag_m`, where the way goes over into the line: there it is faster, and curved
+BLENDED_LAG_M, BLENDED_S = 0.008, 0.3  # as `contact_lag_m`, and how long, where the way goes over into the line
 RESTS_M = 0.005  # contact this near to the goal is the body on the plate, not the peg on the rim
 
 
@@ -67,6 +67,8 @@ class Lower(WayDown):
         """Follow the way and feel."""
         progress = super().poll(observation, command)
         if progress.status is SkillStatus.SUCCESS or not observation.gripper.holding:
+            return progress
+        if not self.only_line(observation, BLENDED_S):
             return progress
         lag_m = None if self.only_line(observation) else BLENDED_LAG_M
         stuck = progress.status is SkillStatus.FAILURE and can_feel(self, observation)

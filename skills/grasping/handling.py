@@ -138,7 +138,7 @@ def take_phases(
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
-        TakeHold(name, planner, grasp.hold),
+        TakeHold(part, planner, grasp),
         Move(
             Message("lifting {name}", name=name),
             lambda start: planner.rise(start, lifted_m, grasp.opening_m),
@@ -210,25 +210,41 @@ def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m:
 
 
 class TakeHold(SetGripper):
-    """Close the fingers on a part; they feel by its width where it is one of another type."""
+    """Close the fingers on a part; what is of another width they let go again, where it stands."""
 
-    def __init__(self, name: str, planner: MotionPlanner, hold: Hold) -> None:
+    def __init__(self, part: PartDetection, planner: MotionPlanner, grasp: Grasp) -> None:
         """Args:
-        hold: beside the middle of a part it is not known how wide that is.
+        part: as it was seen.
+        grasp: how; beside the middle of a part it is not known how wide that is.
         """
+        name = part.part
         settings = planner.settings
         close = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
         super().__init__(Message("grasping {name}", name=name), close, settings, must_hold=True)
-        self._name, self._planner, self._hold = name, planner, hold
+        self._part, self._planner, self._grasp = part, planner, grasp
+        self._release: LetGo | None = None
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Close them, and look how far."""
-        progress, planner = super().poll(observation, command), self._planner
-        if progress.status is not SkillStatus.SUCCESS or self._hold.place_m != 0.0:
+        if self._release is None:
+            progress = super().poll(observation, command)
+            if progress.status is not SkillStatus.SUCCESS or self._fits(observation.gripper.opening_m):
+                return progress
+            self._release = LetGo(self._part.part, self._planner, self._grasp.opening_m, self._whatever())
+        progress = self._release.poll(observation, command)
+        if progress.status is not SkillStatus.SUCCESS:
             return progress
-        if fits(planner.product.parts[self._name], observation.gripper.opening_m, planner.settings):
-            return progress
-        return failed(Message("grasping {name}: by its width it is something else", name=self._name))
+        return failed(Message("grasping {name}: by its width it is something else", name=self._part.part))
+
+    def _whatever(self) -> Box:
+        """What stands there may be as high as any part."""
+        length_m, width_m, _ = self._part.size_m
+        high_m = max(kind.size_m[2] for kind in self._planner.product.parts.values())
+        return body_box(f"what stands for {self._part.part}", self._part.world_from_part, (length_m, width_m, high_m))
+
+    def _fits(self, opening_m: float) -> bool:
+        kind = self._planner.product.parts[self._part.part]
+        return self._grasp.hold.place_m != 0.0 or fits(kind, opening_m, self._planner.settings)
 
 
 class LetGo(SetGripper):

@@ -138,8 +138,6 @@ class PickPart(SkillNode):
             self.memory.tray_seen_s = self._seen_s
         elif status is Status.FAILURE:
             self.memory.failed_at(self._target)
-            if self.now.observation.gripper.holding:
-                self.memory.held_part = ""  # by its width it is something else
         return status
 
 

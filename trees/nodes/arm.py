@@ -275,6 +275,10 @@ class FeelFingers(SkillNode):
 
     traits = Traits(claims=("gripper",), gives=(HELD,))
 
+    always = InputPort(bool, "where it is not in doubt, too: no camera sees what was let go", default=False)
+
+    _feels = False
+
     def make_skill(self) -> Skill:
         from skills.grasping.phases import MoveFingers
 
@@ -282,10 +286,15 @@ class FeelFingers(SkillNode):
         goal = GripperCommand(0.0, settings.gripper_speed_m_s, FORCE_N[0])
         return MoveFingers(settings, goal, "feeling whether a part sticks to a finger")
 
+    def initialise(self) -> None:
+        self._feels = self.memory.fingers_doubted or self.always.get()
+        if self._feels:
+            super().initialise()
+
     def update(self) -> Status:
-        memory = self.memory
-        if not memory.fingers_doubted:
+        if not self._feels:
             return SUCCESS
+        memory = self.memory
         status = STATUSES[self.poll().status]
         if status is SUCCESS:
             memory.fingers_doubted = False

@@ -24,6 +24,7 @@ from cell.files.files import shipped
 from cell.files.row_store import Row
 from cell.interfaces.faults import FaultTable
 from cell.lab.assembly import Assembly, Injected
+from cell.lab.danger import Drops
 from cell.lab.stopping_distance import StoppingDistance
 from cell.running.supervisor import Supervisor, make_supervisor
 from cell.runs.options import Files
@@ -202,9 +203,9 @@ def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool =
 
 def _tried(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
     with trial(path, seed, rendered=rendered) as opened:
-        watch = StoppingDistance(injection, opened.motion)
-        outcome = opened.run([watch], injection)
-        return _row(opened.cell, injection, watch, outcome, seed)
+        watch, drops = StoppingDistance(injection, opened.motion), Drops(opened.cell)
+        outcome = opened.run([watch, drops], injection)
+        return _row(opened.cell, injection, watch, outcome, seed, drops)
 
 
 @contextmanager
@@ -244,18 +245,21 @@ def trial(
         cell.close()
 
 
-def _row(cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int) -> Row:
+def _row(
+    cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int, drops: Drops
+) -> Row:
     kind = FAULTS.get(injection.fault)
+    mishap = kind is not None and kind.of_world
     placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
-    kept = (
-        hangs(cell) if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
-    )
+    holding = watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES
+    kept = not drops.dropped if mishap else hangs(cell) if holding else None
     ends = _ends(kind, watch)
     reached = injection.began_s is not None
     recoverable = ends == ("finished",)
     recovered = outcome.end == "finished" and placed
     promised = outcome.end in ends and kept is not False and (recovered or not recoverable)
-    stood = watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
+    promised = promised and (placed or not mishap or outcome.end != "finished")
+    stood = not mishap and watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
     return {
         "fault": injection.fault,
         "state": injection.state,

@@ -28,7 +28,7 @@ from sim.scene.storage import Bin, own_bins, person_set
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 LONGEST_FALL_S = 4.0
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-KEEPS_M, SLIPS_M = 1e-6, 3e-4  # how far a held part is brought back at once, and how far off it has slipped
+KEEPS_M_S, SLIPS_M = 2e-3, 3e-4  # how fast a held part is brought back, and how far off it has slipped
 REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
 
 
@@ -121,11 +121,11 @@ class World:
 
     def _step(self, count: int) -> None:
         mujoco.mj_step(self.model, self.data, count)
-        self._keep_grip()
+        self._keep_grip(count * self.physics.step_s)
         warnings = self.data.warning
         self.diverged = self.diverged or any(warnings[kind].number for kind in DIVERGED)
 
-    def _keep_grip(self) -> None:
+    def _keep_grip(self, dt_s: float) -> None:
         """Rubber keeps places where MuJoCo's friction keeps speeds: what is held would creep by 0.1 mm a move.
 
         It is brought back towards where it was gripped, so slowly that what is pulled or pushed slips all the same.
@@ -135,14 +135,14 @@ class World:
             self._grip = None
             return
         data, turned = self.data, self.data.xmat[self._tool].reshape(3, 3)
-        away_m = data.qpos[part.qpos : part.qpos + 3] - data.xpos[self._tool]
+        away_m = data.xpos[part.body] - data.xpos[self._tool]
         if self._grip is None or self._grip[0] is not part:
             self._grip = part, turned.T @ away_m
         missing_m = turned @ self._grip[1] - away_m
         if (missing := float(np.linalg.norm(missing_m))) > SLIPS_M:
             self._grip = part, turned.T @ away_m
-        elif missing > KEEPS_M:
-            data.qpos[part.qpos : part.qpos + 3] += KEEPS_M / missing * missing_m
+        elif missing > 0.0:
+            data.qpos[part.qpos : part.qpos + 3] += min(1.0, KEEPS_M_S * dt_s / missing) * missing_m
 
     def _held(self) -> WorldPart | None:
         """The part that both fingers touch, if there is one."""

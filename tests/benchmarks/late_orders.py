@@ -14,6 +14,7 @@ import json
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -89,8 +90,10 @@ def bracket(seed: int, tree: Path, built: str, ordered: str, at_s: float) -> End
     """One bracket, with an order at a moment."""
     configuration = load_configuration()
     product = load_product(configuration, DEFAULT_CONFIGURATION)
-    with tempfile.TemporaryDirectory() as name:
-        cell = open_simulation(configuration, product, seed, built, rendered=False)
+    with (
+        tempfile.TemporaryDirectory() as name,
+        closing(open_simulation(configuration, product, seed, built, rendered=False)) as cell,
+    ):
         bench = Bench(without_pixels(cell, configuration, product), ordered, at_s)
         log = Path(name) / "log.mcap"
         options = RunOptions(

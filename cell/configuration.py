@@ -42,6 +42,7 @@ DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
+CALIBRATION = "calibration.yaml"  # what `cell calibrate` writes beside a configuration
 DEFAULT_TREE = shipped("trees", "ahead.xml")
 
 
@@ -179,6 +180,14 @@ def detected_by(configuration: Configuration, kind: str | None) -> Configuration
         return configuration
     chosen = {"kind": kind, **dict.fromkeys(LEARNED_KINDS)}
     return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=chosen)})
+
+
+def unnamed_calibration(path: Path, configuration: Configuration) -> str:
+    """What to say where a calibration lies beside a configuration that names none; empty otherwise."""
+    beside = path.parent / CALIBRATION
+    if configuration.calibration is not None or not beside.exists():
+        return ""
+    return f"{beside} is not used: {path} does not name it; to use it, add there: calibration: {CALIBRATION}"
 
 
 def for_shift(configuration: Configuration, brackets: int) -> Configuration:

@@ -35,6 +35,7 @@ from sim.truth.contacts import ContactMonitor
 from sim.truth.ground_truth_perception import ground_truth_perception
 from sim.truth.labels import resting_event, resting_parts
 from sim.truth.score import Score
+from sim.worker.mishaps import Mishaps
 from sim.worker.stock import Stock
 from sim.worker.worker import Around, Worker
 
@@ -123,6 +124,7 @@ class SimCell:
             clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
         self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
+        self._mishaps = Mishaps(self.world, self.stock)
         around = Around(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
         self._nobody = worker and person.absent  # then nobody says which bracket would be right
@@ -150,7 +152,7 @@ class SimCell:
         wrist = self._camera("wrist", bench.wrist, latency_s, chance.wrist_delivery)
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
-        actors: list[Actor] = [sensed if arm is None else driven, self.gripper_node, self.stock, *nodes]
+        actors: list[Actor] = [sensed if arm is None else driven, self.gripper_node, self.stock, self._mishaps, *nodes]
         self.devices = Devices(
             clock=SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
             arm=sensed,
@@ -165,6 +167,7 @@ class SimCell:
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
             free_running=self._run_freely,
+            upset=self._mishaps.begin,
         )
 
     def _camera(self, name: str, setup: CameraSetup, latency_s: float, rng: np.random.Generator) -> SimCamera:

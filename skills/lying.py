@@ -97,9 +97,9 @@ class SetUpright(PhasedSkill):
     def done(self) -> str:
         """What the skill has achieved, in words."""
         return (
-            Message("{part} stands upright", part=self._part.part)
+            Message("{part} was let go upright", part=self._part.part)
             if self._then == UPRIGHT
-            else Message("{part} lies on another side", part=self._part.part)
+            else Message("{part} was let go on another side", part=self._part.part)
         )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from cell.interfaces.product import PartType, Product
 from skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
@@ -24,30 +23,9 @@ from skills.grasping.handling import (
     why_not_empty,
 )
 from skills.grasping.phases import Phase, PhasedSkill
-from skills.motion.grasp_pose import fingertips_m, hole_pose, place_poses
+from skills.motion.grasp_pose import hole_pose, place_poses
 from skills.motion.grip import Grip, Hold
 from skills.motion.planner import Load, MotionPlanner
-from skills.motion.settings import MotionSettings
-
-GIVES_WAY_M = 0.001  # fingers that hold stand so much closer than the part is wide (measured: 0.3 to 1.7 mm)
-TOLERANCE_M = 0.0025
-APART_M = 0.001  # two types that fit nearly as well cannot be told apart
-
-
-def held_type(product: Product, opening_m: float, settings: MotionSettings) -> str | None:
-    """The only type that leaves the fingers so far apart; None where there is none, or more than one."""
-    misfits = sorted(
-        (min(abs(_held_m(kind, grip, settings) - opening_m) for grip in Grip), name)
-        for name, kind in product.parts.items()
-    )
-    (best_m, name), rest = misfits[0], misfits[1:]
-    if best_m > TOLERANCE_M or (rest and rest[0][0] - best_m < APART_M):
-        return None
-    return name
-
-
-def _held_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
-    return grip.held_m(kind, fingertips_m(kind, grip, settings)) - GIVES_WAY_M
 
 
 class Pick(PhasedSkill):
@@ -115,7 +93,7 @@ class Place(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} placed at {position}", part=self._part, position=self._position)
+        return Message("{part} was let go at {position}", part=self._part, position=self._position)
 
 
 def can_place(planner: MotionPlanner, part: str, position: str) -> bool:

@@ -73,7 +73,7 @@ class PutDown(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} stands at {where}", part=self._part, where=self._where)
+        return Message("{part} was let go at {where}", part=self._part, where=self._where)
 
 
 def stands_at(world_from_spot: Pose, peg_length_m: float) -> Pose:
@@ -126,4 +126,4 @@ class PutBack(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} put back into the tray", part=self._part)
+        return Message("{part} was let go in the tray", part=self._part)

@@ -11,7 +11,7 @@ import yaml
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
 from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import folder_for, told_in, writable
-from cell.configuration import load_configuration, load_product, simulated
+from cell.configuration import CALIBRATION, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.files.files import whole_or_none
 from cell.files.yaml_file import load_yaml, write_values
@@ -19,12 +19,13 @@ from cell.interfaces.bench import Calibration
 from cell.runs.calibrating import Calibrated, stamped_delays_s
 from cell.runs.calibrating import calibrate as calibration_of
 
-NAME = "calibration.yaml"
 PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees to it
 
 
 def calibrate(
-    out: Annotated[Path | None, typer.Option("--out", "-o", help=f"File; {NAME} next to --config by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help=f"File; {CALIBRATION} next to --config by default.")
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     look: Annotated[
@@ -42,7 +43,7 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> int:
     """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it."""
-    path = out or folder_for(config) / NAME
+    path = out or folder_for(config) / CALIBRATION
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
     writable(path, ".yaml", ".yml")

@@ -56,6 +56,8 @@ class FaultKind:
         lasts_s: after so long it goes away by itself; None for never.
         holding_ends: as `ends`, where a part is between the fingers; None for no difference.
         acknowledged: somebody acknowledges it, and an arm's mode is normal then.
+        states: in which it can come; empty for all. One with states is of the world, a mishap with a part.
+        promise: how the cell answers a mishap, in words.
     """
 
     what: str
@@ -64,6 +66,13 @@ class FaultKind:
     lasts_s: float | None = None
     holding_ends: tuple[str, ...] | None = None
     acknowledged: bool = False
+    states: tuple[str, ...] = ()
+    promise: str = ""
+
+    @property
+    def of_world(self) -> bool:
+        """No device has the fault."""
+        return bool(self.states)
 
 
 STOPS, RECOVERS, EITHER = ("fault",), ("finished",), ("fault", "finished")
@@ -73,6 +82,11 @@ RESTARTS = ("bus.GripperCommand:foreign:rACT=0", "bus.GripperHeartbeat:foreign:N
 
 def _passes(what: str, *signals: str, lasts_s: float = PASSES_S) -> FaultKind:
     return FaultKind(what, RECOVERS, signals, lasts_s)
+
+
+def _mishap(what: str, states: str, promise: str, *, asks: bool = False) -> FaultKind:
+    """With the part that is held or about to be taken; where a person is asked and does not answer, the tree fails."""
+    return FaultKind(what, (*RECOVERS, "failed") if asks else RECOVERS, states=tuple(states.split()), promise=promise)
 
 
 def _stops(what: str, *signals: str) -> FaultKind:
@@ -145,6 +159,40 @@ FAULTS: dict[str, FaultKind] = {
     "sigterm_twice": FaultKind("SIGTERM, twice", ("interrupted",)),
     "sighup": FaultKind("SIGHUP", ("interrupted",)),
     "observer_raises": FaultKind("an observer raises in every tick", RECOVERS),
+    "part_falls": _mishap(
+        "the held part slips out of the fingers", "lift carry lower", "noticed by the fingers; another one is fetched"
+    ),
+    "part_sticks": _mishap(
+        "the part stays at a finger that opens, until somebody takes it",
+        "lift carry lower",
+        "the hole is seen empty, the fingers close and feel the part: it is asked to be taken",
+        asks=True,
+    ),
+    "part_jams": _mishap(
+        "the peg does not go into its hole, until it was pulled out again",
+        "lift carry",
+        "felt; pulled out, and tried once more",
+    ),
+    "tray_pushed": _mishap(
+        "all parts in the tray slide 3 cm", "look above down", "the fingers meet nothing or something else; seen anew"
+    ),
+    "hole_covered": _mishap(
+        "another part comes to lie over the hole as the part is brought",
+        "lift carry",
+        "felt, or seen; nothing is let go, and it is asked to be cleared",
+        asks=True,
+    ),
+    "part_missing": _mishap(
+        "all parts of the type are gone from the tray", "look above down", "seen; it is asked for more", asks=True
+    ),
+    "part_broken": _mishap(
+        "the peg of the part is bent and goes into no hole",
+        "look above",
+        "felt; after a second try it goes back, and another one is fetched",
+    ),
+    "part_wrong": _mishap(
+        "another type stands where the part was seen", "look above down", "the fingers meet it, or feel its width"
+    ),
 }
 
 
@@ -228,14 +276,18 @@ class Injection(Observer):
         Raises:
             InputError: there is none of that name.
         """
-        if state not in (*STATES, *OTHER_STATES):
-            raise InputError(f"unknown state {state!r}; legal: {', '.join((*STATES, *OTHER_STATES))}")
+        kind = FAULTS.get(fault)
+        legal = (kind.states if kind else ()) or (*STATES, *OTHER_STATES)
+        if state not in legal:
+            of = f" of fault {fault}" if kind is not None and kind.of_world else ""
+            raise InputError(f"unknown state {state!r}{of}; legal: {', '.join(legal)}")
         self.fault, self.state = fault, state
         self.began_s: float | None = None
         self.shown = self.cleared = False
         self.first_frame: int | None = None
         self._faults, self._work = signals_of(fault), WorkState()
         self.now_s: Callable[[], float] = lambda: 0.0
+        self._upset: Callable[[str], None] = lambda _: None
 
     @classmethod
     def parse(cls, text: str) -> Injection | Injections:
@@ -270,6 +322,8 @@ class Injection(Observer):
         self.fault, self._faults, self.began_s = fault, signals_of(fault), time_s
         for number in SIGNALS.get(fault, []):
             os.kill(os.getpid(), number)
+        if self._kind.of_world:
+            self._upset(fault)
 
     def acknowledged(self) -> None:
         """Somebody acknowledged what the arm tells: a stop by itself is over."""
@@ -279,9 +333,13 @@ class Injection(Observer):
         """The same devices with proxies; a gripper on CAN gets a bus with the fault.
 
         Raises:
-            InputError: it is a fault of the gripper, which is not on CAN.
+            InputError: it is a fault of the gripper, which is not on CAN, or of the world, which is real.
         """
         self.now_s = devices.clock.now_s
+        if devices.upset is not None:
+            self._upset = devices.upset
+        elif self._kind.of_world:
+            raise InputError(f"fault {self.fault!r} needs a simulated bench")
         attendant = Attendant(devices)
 
         def pressed() -> Sequence[OperatorOrder]:

@@ -196,6 +196,7 @@ class Devices:
         pressed: what was said or pressed at the bench itself since the last call.
         finished: how brackets that were taken away were judged, in order, by the keys of `report`.
         truth: what really happened since the last call, for the log alone; empty if unknown.
+        upset: lets something of this name go wrong on a simulated bench; None where the bench is real.
     """
 
     clock: Clock
@@ -214,3 +215,4 @@ class Devices:
     free_running: Callable[[bool], None] = lambda _: None
     lost_s: Callable[[], float] = lambda: 0.0
     gone: Callable[[], bool] = lambda: False
+    upset: Callable[[str], None] | None = None

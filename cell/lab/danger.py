@@ -25,10 +25,34 @@ from skills.motion.planner import MotionPlanner
 ELSEWHERE_M, MOVES_RAD_S, HEARD_S = 0.03, 0.1, 0.6  # the margin of separation; a reaction and braking
 OFF_PATH_RAD, FASTER, PLACES = 0.05, 1.25, 10
 BLIND_S, ALIKE, BRIGHTER = 0.5, 0.8, 2.0
+LANDS_S, IN_AIR_M = 0.6, 0.03
 FINGERS_M, FINGERS_S, FELL_M = 0.006, 0.3, 0.02
 KEPT = 64  # images
 PART_FELL = "a part fell"
 BLOCKS = (20, 15)
+
+
+class Drops(Observer):
+    """Notices a part that fell because the fingers were told to let it go above where it could rest.
+
+    Attributes:
+        dropped: one did.
+    """
+
+    def __init__(self, cell: SimCell) -> None:
+        self._cell = cell
+        self.dropped = False
+        self._began_s, self._body, self._from_m = -math.inf, -1, 0.0
+
+    def tick(self, record: TickRecord) -> None:
+        sent, seen, data = record.sent.gripper, record.observation, self._cell.world.data
+        if sent is not None and seen.gripper.holding and sent.opening_m > seen.gripper.opening_m:
+            tool_m = np.array(self._cell.world.tool_pose().position_m)
+            bodies = [body.body for body in self._cell.world.bodies]
+            self._body = min(bodies, key=lambda body: float(np.linalg.norm(data.xpos[body] - tool_m)))
+            self._began_s, self._from_m = seen.time_s, float(data.xpos[self._body][2])
+        elif seen.time_s - self._began_s < LANDS_S:
+            self.dropped |= self._from_m - float(data.xpos[self._body][2]) > IN_AIR_M
 
 
 class Danger(Observer):

@@ -19,11 +19,12 @@ from pathlib import Path
 import cv2
 
 from cell.configuration import load_configuration, load_faults, load_product
-from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
+from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection, signals_of
 from cell.files.files import shipped
 from cell.files.row_store import Row
 from cell.interfaces.faults import FaultTable
 from cell.lab.assembly import Assembly, Injected
+from cell.lab.danger import Drops
 from cell.lab.stopping_distance import StoppingDistance
 from cell.running.supervisor import Supervisor, make_supervisor
 from cell.runs.options import Files
@@ -40,7 +41,7 @@ from trees.node_library import node_registry
 
 HOLDING_STATES = ("lift", "carry", "lower")
 LIFTED_M = 0.003
-LONGEST_S = 150.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
+LONGEST_S = 240.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
 HANGS_S = 600  # of a trial, by the wall
 EVERY_STATE = ("idle", *STATES, "waiting_for_help")
 assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
@@ -49,11 +50,19 @@ Pairs = Mapping[str, Sequence[str]]
 
 def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
     """Faults by state: those that are named, or all; raises InputError for a name that there is not."""
-    pairs = {state: tuple(faults or FAULTS) for state in states or EVERY_STATE}
-    for state, names in pairs.items():
-        for fault in names:
+    for fault in faults or ():
+        if states is None:
+            signals_of(fault)
+        for state in states or ():
             Injection(fault, state)
-    return pairs
+    pairs = {state: tuple(one for one in faults or FAULTS if _comes(one, state)) for state in states or EVERY_STATE}
+    return {state: names for state, names in pairs.items() if names}
+
+
+def _comes(fault: str, state: str) -> bool:
+    """Whether it can come in this state."""
+    kind = FAULTS.get(fault)
+    return kind is None or not kind.states or state in kind.states
 
 
 def left(pairs: Pairs, rows: Sequence[Row], seed: int, first_seed: int) -> Pairs:
@@ -194,9 +203,9 @@ def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool =
 
 def _tried(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
     with trial(path, seed, rendered=rendered) as opened:
-        watch = StoppingDistance(injection, opened.motion)
-        outcome = opened.run([watch], injection)
-        return _row(opened.cell, injection, watch, outcome, seed)
+        watch, drops = StoppingDistance(injection, opened.motion), Drops(opened.cell)
+        outcome = opened.run([watch, drops], injection)
+        return _row(opened.cell, injection, watch, outcome, seed, drops)
 
 
 @contextmanager
@@ -236,18 +245,21 @@ def trial(
         cell.close()
 
 
-def _row(cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int) -> Row:
+def _row(
+    cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int, drops: Drops
+) -> Row:
     kind = FAULTS.get(injection.fault)
+    mishap = kind is not None and kind.of_world
     placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
-    kept = (
-        hangs(cell) if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
-    )
+    holding = watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES
+    kept = not drops.dropped if mishap else hangs(cell) if holding else None
     ends = _ends(kind, watch)
     reached = injection.began_s is not None
     recoverable = ends == ("finished",)
     recovered = outcome.end == "finished" and placed
     promised = outcome.end in ends and kept is not False and (recovered or not recoverable)
-    stood = watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
+    promised = promised and (placed or not mishap or outcome.end != "finished")
+    stood = not mishap and watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
     return {
         "fault": injection.fault,
         "state": injection.state,

@@ -24,7 +24,7 @@ def troubled_assembly(path: Path, seed: int, faults: int, *, rendered: bool = Fa
         it says that it is finished, and the bracket is wrong.
     """
     rng = np.random.default_rng([seed, faults])
-    drawn = [(_fault(rng), str(rng.choice(EVERY_STATE))) for _ in range(faults)]
+    drawn = [_fault(rng) for _ in range(faults)]
     injected = Injections([Injection(*pair) for pair in drawn])
     with assembly(path, "careful", seed, rendered=rendered) as opened:
         outcome = opened.run([], injected)
@@ -48,11 +48,12 @@ def troubled_assembly(path: Path, seed: int, faults: int, *, rendered: bool = Fa
     }
 
 
-def _fault(rng: np.random.Generator) -> str:
-    """Mostly one that a run can recover from, as a single other one ends the run."""
+def _fault(rng: np.random.Generator) -> tuple[str, str]:
+    """A fault and when it comes; mostly one that a run can recover from, as a single other one ends the run."""
     recoverable = [name for name, kind in FAULTS.items() if "finished" in kind.ends]
     others = [name for name in FAULTS if name not in recoverable]
-    return str(rng.choice(recoverable if rng.random() < RECOVERABLE else others))
+    fault = str(rng.choice(recoverable if rng.random() < RECOVERABLE else others))
+    return fault, str(rng.choice(FAULTS[fault].states or EVERY_STATE))
 
 
 def counted(rows: Sequence[Row]) -> Row:

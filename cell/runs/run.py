@@ -18,6 +18,7 @@ from cell.configuration import (
     load_product,
     located,
     simulated,
+    unnamed_calibration,
     weaknesses,
 )
 from cell.device_settings import PagePanel
@@ -109,6 +110,8 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         configuration, told = fitted(configuration, product)
         if told:
             console.print(told, highlight=False)
+        if told := unnamed_calibration(options.configuration, configuration):
+            console.print(told, highlight=False, soft_wrap=True)
         check_detectors(configuration.bench, product, configuration.perception)
         drivers = find_drivers(configuration) if options.devices is None else {}
         if options.devices is None and any(driver.on_the_wall for driver in drivers.values()):

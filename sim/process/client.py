@@ -86,6 +86,7 @@ class RemoteCell:
             host=_Host(self) if welcome.detects and pace == "fast" else None,
             lost_s=lambda: self.snapshot.lost_s,
             gone=self._is_gone,
+            upset=lambda name: self.order(said.Upset(name)),
         )
 
     @property

@@ -109,6 +109,12 @@ class Alarm(Message, frozen=True):
     text: str
 
 
+class Upset(Message, frozen=True):
+    """Something goes wrong on the bench, by its name."""
+
+    name: str
+
+
 class Can(Message, frozen=True):
     """What was sent on the CAN buses."""
 
@@ -196,7 +202,7 @@ class Welcome(Message, frozen=True):
     snapshot: Snapshot
 
 
-Order = Stop | Share | Acknowledge | Activate | Hold | Trigger | Show | Alarm | Can | Detect
+Order = Stop | Share | Acknowledge | Activate | Hold | Trigger | Show | Alarm | Upset | Can | Detect
 Call = Follow | Grip | Answer | Begin | Report | Finished | Advance
 FromNewcomer = Hello | Ask
 FromController = Order | Call

@@ -200,6 +200,9 @@ class WorldServer:
                 panel.show(display)
             case said.Alarm(text):
                 panel.alarm(text)
+            case said.Upset(name):
+                if self._devices.upset is not None:
+                    self._devices.upset(name)
             case said.Can(frames):
                 self._buses.put(frames)
             case said.Detect(camera, sequence, robot_m):

@@ -28,6 +28,7 @@ from sim.scene.storage import Bin, own_bins, person_set
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 LONGEST_FALL_S = 4.0
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+KEEPS_M_S, SLIPS_M = 2e-3, 3e-4  # how fast a held part is brought back, and how far off it has slipped
 REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
 
 
@@ -83,6 +84,8 @@ class World:
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
         self.arm_ctrl = np.array([self.model.actuator(name).id for name in JOINTS])
         self._fingers = [int(self.model.joint(f"finger_{side}").qposadr[0]) for side in ("left", "right")]
+        self._grip: tuple[WorldPart, Array] | None = None  # what is held, and where in the tool's frame
+        self._finger_bodies = [self.model.body(f"finger_{side}").id for side in ("left", "right")]
         self._steps_per_sample = physics.steps_per_sample
         self._opening_ctrl = self.model.actuator("opening").id
         self._tool = self.model.body("tool").id
@@ -118,8 +121,36 @@ class World:
 
     def _step(self, count: int) -> None:
         mujoco.mj_step(self.model, self.data, count)
+        self._keep_grip(count * self.physics.step_s)
         warnings = self.data.warning
         self.diverged = self.diverged or any(warnings[kind].number for kind in DIVERGED)
+
+    def _keep_grip(self, dt_s: float) -> None:
+        """Rubber keeps places where MuJoCo's friction keeps speeds: what is held would creep by 0.1 mm a move.
+
+        It is brought back towards where it was gripped, so slowly that what is pulled or pushed slips all the same.
+        """
+        part = self._held()
+        if part is None:
+            self._grip = None
+            return
+        data, turned = self.data, self.data.xmat[self._tool].reshape(3, 3)
+        away_m = data.xpos[part.body] - data.xpos[self._tool]
+        if self._grip is None or self._grip[0] is not part:
+            self._grip = part, turned.T @ away_m
+        missing_m = turned @ self._grip[1] - away_m
+        if (missing := float(np.linalg.norm(missing_m))) > SLIPS_M:
+            self._grip = part, turned.T @ away_m
+        elif missing > 0.0:
+            data.qpos[part.qpos : part.qpos + 3] += min(1.0, KEEPS_M_S * dt_s / missing) * missing_m
+
+    def _held(self) -> WorldPart | None:
+        """The part that both fingers touch, if there is one."""
+        if not self.data.ncon:
+            return None
+        pairs = self.model.geom_bodyid[self.data.contact.geom]
+        touched = [set(pairs[(pairs == finger).any(axis=1)].ravel().tolist()) for finger in self._finger_bodies]
+        return next((one for one in self.bodies if all(one.body in bodies for bodies in touched)), None)
 
     def settle(self) -> None:
         """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.

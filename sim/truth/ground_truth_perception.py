@@ -30,6 +30,7 @@ LEAST_SEEN = 2  # points of the hand that must be seen
 NEAR_HOLE_M, HELD_M = 0.03, 0.05
 ABOVE_M = 0.004
 SHIFTS_PX = 64  # of the noise, along both axes, then of its negative: a live camera never sends the same image twice
+STANDS_M = 0.05  # a part that stands in the tray begins no higher above its floor
 KEPT = 64  # frames that may still be asked about
 NOISE = 2.0  # grey levels
 
@@ -156,7 +157,8 @@ class GroundTruthPerception:
 
     def _in_tray(self, name: str) -> bool:
         tray, place = self._world.bench.tray, self._world.data.body(name).xpos
-        return bool((np.abs(place[:2] - np.array(tray.centre_m[:2])) < np.array(tray.size_m) / 2).all())
+        low = place[2] < tray.centre_m[2] + STANDS_M
+        return low and bool((np.abs(place[:2] - np.array(tray.centre_m[:2])) < np.array(tray.size_m) / 2).all())
 
     def _visible(self, eye_m: Array, point_m: Array, of: str) -> bool:
         """Whether nothing but a body of this name hides a point from the camera."""

@@ -12,6 +12,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL
 from sim.scene.person import ShiftHabits, drawn, happens
 from sim.worker.event_log import EventLog
 from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
+from sim.worker.intrusion import within_reach
 from sim.worker.stock import Stock
 from sim.worker.worker_sight import Sight
 
@@ -166,6 +167,16 @@ class SideTasks:
         """Set a part of this type into the tray so that the robot can take it."""
         self._events.begin("transit")
         yield from self._at_tray(drawn(self._habits.fill_s, self._rng), lambda: self._free(part))
+
+    def take_held(self) -> Script:
+        """Take what is at the robot's fingers out of them."""
+        self._events.begin("transit")
+        tool_m, _ = self._sight.tool()
+        half_s = drawn(self._habits.fill_s, self._rng) / 2
+        yield from self._over(within_reach(tool_m), half_s)
+        self._stock.take_held()
+        self._events.note("take out of the gripper")
+        yield from self._work.wait(half_s)
 
     def _free(self, part: str) -> None:
         if "tray" in self.due:

@@ -26,6 +26,9 @@ GRIPPED_M = 0.12  # a part this close to the tool is the robot's business
 class Stock:
     """Takes parts away and puts them back where such parts are kept.
 
+    Attributes:
+        kept: what is in the stock, by name of its body.
+
     Args:
         rng: for places in the tray.
     """
@@ -39,11 +42,11 @@ class Stock:
         self._known = [body for body in world.bodies if body.part in product.parts]
         bracket = bench.bracket.pose
         self._holes_m = [bracket.transform(np.array([*xy, 0.0])) for xy in product.bracket.holes_m.values()]
-        self._kept: dict[str, WorldPart] = {}
+        self.kept: dict[str, WorldPart] = {}
 
     def update(self, _time_s: float, _dt_s: float, /) -> None:
         """Keep what is in the stock where it is; called in every control period."""
-        for number, body in enumerate(self._kept.values()):
+        for number, body in enumerate(self.kept.values()):
             x, y, z = SHELF_M
             self._set(body, Pose((x + SHELF_PITCH_M * number, y, z)))
 
@@ -53,15 +56,19 @@ class Stock:
 
     def take(self, bodies: Iterable[WorldPart]) -> None:
         """Take parts away."""
-        self._kept |= {body.name: body for body in bodies}
+        self.kept |= {body.name: body for body in bodies}
         self.update(0.0, 0.0)
+
+    def take_held(self) -> None:
+        """Take what is at the robot's fingers out of them."""
+        self.take([body for body in self._known if self._at_tool(body) and not self._in_bracket(body)])
 
     def fallen(self) -> list[WorldPart]:
         """Parts that lie about on the bench, and not in the tray, where parts may lie."""
         return [
             body
             for body in self._known
-            if body.name not in self._kept
+            if body.name not in self.kept
             and self._world.data.xmat[body.body][8] < math.cos(GRASPABLE_TILT_RAD)
             and not self._in_tray(body)
             and not self._at_tool(body)
@@ -69,26 +76,26 @@ class Stock:
 
     def fill_bins(self) -> None:
         """Bring the person's parts that are in the stock to their places."""
-        for body in list(self._kept.values()):
+        for body in list(self.kept.values()):
             if body.name in self._homes:
-                del self._kept[body.name]
+                del self.kept[body.name]
                 self._set(body, self._homes[body.name])
 
     def fill_tray(self) -> None:
         """Put the robot's parts that are in the stock, or that fell beside the tray, between those that stand there."""
         for body in self._known:
             if body.owner == "robot" and not self._in_tray(body) and not self._busy(body):
-                self._kept[body.name] = body
-        self._stand([body for body in self._kept.values() if body.name not in self._homes])
+                self.kept[body.name] = body
+        self._stand([body for body in self.kept.values() if body.name not in self._homes])
 
     def free(self, part: str) -> bool:
         """Set one part of a type upright into the tray, with room around it; false where there is none to be had."""
         bodies = [body for body in self._known if body.part == part and body.owner == "robot" and not self._busy(body)]
         if not bodies:
             return False
-        stored = [body for body in bodies if body.name in self._kept]
+        stored = [body for body in bodies if body.name in self.kept]
         chosen = (stored or bodies)[0]
-        self._kept[chosen.name] = chosen
+        self.kept[chosen.name] = chosen
         self._stand([chosen], apart=True)
         return True
 
@@ -97,7 +104,7 @@ class Stock:
         there = [
             (body.part, self._world.part_pose(body))
             for body in self._known
-            if body.name not in self._kept and self._in_tray(body)
+            if body.name not in self.kept and self._in_tray(body)
         ]
         settings = self._clutter
         if apart:
@@ -107,7 +114,7 @@ class Stock:
             add_to_clutter(self._product, self._bench.tray, there, [one.part for one in bodies], self._rng, settings),
             strict=True,
         ):
-            self._kept.pop(body.name, None)
+            self.kept.pop(body.name, None)
             self._set(body, entry.world_from_part)
 
     def _set(self, body: WorldPart, pose: Pose) -> None:

@@ -261,8 +261,8 @@ class Worker:
                 by_hand = self._job.can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
                 if by_hand:
                     self._request = question.part
-                elif question.part:
-                    yield from self._errands.help(question.part)
+                else:
+                    yield from self._errands.help(question.part) if question.part else self._errands.take_held()
                     yield from self._go_to_rest()
                 self._replies.answer(question, help_answer(by_hand))
             elif question.kind == "mend":

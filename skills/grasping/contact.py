@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cell.files.words.message import Message
@@ -11,11 +13,12 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.grasping.phases import FingersRest, Move, done, failed, held
 from skills.grasping.way_down import WayDown
-from skills.motion.planner import Load, MotionPlanner
+from skills.motion.planner import Load, MotionPlanner, Plan
 
 DOWN = np.array([0.0, 0.0, -1.0])
 FELT = 0.3  # share of a line down that may be one motion with the way there: nothing is felt in it
 LATE_S = 0.3  # before the line, fingers that still open stop the arm: then it stands above
+BLENDED_LAG_M, BLENDED_S = 0.008, 0.3  # as `contact_lag_m`, and how long, where the way goes over into the line
 RESTS_M = 0.005  # contact this near to the goal is the body on the plate, not the peg on the rim
 
 
@@ -33,15 +36,45 @@ def can_feel(move: Move, observation: Observation) -> bool:
     return move.trajectory is not None and follows and not held(observation)
 
 
-def meets_something(planner: MotionPlanner, move: Move, observation: Observation, along: Array = DOWN) -> bool:
-    """Whether something holds the tool back on a straight way in the direction `along` (3,)."""
+def meets_something(
+    planner: MotionPlanner, move: Move, observation: Observation, along: Array = DOWN, lag_m: float | None = None
+) -> bool:
+    """Whether something holds the tool back by `lag_m` in the direction `along` (3,), by default on a straight way."""
     if move.trajectory is None or not can_feel(move, observation):
         return False
     settings = planner.settings
     followed_s = move.followed_s(observation) - settings.servo_lag_s
     expected = planner.kinematics.forward(move.trajectory.at(followed_s)).position_m
     measured = planner.kinematics.forward(np.array(observation.arm.positions_rad)).position_m
-    return float(np.subtract(expected, measured) @ along) > settings.contact_lag_m
+    return float(np.subtract(expected, measured) @ along) > (settings.contact_lag_m if lag_m is None else lag_m)
+
+
+class Lower(WayDown):
+    """Over a hole and down to it with the held part; ends in failure as soon as the part meets something."""
+
+    def __init__(
+        self, name: str, planner: MotionPlanner, above_rad: Array, load: Load, line: Callable[[], Plan]
+    ) -> None:
+        """Args:
+        name: type of the held part.
+        above_rad, load, line: as in `WayDown`.
+        """
+        self._name, self._planner = name, planner
+        doing = Message("carrying {name}", name=name), Message("lowering {name}", name=name)
+        super().__init__(doing, planner, above_rad, load, line, holding=name)
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Follow the way and feel."""
+        progress = super().poll(observation, command)
+        if progress.status is SkillStatus.SUCCESS or not observation.gripper.holding:
+            return progress
+        if not self.only_line(observation, BLENDED_S):
+            return progress
+        lag_m = None if self.only_line(observation) else BLENDED_LAG_M
+        stuck = progress.status is SkillStatus.FAILURE and can_feel(self, observation)
+        if stuck or meets_something(self._planner, self, observation, lag_m=lag_m):
+            return failed(Message("lowering {name}: it met something above its hole", name=self._name))
+        return progress
 
 
 class Descend:

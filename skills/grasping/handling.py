@@ -12,14 +12,14 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from cell.interfaces.skill import Progress
-from skills.grasping.contact import RESTS_M, Descend, Insert, SetDown
-from skills.grasping.phases import Activate, Move, Phase, SetGripper
-from skills.grasping.way_down import WayDown
+from cell.interfaces.skill import Progress, SkillStatus
+from skills.grasping.contact import RESTS_M, Descend, Insert, Lower, SetDown
+from skills.grasping.phases import Activate, Move, Phase, SetGripper, failed
 from skills.motion.collision import Box, body_box, part_box
 from skills.motion.grasp_pose import (
     Grasp,
     fingers_clear,
+    fits,
     grasps,
     grip_of,
     held_boxes,
@@ -138,7 +138,7 @@ def take_phases(
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
-        SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
+        TakeHold(part, planner, grasp),
         Move(
             Message("lifting {name}", name=name),
             lambda start: planner.rise(start, lifted_m, grasp.opening_m),
@@ -184,20 +184,17 @@ def put_phases(
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     depth_m = kind.peg_length_m + settings.insertion_start_m
     before = at_height(pose, pose.position_m[2] + depth_m)
-    lifting = Message("carrying {name}", name=name)
     if into_hole:
         let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
-        down = WayDown(
-            (lifting, Message("lowering {name}", name=name)),
-            planner,
-            above,
-            carrying,
-            lambda: planner.straight_move(above, before, lowering),
-            holding=name,
-        )
+        down = Lower(name, planner, above, carrying, lambda: planner.straight_move(above, before, lowering))
         return [down, Insert(name, planner, pose, depth_m, lowering), LetGo(name, planner, opening_m, let_go)]
     return [
-        Move(lifting, lambda start: planner.free_way(start, above, carrying), settings, holding=name),
+        Move(
+            Message("carrying {name}", name=name),
+            lambda start: planner.free_way(start, above, carrying),
+            settings,
+            holding=name,
+        ),
         SetDown(name, planner, pose, lowering, slipped_m),
         *release_phases(planner, name, opening_m, _clear_height_m(planner, kind, target)),
     ]
@@ -210,6 +207,44 @@ def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m:
         LetGo(name, planner, opening_m),
         Move(Message("leaving {name}", name=name), lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
+
+
+class TakeHold(SetGripper):
+    """Close the fingers on a part; what is of another width they let go again, where it stands."""
+
+    def __init__(self, part: PartDetection, planner: MotionPlanner, grasp: Grasp) -> None:
+        """Args:
+        part: as it was seen.
+        grasp: how; beside the middle of a part it is not known how wide that is.
+        """
+        name = part.part
+        settings = planner.settings
+        close = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
+        super().__init__(Message("grasping {name}", name=name), close, settings, must_hold=True)
+        self._part, self._planner, self._grasp = part, planner, grasp
+        self._release: LetGo | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Close them, and look how far."""
+        if self._release is None:
+            progress = super().poll(observation, command)
+            if progress.status is not SkillStatus.SUCCESS or self._fits(observation.gripper.opening_m):
+                return progress
+            self._release = LetGo(self._part.part, self._planner, self._grasp.opening_m, self._whatever())
+        progress = self._release.poll(observation, command)
+        if progress.status is not SkillStatus.SUCCESS:
+            return progress
+        return failed(Message("grasping {name}: by its width it is something else", name=self._part.part))
+
+    def _whatever(self) -> Box:
+        """What stands there may be as high as any part."""
+        length_m, width_m, _ = self._part.size_m
+        high_m = max(kind.size_m[2] for kind in self._planner.product.parts.values())
+        return body_box(f"what stands for {self._part.part}", self._part.world_from_part, (length_m, width_m, high_m))
+
+    def _fits(self, opening_m: float) -> bool:
+        kind = self._planner.product.parts[self._part.part]
+        return self._grasp.hold.place_m != 0.0 or fits(kind, opening_m, self._planner.settings)
 
 
 class LetGo(SetGripper):

@@ -17,6 +17,10 @@ from skills.motion.collision import FINGER_SIZE_M, Box, body_box
 from skills.motion.grip import STROKE_M, Grip, Hold
 from skills.motion.settings import MotionSettings
 
+GIVES_WAY_M = 0.001  # fingers that hold stand so much closer than the part is wide (measured: 0.3 to 1.7 mm)
+TOLERANCE_M, FITS_M = 0.0025, 0.0015  # of what is not known, and of what was seen
+APART_M = 0.001  # two types that fit nearly as well cannot be told apart
+
 _DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
 
@@ -57,6 +61,25 @@ def grasp_height_m(kind: PartType, grip: Grip, settings: MotionSettings) -> floa
 def grip_of(kind: PartType, opening_m: float, settings: MotionSettings) -> Grip:
     """How a part is held, by the distance between the fingers; WIDTH where its sides are alike."""
     return min(Grip, key=lambda grip: abs(grip.held_m(kind, fingertips_m(kind, grip, settings)) - opening_m))
+
+
+def held_type(product: Product, opening_m: float, settings: MotionSettings) -> str | None:
+    """The only type that leaves the fingers so far apart; None where there is none, or more than one."""
+    misfits = sorted((_misfit_m(kind, opening_m, settings), name) for name, kind in product.parts.items())
+    (best_m, name), rest = misfits[0], misfits[1:]
+    if best_m > TOLERANCE_M or (rest and rest[0][0] - best_m < APART_M):
+        return None
+    return name
+
+
+def fits(kind: PartType, opening_m: float, settings: MotionSettings) -> bool:
+    """Whether it may be a part of this type that leaves the fingers so far apart."""
+    return _misfit_m(kind, opening_m, settings) <= FITS_M
+
+
+def _misfit_m(kind: PartType, opening_m: float, settings: MotionSettings) -> float:
+    held_m = (grip.held_m(kind, fingertips_m(kind, grip, settings)) - GIVES_WAY_M for grip in Grip)
+    return min(abs(one_m - opening_m) for one_m in held_m)
 
 
 def holds(kind: PartType, grip: Grip, settings: MotionSettings) -> tuple[Hold, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.configuration import load_configuration, load_faults
 from cell.faults.injection import FAULTS as PUT
+from cell.faults.injection import FaultKind
 from cell.faults.signal_faults import SIGNALS, Spread
 from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema
@@ -39,8 +40,15 @@ PUT_IN = """
 
 `--inject` and `cell lab eval faults` take these by name:
 
-| fault | what | signals |
-|---|---|---|
+| fault | what | a run ends | signals |
+|---|---|---|---|
+"""
+MISHAPS = """
+And these, with a part on a simulated bench. What is let go is never in the air, and a bracket that is called finished
+is right.
+
+| fault | what | comes in | what the cell does | a run ends |
+|---|---|---|---|---|
 """
 BY_SIGNAL = """
 And any DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint from 0 to 5 and a size in the signal's unit, as a factor, in
@@ -77,10 +85,25 @@ NODES = f"""# Nodes in Python
 
 def faults() -> str:
     """The table that the supervisor follows unless a configuration names another."""
-    named = (f"| {name} | {one.what} | {_codes(one.signals)} |\n" for name, one in PUT.items())
+    named = (
+        f"| {name} | {one.what} | {_ends(one)} | {_codes(one.signals)} |\n"
+        for name, one in PUT.items()
+        if not one.of_world
+    )
+    mishaps = (
+        f"| {name} | {one.what} | {', '.join(one.states)} | {one.promise} | {_ends(one)} |\n"
+        for name, one in PUT.items()
+        if one.of_world
+    )
     drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in SIGNALS.items())
     table = fault_table_markdown(load_faults(load_configuration()))
-    return FAULTS + table + PUT_IN + "".join(named) + BY_SIGNAL + "".join(drawn)
+    return FAULTS + table + PUT_IN + "".join(named) + MISHAPS + "".join(mishaps) + BY_SIGNAL + "".join(drawn)
+
+
+def _ends(kind: FaultKind) -> str:
+    """How a run may end with a fault."""
+    held = f"; with a part in the fingers: {' or '.join(kind.holding_ends)}" if kind.holding_ends else ""
+    return " or ".join(kind.ends) + held
 
 
 def log_topics() -> str:

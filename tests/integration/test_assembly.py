@@ -126,7 +126,7 @@ def test_where_parts_lie_on_all_sides_one_of_them_is_set_upright_first() -> None
     assert outcome.end == "finished", outcome.reason
     assert held
     reasons = recorded.reasons()
-    assert reasons.index("o2 stands upright") < reasons.index("grasping o1")
+    assert reasons.index("o2 was let go upright") < reasons.index("grasping o1")
     assert not any("met something" in reason for reason in reasons)
 
 

@@ -49,7 +49,7 @@ def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up:
     robot = bench.robot
     part, seen = laid(bench, number, up)
     progress = robot.run(SetUpright(robot.planner, seen, ()))
-    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, f"{part.part} stands upright")
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, f"{part.part} was let go upright")
     robot.wait(0.5)
     assert bench.stands(part)
 
@@ -58,7 +58,7 @@ def test_a_part_on_its_head_is_laid_on_another_side_first(bench: Bench) -> None:
     robot = bench.robot
     part, seen = laid(bench, 1, "-z")
     progress = robot.run(SetUpright(robot.planner, seen, ()))
-    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 lies on another side")
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 was let go on another side")
     robot.wait(0.5)
     assert side_up(robot.world.part_pose(part)) in (UPRIGHT, *SIDES[:4])
 
@@ -122,7 +122,7 @@ def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:
     with robot_alone(scene, seed=3) as cell:
         outcome, recorded = run_tree(cell, ROOT / "trees" / "clear_and_grasp.xml")
         assert outcome.end == "finished", outcome
-        assert "o3 stands upright" in recorded.reasons()
+        assert "o3 was let go upright" in recorded.reasons()
         assert "holding o3" in recorded.reasons()
         stands = [cell.world.part_pose(body).rotation[2, 2] for body in cell.world.bodies]
         assert min(stands) > 0.999

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cell.configuration import load_configuration, load_product
-from skills.pick_and_place import held_type
+from skills.motion.grasp_pose import held_type
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)

@@ -79,7 +79,7 @@ def test_a_person_is_asked_to_take_out_what_cannot_be_put_back(
     tree: str, first: str, then: str, asked: int, end: str
 ) -> None:
     """As what a person pulled down in the fingers; the run ends well where it goes back after that."""
-    returns = {"EmptyFingers::2/EmptyOrPutBack::5/ReturnToTray::10": first, "ReturnToTray": then}
+    returns = {"EmptyFingers::2/EmptyOrPutBack::5/ReturnToTray::11": first, "ReturnToTray": then}
     answers = {"GripperIsEmpty": "F", **returns}
     made = TreeBench(ROOT / "trees" / f"{tree}.xml", answers, main="PutBack")
     told = ticked_to_its_end(made)

@@ -177,6 +177,9 @@ class RecallTray(CellNode):
 
     def update(self) -> Status:
         memory = self.memory
+        if memory.fingers_doubted:
+            self.feedback_message = "first the fingers are felt: a part may stick to one"
+            return Status.FAILURE
         if memory.tray_seen_s < 0:
             self.feedback_message = "not known what stands in the tray"
             return Status.FAILURE

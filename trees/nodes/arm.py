@@ -32,7 +32,7 @@ from trees.nodes.poses import (
     world_from_tool,
 )
 from trees.nodes.services import CellNode, Services
-from trees.nodes.skill_node import HELD, SkillNode
+from trees.nodes.skill_node import HELD, STATUSES, SkillNode
 
 if TYPE_CHECKING:
     from learned.inference.policy import Policy
@@ -265,6 +265,43 @@ class CloseGripper(SkillNode):
         return MoveFingers(
             settings, goal, Message("closing the fingers with {force} N", force=f"{force:.0f}"), must_hold=must_hold
         )
+
+
+class FeelFingers(SkillNode):
+    """Close the fingers where it is in doubt that nothing sticks to one; fails if something is between them.
+
+    It is in doubt once what was let go in a hole was not seen there.
+    """
+
+    traits = Traits(claims=("gripper",), gives=(HELD,))
+
+    always = InputPort(bool, "where it is not in doubt, too: no camera sees what was let go", default=False)
+
+    _feels = False
+
+    def make_skill(self) -> Skill:
+        from skills.grasping.phases import MoveFingers
+
+        settings = self.tools.motion.settings
+        goal = GripperCommand(0.0, settings.gripper_speed_m_s, FORCE_N[0])
+        return MoveFingers(settings, goal, "feeling whether a part sticks to a finger")
+
+    def initialise(self) -> None:
+        self._feels = self.memory.fingers_doubted or self.always.get()
+        if self._feels:
+            super().initialise()
+
+    def update(self) -> Status:
+        if not self._feels:
+            return SUCCESS
+        memory = self.memory
+        status = STATUSES[self.poll().status]
+        if status is SUCCESS:
+            memory.fingers_doubted = False
+        elif status is Status.FAILURE:
+            self.feedback_message = Message("a part sticks to a finger")
+            memory.failed(self.feedback_message)
+        return status
 
 
 class SetGripForce(SkillNode):

@@ -97,9 +97,10 @@ class AwaitMisfit(CellNode):
 
 
 class AwaitContradiction(CellNode):
-    """Wait until what is placed has contradicted the work order for a while."""
+    """Wait until a person has contradicted for a while what was ordered: the work order, or the goal that was named."""
 
     state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
+    plan = InputPort(AssemblyPlan, "belief over goals")
     settle_s = InputPort(float, "how long it must contradict it", default=2.0)
 
     _since_s: float | None = None
@@ -108,8 +109,9 @@ class AwaitContradiction(CellNode):
         self._since_s = None
 
     def update(self) -> Status:
-        now_s = self.now.observation.time_s
-        if not against_order(self.services, self.state.get()):
+        now_s, state = self.now.observation.time_s, self.state.get()
+        against = state.told_goal is not None and self.tools.guard.contradicted(self.plan.get(), state)
+        if not (against or against_order(self.services, state)):
             self._since_s = None
             return Status.RUNNING
         self._since_s = now_s if self._since_s is None else self._since_s

@@ -9,7 +9,8 @@ from dataclasses import replace
 from enum import Enum
 
 from cell.interfaces.memory import NEVER_S
-from cell.interfaces.perception import PartsView
+from cell.interfaces.perception import PartDetection, PartsView
+from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError, Status
@@ -83,7 +84,7 @@ class IdentifyHeldPart(CellNode):
     traits = Traits(instant=True, gives=(HELD,))
 
     def update(self) -> Status:
-        from skills.pick_and_place import held_type
+        from skills.motion.grasp_pose import held_type
 
         services, memory, motion = self.services, self.memory, self.tools.motion
         taken_here = memory.held_part and (motion.hold is not None or motion.lying is not None)
@@ -166,7 +167,10 @@ class MoveAside(SkillNode):
 
 
 class ReturnToTray(SkillNode):
-    """Put the part in the gripper back into the tray; a part that was lying is set upright if possible."""
+    """Put the part in the gripper back into the tray; a part that was lying is set upright if possible.
+
+    One that did not go into its hole is taken after the others from then on.
+    """
 
     traits = replace(SkillNode.traits, needs=(HELD,))
 
@@ -177,3 +181,10 @@ class ReturnToTray(SkillNode):
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
         self.memory.tray_seen_s = NEVER_S
         return PutBack(self.tools.motion, self.memory.held_part, self.memory.standing)
+
+    def update(self) -> Status:
+        status, memory = super().update(), self.memory
+        if status is Status.SUCCESS and any(where.startswith(f"{memory.held_part} at ") for where in memory.unplaced):
+            x, y = self.services.tool_on_bench_m()
+            memory.failed_at(PartDetection(memory.held_part, 1.0, Pose((x, y, 0.0)), (0.0, 0.0, 0.0), (0, 0, 0, 0)))
+        return status

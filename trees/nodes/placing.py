@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from cell.files.words.message import Message
 from cell.interfaces.memory import more, without
+from cell.interfaces.observation import Observation
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InOutPort, InputPort, OutputPort
@@ -18,7 +19,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 
 
 class PlacePart(SkillNode):
-    """Put the part in the gripper into its hole (Alg. 1 line 18)."""
+    """Put the part in the gripper into its hole, and let it go there (Alg. 1 line 18)."""
 
     traits = replace(SkillNode.traits, needs_guard=True)
 
@@ -40,15 +41,19 @@ class PlacePart(SkillNode):
         if status is Status.SUCCESS:
             services.memory.unplaced = without(services.memory.unplaced, where)
             services.memory.let_go = {**services.memory.let_go, self.position.get(): self.part.get()}
-        elif status is Status.FAILURE and services.now.observation.time_s - self._begun_s >= TRIED_S:
+        elif status is Status.FAILURE and self._tried(services.now.observation):
             services.memory.unplaced = more(services.memory.unplaced, where)
         return status
 
+    def _tried(self, seen: Observation) -> bool:
+        """Whether the part that is still held met something."""
+        return seen.gripper.holding and seen.time_s - self._begun_s >= TRIED_S
+
 
 class PlacedInVain(CellNode):
-    """The part did not go into its hole several times in a row; then the count starts again.
+    """Parts of a type did not go into a hole several times in a row; then the count starts again, if it is told so.
 
-    So it is where the hole is seen to be empty, and is not.
+    So it is where the hole is seen to be empty, and is not, or where a part is broken.
     """
 
     node_type = "Condition"
@@ -56,17 +61,19 @@ class PlacedInVain(CellNode):
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole it should go into")
     tries = InputPort(int, "how many times", default=3)
+    forget = InputPort(bool, "the count starts again", default=True)
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
         memory, where = self.memory, _where(part, position)
         if memory.unplaced.get(where, 0) < self.tries.get():
             return Status.FAILURE
-        memory.unplaced = without(memory.unplaced, where)
         self.feedback_message = Message(
             "the {part} does not go into {position}", part=self.tools.product.title(part), position=position
         )
-        memory.failed(self.feedback_message)
+        if self.forget.get():
+            memory.unplaced = without(memory.unplaced, where)
+            memory.failed(self.feedback_message)
         return Status.SUCCESS
 
 
@@ -87,7 +94,10 @@ class AwaitLetGo(CellNode):
 
 
 class VerifyPlacement(CellNode):
-    """Check that the hole now holds the part, upright, as soon as the view of it is free."""
+    """Check that the hole now holds the part, upright, as soon as the view of it is free.
+
+    Where it does not, the part may stick to a finger: FeelFingers knows then that it is to feel.
+    """
 
     part = InputPort(Part, "type of the placed part")
     position = InputPort(Hole, "hole it was put into")
@@ -117,6 +127,7 @@ class VerifyPlacement(CellNode):
         if not late and now_s - self._begun_s <= self.hidden_s.get():
             return Status.RUNNING
         self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
+        self.memory.fingers_doubted = True
         return Status.FAILURE
 
 

@@ -9,7 +9,7 @@ from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 HELD = "a part in the gripper"  # what nodes bring about, ask about or need
-_STATUS = {
+STATUSES = {
     SkillStatus.RUNNING: Status.RUNNING,
     SkillStatus.SUCCESS: Status.SUCCESS,
     SkillStatus.FAILURE: Status.FAILURE,
@@ -41,7 +41,7 @@ class SkillNode(CellNode):
         progress = self.poll()
         if progress.status is SkillStatus.FAILURE:
             self.memory.failed(progress.reason)
-        return _STATUS[progress.status]
+        return STATUSES[progress.status]
 
     def poll(self) -> Progress:
         """Let the skill carry on, and tell what it does."""

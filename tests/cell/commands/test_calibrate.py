@@ -11,7 +11,7 @@ import yaml
 from cell.commands.main import main
 from cell.commands.options import CONFIGURATION
 from cell.commands.training.weights import told_in
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, unnamed_calibration
 from cell.errors import InputError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Calibration, CameraCalibration
@@ -75,3 +75,13 @@ def test_a_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 
 PRODUCTS = DEFAULT_CONFIGURATION.with_name("products.yaml")
+
+
+def test_a_calibration_that_lies_beside_and_is_not_named_is_said(tmp_path: Path) -> None:
+    config, file = tmp_path / "cell.yaml", tmp_path / "calibration.yaml"
+    configuration = load_configuration()
+    assert unnamed_calibration(config, configuration) == ""
+    file.write_text("")
+    said = unnamed_calibration(config, configuration)
+    assert said == f"{file} is not used: {config} does not name it; to use it, add there: calibration: calibration.yaml"
+    assert unnamed_calibration(config, configuration.model_copy(update={"calibration": file})) == ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -19,6 +20,17 @@ SAMPLE = {
     "above": ("sighup",),
     "waiting_for_help": ("heartbeat_lost",),
 }
+MISHAPS = [
+    ("part_falls", "carry", "finished"),
+    ("part_falls", "lower", "finished"),
+    ("part_sticks", "lower", "failed"),
+    ("part_jams", "carry", "finished"),
+    ("tray_pushed", "above", "finished"),
+    ("hole_covered", "carry", "failed"),
+    ("part_missing", "above", "failed"),
+    ("part_broken", "above", "finished"),
+    ("part_wrong", "above", "finished"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +58,34 @@ def test_a_joint_that_is_told_wrong_ends_as_promised() -> None:
     assert row["held"] is not False
 
 
+@pytest.fixture(scope="module")
+def mishaps() -> dict[tuple[str, str], dict[str, Any]]:
+    """How mishaps with a part ended, by fault and state."""
+    told: list[dict[str, Any]] = []
+    pairs: dict[str, list[str]] = {}
+    for fault, state, _ in MISHAPS:
+        pairs.setdefault(state, []).append(fault)
+    fast_rows(DEFAULT_CONFIGURATION, pairs, 1, told.append)
+    return {(row["fault"], row["state"]): row for row in told}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "state", "end"), MISHAPS)
+def test_a_mishap_with_a_part_ends_as_promised(
+    mishaps: dict[tuple[str, str], dict[str, Any]], fault: str, state: str, end: str
+) -> None:
+    row = mishaps[fault, state]
+    assert row["as_promised"], row
+    assert row["end"] == end
+    assert row["held"]  # nothing was let go in the air
+
+
+def test_a_mishap_needs_a_simulated_bench() -> None:
+    real = SimpleNamespace(clock=SimpleNamespace(now_s=lambda: 0.0), upset=None)
+    with pytest.raises(InputError, match="fault 'part_falls' needs a simulated bench"):
+        Injection("part_falls", "carry").devices(cast(Any, real))
+
+
 def test_a_run_that_was_split_goes_on_to_its_own_end(rows: dict[tuple[str, str], dict[str, Any]]) -> None:
     assert len(rows) == sum(map(len, SAMPLE.values())) + 1
     assert rows["none", "none"]["as_promised"]
@@ -65,7 +105,10 @@ def test_without_pixels_a_fault_ends_as_it_does_with_them(
 def test_all_faults_in_all_states_are_asked_for_by_default() -> None:
     pairs = chosen(None, None)
     assert set(pairs) == {*STATES, *OTHER_STATES}
-    assert all(set(faults) == set(FAULTS) for faults in pairs.values())
+    assert all(
+        set(faults) == {name for name, kind in FAULTS.items() if not kind.states or state in kind.states}
+        for state, faults in pairs.items()
+    )
 
 
 def test_several_faults_can_be_put_into_one_run() -> None:
@@ -79,6 +122,8 @@ def test_a_fault_or_state_that_there_is_not_is_refused() -> None:
         Injection.parse("arm_lots@carry")
     with pytest.raises(InputError, match="unknown fault"):
         Injection.parse("@carry")
+    with pytest.raises(InputError, match="unknown state 'look' of fault part_falls; legal: lift, carry, lower"):
+        Injection.parse("part_falls@look")
     with pytest.raises(InputError, match="unknown state 'fly'; legal: look, "):
         Injection.parse("arm_lost@fly")
     assert main(["lab", "run", "--inject", "nothing@carry"]) == 2

@@ -11,14 +11,22 @@ import pytest
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
 from trees.engine.status import Status
 from trees.nodes.asking import AskWhichGoal
-from trees.nodes.corrections import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake
+from trees.nodes.corrections import (
+    AskToMend,
+    AwaitContradiction,
+    AwaitMisfit,
+    AwaitMistake,
+    BracketIsRight,
+    LeaveMistake,
+)
 from trees.nodes.mistakes import Mistake, reason_of
 from trees.nodes.services import Services
 from trees.nodes.watching import ReconcileGraph
-from trees.testing import alone
+from trees.testing import TreeBench, alone
 
 G1 = PRODUCT.goal_placements("g1")
 P1, P2 = list(G1)[:2]
@@ -250,6 +258,13 @@ def test_an_order_that_a_person_builds_against_is_asked_about_once_and_nothing_i
     gone = ordered.seen({})
     assert to.tools.guard.judge(plan, gone, EMPTY_HOLES, G1[P1], P1, True).decision == "ask"
     assert to.tools.guard.sure_goal(plan, gone) is None
+    for state, ends in ((ordered, Status.RUNNING), (gone, Status.SUCCESS)):
+        contradicted: Any = alone(AwaitContradiction("contradicted"), to, plan=plan, state=state)
+        for time_s in (1.0, 4.0):
+            see(to, time_s)
+            last = contradicted.execute()
+        assert last is ends
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
     assert node.execute() is Status.RUNNING
     assert to.now.display.questions[0].reason == "I took this for bracket B, and what I placed was taken out again"
@@ -338,3 +353,16 @@ def test_a_full_bracket_of_no_known_product_waits_for_a_word_where_somebody_is_t
     assert right.execute() is Status.FAILURE
     right.state.entry.value = AssemblyState({}, told_goal=UNKNOWN_GOAL)
     assert right.execute() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("tree", ["assemble", "ahead"])
+def test_beside_all_else_an_order_that_is_contradicted_is_asked_about(tree: str) -> None:
+    answers = {
+        "AwaitContradiction": "RRS", "AskWhichGoal": "R", "AssemblyFinished": "F", "GripperIsEmpty": "S",
+        "AwaitMistake": "R", "AwaitMisfit": "R", "AwaitLetGo": "R", "WaitForAction": "R", "AskPosition": "R",
+        "ChooseSparePart": "R", "HoldsNeededPart": "F",
+    }  # fmt: skip
+    made = TreeBench(ROOT / "trees" / f"{tree}.xml", answers)
+    for _ in range(9):
+        made.tick(0.1)
+    assert made.started("AskWhichGoal") == 1

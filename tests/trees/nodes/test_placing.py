@@ -8,13 +8,16 @@ from typing import Any
 import pytest
 
 from cell.interfaces.command import Command
-from cell.interfaces.observation import Observation
-from cell.interfaces.perception import HoleView
+from cell.interfaces.observation import GripperState, ObjectStatus, Observation
+from cell.interfaces.perception import HoleView, PartDetection
 from cell.interfaces.planning import AssemblyState
+from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, SURE, see, services
 from trees.engine.status import Status
+from trees.nodes.arm import FeelFingers
+from trees.nodes.moving import ReturnToTray
 from trees.nodes.placing import AwaitLetGo, PlacedInVain, PlacePart, RecordPlacement, VerifyPlacement
 from trees.nodes.services import Services
 from trees.testing import TreeBench, alone
@@ -33,10 +36,14 @@ class Lowering:
         """Nothing to stop."""
 
 
-def place(to: Services, took_s: float) -> None:
+HOLDS = GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.026, 0.1, 0)
+
+
+def place(to: Services, took_s: float, *, holds: bool = True) -> None:
     node: Any = alone(PlacePart("place"), to, part="o1", position="p2")
     node.initialise()
-    to.now.observation = replace(to.now.observation, time_s=to.now.observation.time_s + took_s)
+    seen = to.now.observation
+    to.now.observation = replace(seen, time_s=seen.time_s + took_s, gripper=HOLDS if holds else seen.gripper)
     node.update()
 
 
@@ -50,6 +57,7 @@ def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(m
     monkeypatch.setattr("skills.pick_and_place.Place", lambda *_: Lowering(end[0]))
     to = services()
     answers = []
+    place(to, 2.5, holds=False)  # what fell did not meet its hole
     for took_s in (2.5, 2.5, 0.0, 2.5):  # where there is no way at the moment, nothing was tried
         place(to, took_s)
         answers.append(in_vain(to))
@@ -65,7 +73,8 @@ def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(m
 
 def test_ahead_of_the_person_a_robot_asks_instead_of_pressing_on_a_full_hole_for_ever() -> None:
     """A hole that is filled and read as empty: one run lowered the same part onto another 39 times."""
-    answers = {"GripperIsEmpty": "F", "PlacePart": "F", "PlacedInVain": "FFS", "AskForHelp": "R"}
+    answers = {"GripperIsEmpty": "F", "PlacePart": "F", "several did not go in": "FFS", "AskForHelp": "R"}
+    answers["it did not go in twice"] = "F"
     given = {"state": AssemblyState({}), "plan": SURE, "part": "o1", "position": "p2"}
     made = TreeBench(ROOT / "trees" / "ahead.xml", answers, provided=given, main="HelpAhead")
     for _ in range(60):
@@ -112,3 +121,43 @@ def test_what_was_let_go_counts_as_placed_once_it_is_noted(monkeypatch: pytest.M
     assert record.update() is Status.SUCCESS
     assert record.state.entry.value.by_robot == {"p2": "o1"}
     assert to.memory.let_go == {}
+
+
+def test_what_does_not_go_in_is_exchanged_for_another_one_before_somebody_is_asked() -> None:
+    answers = {"GripperIsEmpty": "F", "PlacePart": "F", "several did not go in": "F"}
+    answers["it did not go in twice"] = "FS"
+    given = {"state": AssemblyState({}), "plan": SURE, "part": "o1", "position": "p2"}
+    made = TreeBench(ROOT / "trees" / "ahead.xml", answers, provided=given, main="HelpAhead")
+    for _ in range(60):
+        made.tick(0.1)
+        if made.started("ReturnToTray"):
+            break
+    assert (made.started("PlacePart"), made.started("AskForHelp")) == (2, 0)
+
+
+def test_one_that_did_not_go_in_is_taken_after_the_others_once_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skills.put_down.PutBack", lambda *_: Lowering(SkillStatus.SUCCESS))
+    for unplaced, vain in (({}, 0), ({"o1 at p2": 2}, 1)):
+        to = services(held_part="o1", unplaced=unplaced)
+        node: Any = alone(ReturnToTray("back"), to)
+        node.initialise()
+        assert node.update() is Status.SUCCESS
+        x, y = to.tool_on_bench_m()
+        there = PartDetection("o1", 1.0, Pose((x, y, 0.016)), (0.045, 0.028, 0.02), (0, 0, 0, 0))
+        assert to.memory.tried_in_vain(there) == vain
+
+
+@pytest.mark.parametrize(("doubted", "held", "felt"), [(False, True, "S"), (True, True, "F"), (True, False, "S")])
+def test_fingers_feel_for_a_part_that_sticks_where_one_was_not_seen_in_its_hole(
+    monkeypatch: pytest.MonkeyPatch, doubted: bool, held: bool, felt: str
+) -> None:
+    end = SkillStatus.FAILURE if held else SkillStatus.SUCCESS
+    monkeypatch.setattr(FeelFingers, "make_skill", lambda _: Lowering(end))
+    to = services()
+    if doubted:
+        verified(to, [(time_s, HoleView(None, 1.0, time_s)) for time_s in (4.0, 6.1)])
+    node: Any = alone(FeelFingers("feel"), to)
+    node.initialise()
+    assert node.update() is {"S": Status.SUCCESS, "F": Status.FAILURE}[felt]
+    assert to.memory.fingers_doubted is (felt == "F")
+    assert list(to.memory.reasons) == (["a part sticks to a finger"] if felt == "F" else [])

@@ -26,7 +26,9 @@ class WiredCell:
     def run(self, limit_s: float) -> Told:
         """What `cell run --json` tells of a run by the wires; log and screen stay in the folder."""
         words = ["run", "--config", str(self._config), "--slower", f"{self._slower:g}", "--json"]
-        words += ["--log", str(self._folder / "run.mcap"), "--overwrite"]
+        log = self._folder / "run.mcap"
+        log.unlink(missing_ok=True)
+        words += ["--log", str(log)]
         try:
             done = finished([sys.executable, "-m", "cell", *words], self._folder, limit_s=limit_s * self._slower)
         except subprocess.TimeoutExpired:

@@ -134,6 +134,7 @@ class BenchEvidence:
         self._frames = np.zeros(shape, np.float32)  # that it was made of
         self._edge = person_edge(bench)
         self._rim, self._persons = _rims(shape, self._edge)
+        self._tray = _tray(self._view, bench, shape)
         self._depth = DepthEvidence(bench) if bench.overhead.depth else None
         self._looked_s = self._compared_s = -np.inf
         self._astray = 0  # groups of landmarks that are not where they were
@@ -211,7 +212,7 @@ class BenchEvidence:
         """What a large piece is that has changed, in words; empty where there is none, or robot and person explain it.
 
         What hangs together with the robot, a hand or an edge may be their shadow, or a robot that nobody tells of. On
-        the person's side it may be a hand, but for what is only darker.
+        the person's side it may be a hand, but for what is only darker. Within the tray parts come and go.
         """
         mask, found = changed.astype(np.uint8), ""
         shares = cv2.boxFilter(mask, cv2.CV_32F, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
@@ -222,6 +223,8 @@ class BenchEvidence:
         around = self._rim | (cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
         for label in np.unique(labels[thick]):
             own = labels == label
+            if not (own & ~self._tray).any():
+                continue  # parts that stood side by side, and were taken
             across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
             if across or own.mean() > MOST_ROBOT or not (own & around).any():
                 return "something covers the view"
@@ -253,6 +256,14 @@ def _around(view: View, place: Sequence[float]) -> tuple[slice, slice]:
     reach = view.pixels_per_m(place) * BIN_M / (3 * GRID)
     rows, columns = (slice(max(0, round(at - reach)), max(0, round(at + reach) + 1)) for at in (row, column))
     return rows, columns
+
+
+def _tray(view: View, bench: Bench, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels of a small image that show the inside of the tray."""
+    mask, half, (x, y, z) = np.zeros(shape, np.uint8), np.array(bench.tray.size_m) / 2, bench.tray.centre_m
+    corners = np.array([[x + a * half[0], y + b * half[1], z] for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1))])
+    cv2.fillConvexPoly(mask, np.rint(view.pixels(corners) / GRID).astype(np.int32), 1)
+    return cv2.erode(mask, np.ones((3, 3), np.uint8)) > 0
 
 
 def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

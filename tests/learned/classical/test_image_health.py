@@ -178,6 +178,18 @@ def test_sound_images_of_a_person_at_work_are_sound(seen: list[Seen]) -> None:
     assert {health.judge(frame, hands) for frame, hands in seen} == {""}
 
 
+def test_parts_that_are_taken_out_of_the_tray_are_nothing_that_covers_the_view(seen: list[Seen]) -> None:
+    health = ImageHealth(BENCH, PRODUCT)
+
+    def judged(number: int, frame: Frame, hands: list[HandSample]) -> str:
+        image = frame.image.copy()
+        if number < SOUND:  # four that stand side by side
+            image[60:110, 70:130] = noisy(number, np.full((50, 60, 3), (160, 30, 30), np.uint8))
+        return health.judge(replace(frame, image=image), hands)
+
+    assert {judged(number, *one) for number, one in enumerate(seen)} == {""}
+
+
 def test_a_hand_that_nobody_sees_as_one_is_unexplained(seen: list[Seen]) -> None:
     health = ImageHealth(BENCH, PRODUCT)
     told = [health.judge(frame, hands if number < SOUND else []) for number, (frame, hands) in enumerate(seen)]

@@ -233,9 +233,10 @@ class SeparationMonitor:
     ) -> float:
         if ahead is None or person.velocity_m_s is None:
             return 0.0
-        if room_m < self.protective_m(float(np.hypot(*person.velocity_m_s)), person.age_s, leaves=True):
-            return 0.0
         leaving_m_s = self.settings.leaving_m_s
+        hand_m_s = person.most_m_s(self._takes_s(person.age_s, leaving_m_s), self._mean_over_s)
+        if room_m < self.protective_m(hand_m_s, person.age_s, leaves=True):
+            return 0.0
         return retreat_share(self.outline, joints_rad, ahead, person.body, clear_m, leaving_m_s, holding=holding)
 
     def out_of_view(self, joints_rad: Array) -> bool:

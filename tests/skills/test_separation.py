@@ -66,7 +66,7 @@ def test_later_known_or_faster_is_never_faster_for_the_arm(
     best = judge(joints, hand(x, 0.1, speed_towards_person(min(v1, v2))), min(t1, t2), False, ahead)
     worst = judge(joints, hand(x, 0.1, speed_towards_person(max(v1, v2))), max(t1, t2), False, ahead)
     assert worst.share <= best.share
-    assert worst.least_m >= best.least_m
+    assert worst.distance_m - worst.least_m <= best.distance_m - best.least_m  # of the link that has the least room
     assert worst.share > 0
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.faults.injection import STATES, WorkState
+from cell.faults.work_state import STATES, WorkState
 from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import HandSample

@@ -19,7 +19,9 @@ from pathlib import Path
 import cv2
 
 from cell.configuration import load_configuration, load_faults, load_product
-from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection, signals_of
+from cell.faults.injection import Injection
+from cell.faults.named_faults import FAULTS, FaultKind, signals_of
+from cell.faults.work_state import OTHER_STATES, STATES
 from cell.files.files import shipped
 from cell.files.row_store import Row
 from cell.interfaces.faults import FaultTable

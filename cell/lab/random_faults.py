@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.faults.injection import FAULTS, OTHER_STATES, STATES, Injection, Injections
+from cell.faults.injection import Injection, Injections
+from cell.faults.named_faults import FAULTS
+from cell.faults.work_state import OTHER_STATES, STATES
 from cell.files.row_store import Row
 from cell.lab.assembly import assembly
 

@@ -244,7 +244,7 @@ def _work_off(make: Callable[[], Callable[[Any], Message]], jobs: Any, connectio
             channel.send(Ready() if isinstance(job, Ping) else work(job), PATIENCE_S)
     except (EOFError, TimeoutError):
         return  # the controller is gone
-    except BaseException as error:
+    except BaseException as error:  # the process ends here: who asked is told why, whatever it was
         channel.send(Failure.of(error), PATIENCE_S)
 
 

@@ -113,7 +113,7 @@ def bracket(seed: int, tree: Path, built: str, ordered: str, at_s: float) -> End
 
 
 def _let_go(log: Path) -> Counter[str]:
-    """How often a part was let go in a hole, by both."""
+    """How often the robot let a part of a type go in a hole."""
     found: Counter[str] = Counter()
     for part in parts_of(log):
         with part.open("rb") as stream:

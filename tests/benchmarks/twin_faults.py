@@ -25,7 +25,9 @@ from rich.table import Table
 from cell.commands.run import SEARCHES_GARBAGE
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import CellError
-from cell.faults.injection import EITHER, RECOVERS, STATES, STOPS, Injection, attended
+from cell.faults.injection import Injection, attended
+from cell.faults.named_faults import EITHER, RECOVERS, STOPS
+from cell.faults.work_state import STATES
 from cell.files.files import shipped
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import Camera, Devices

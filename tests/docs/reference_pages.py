@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from cell.configuration import load_configuration, load_faults
-from cell.faults.injection import FAULTS as PUT
-from cell.faults.injection import FaultKind
+from cell.faults.named_faults import FAULTS as PUT
+from cell.faults.named_faults import FaultKind
 from cell.faults.signal_faults import SIGNALS, Spread
 from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema

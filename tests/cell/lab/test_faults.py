@@ -10,7 +10,9 @@ import pytest
 from cell.commands.main import main
 from cell.configuration import DEFAULT_CONFIGURATION
 from cell.errors import InputError
-from cell.faults.injection import FAULTS, OTHER_STATES, STATES, Injection, Injections
+from cell.faults.injection import Injection, Injections
+from cell.faults.named_faults import FAULTS
+from cell.faults.work_state import OTHER_STATES, STATES
 from cell.lab.faults import chosen, fast_rows, fault_try
 
 SAMPLE = {

@@ -266,7 +266,6 @@ def take_lying(
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
-        SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
         Descend(name, planner, above, tool, (on_way, around), feels=bool(part.lies_on)),
         SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from cell.files.words.message import Message
-from cell.interfaces.command import Command
+from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.observation import ObjectStatus, Observation
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.grasping.phases import FingersRest, Move, done, failed, held
 from skills.grasping.way_down import WayDown
+from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner, Plan
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -80,7 +82,8 @@ class Lower(WayDown):
 class Descend:
     """A phase: over a part and straight down to it, which ends in failure as soon as the fingers meet something.
 
-    The fingers open on the way; where they are late, the arm stops above.
+    The fingers open on the way; where they are late, the arm stops above. Around a part that was let go in its hole
+    they do not close: they get their opening once the tool has left it.
     """
 
     def __init__(
@@ -98,37 +101,32 @@ class Descend:
         name: type of the part.
         above_rad: joints (6,) over the part.
         target: world_from_tool when the fingers close.
-        loads: over the part, and down to it.
+        loads: over the part, and down to it with the fingers open as far.
         feels: what the fingers meet may be what the part lies on: they close there.
         """
         self._name, self._planner, self._feels = name, planner, feels
+        self._above_rad, self._target, self._loads, self._speed_m_s = above_rad, target, loads, speed_m_s
+        settings = planner.settings
+        self._opening = GripperCommand(loads[1].opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+        self._told = False
         self._rest: FingersRest | None = None
-        over, down = loads
-
-        def way() -> WayDown:
-            return WayDown(
-                (Message("moving above {name}", name=name), Message("going down to {name}", name=name)),
-                planner,
-                above_rad,
-                over,
-                lambda: planner.straight_move(above_rad, target, down, speed_m_s),
-                most=FELT,
-            )
-
-        self._way, self._move = way, way()
+        self._move: WayDown | None = None
 
     def poll(self, observation: Observation, command: Command) -> Progress:
-        """Follow the way and feel."""
+        """Open the fingers, follow the way and feel."""
+        self._open(observation, command)
         if self._rest is not None:
             rests = self._rest.poll(observation, command)
             if rests.status is not SkillStatus.SUCCESS:
                 return rests
             self._rest = None
+        if self._move is None:
+            self._move = self._way(observation)
         progress, move = self._move.poll(observation, command), self._move
-        moving = observation.gripper.object_status is ObjectStatus.MOVING
-        if progress.status is SkillStatus.RUNNING and moving and move.only_line(observation, LATE_S):
+        opens = not self._told or observation.gripper.object_status is ObjectStatus.MOVING
+        if progress.status is SkillStatus.RUNNING and opens and move.only_line(observation, LATE_S):
             command.follow, command.stop_arm = None, True
-            self._rest, self._move = FingersRest("opening the fingers", self._planner.settings), self._way()
+            self._rest, self._move = FingersRest("opening the fingers", self._planner.settings), None
             return Progress(SkillStatus.RUNNING, "opening the fingers")
         felt = move.only_line(observation) and meets_something(self._planner, move, observation)
         if progress.status is SkillStatus.RUNNING and felt:
@@ -137,6 +135,27 @@ class Descend:
                 return done(Message("the fingers feel what {name} lies on", name=self._name))
             return failed(Message("the fingers met something on the way down to {name}", name=self._name))
         return progress
+
+    def _open(self, observation: Observation, command: Command) -> None:
+        if self._told or held(observation):
+            return
+        self._planner.forget_left(np.array(observation.arm.positions_rad))
+        if self._planner.around is None or self._opening.opening_m >= observation.gripper.opening_m:
+            command.gripper, self._told = self._opening, True
+
+    def _way(self, observation: Observation) -> WayDown:
+        """With the fingers as wide as they still stand around a part."""
+        over, down = self._loads
+        if not self._told:
+            over = replace(over, opening_m=min(STROKE_M, max(over.opening_m, observation.gripper.opening_m)))
+        return WayDown(
+            (Message("moving above {name}", name=self._name), Message("going down to {name}", name=self._name)),
+            self._planner,
+            self._above_rad,
+            over,
+            lambda: self._planner.straight_move(self._above_rad, self._target, down, self._speed_m_s),
+            most=FELT,
+        )
 
 
 class SetDown:

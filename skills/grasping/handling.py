@@ -131,12 +131,10 @@ def take_phases(
         return Message("cannot take {name}: out of the arm's reach above it", name=name)
     bottom_m = part.world_from_part.position_m[2]
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
-    speed, force = settings.gripper_speed_m_s, settings.grip_force_n
     planner.hold, planner.lying = grasp.hold, None
     descent_m_s = settings.close_speed_m_s if grasp.close else None
     return [
         Activate(),
-        SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
         TakeHold(part, planner, grasp),
         Move(

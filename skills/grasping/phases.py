@@ -115,16 +115,14 @@ class Move:
 
 
 class SetGripper:
-    """Send a goal to the fingers; with `wait` also wait until they stand.
+    """Send a goal to the fingers and wait until they stand.
 
     With `must_hold` they have to close on something.
     """
 
-    def __init__(
-        self, doing: str, goal: GripperCommand, settings: MotionSettings, *, wait: bool = True, must_hold: bool = False
-    ) -> None:
+    def __init__(self, doing: str, goal: GripperCommand, settings: MotionSettings, *, must_hold: bool = False) -> None:
         self._doing, self._goal, self._timeout_s = doing, goal, settings.gripper_timeout_s
-        self._wait, self._must_hold = wait, must_hold
+        self._must_hold = must_hold
         self._deadline_s: float | None = None
 
     def poll(self, observation: Observation, command: Command) -> Progress:
@@ -134,7 +132,7 @@ class SetGripper:
                 return Progress(SkillStatus.RUNNING, self._doing)
             command.gripper = self._goal
             self._deadline_s = observation.worked_s + self._timeout_s
-            return Progress(SkillStatus.RUNNING, self._doing) if self._wait else done(self._doing)
+            return Progress(SkillStatus.RUNNING, self._doing)
         if observation.gripper.object_status is ObjectStatus.MOVING:
             if observation.worked_s > self._deadline_s:
                 return failed(

@@ -95,6 +95,31 @@ def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
     assert planner.around is None
 
 
+def test_around_a_part_in_its_hole_the_fingers_do_not_close_for_the_next_one(
+    planner: MotionPlanner, product: Product, bench: Bench
+) -> None:
+    robot = IdealRobot(bench.arm_look_rad, part_m=0.065)
+    beside = [seen(product, "o2", 0.55, -0.36, 0.0)]
+    assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
+    assert robot.run(Place(planner, "p4", "o2", beside)).status is SkillStatus.SUCCESS
+    assert (around := planner.around) is not None
+    robot.part_m = 0.034
+    picked = Pick(planner, seen(product, "o2", 0.55, -0.4))
+    status = SkillStatus.RUNNING
+    told = None
+    while status is SkillStatus.RUNNING and told is None:
+        seen_from, command = robot.observe(), Command()
+        status = picked.poll(seen_from, command).status
+        if command.gripper is not None:
+            told = planner.kinematics.forward(np.array(seen_from.arm.positions_rad)).position_m
+        robot.act(command)
+    assert told is not None
+    assert command.gripper is not None
+    assert command.gripper.opening_m < 0.065
+    assert np.abs(np.subtract(told, around.pose.position_m)).max() > 0.08
+    assert robot.run(picked).status is SkillStatus.SUCCESS
+
+
 def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
     planner: MotionPlanner, product: Product, bench: Bench
 ) -> None:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from cell.front_door import load_cell, replay, run
     from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
     from cell.interfaces.devices import Arm, Camera, Devices, Gripper, Panel, Signals
+    from cell.interfaces.frame import Frame
     from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
-    from cell.interfaces.perception import Frame
     from cell.interfaces.pose import Pose
 
     __version__: str

@@ -7,11 +7,11 @@ from dataclasses import replace
 from functools import cached_property
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.frame import Frame
 from cell.interfaces.perception import (
     SEGMENT_FRAMES,
     ActionDetector,
     BenchView,
-    Frame,
     HandSample,
     HandTracker,
     HoleReader,

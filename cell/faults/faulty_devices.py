@@ -14,9 +14,9 @@ from cell.errors import DeviceFault
 from cell.faults.signal_faults import GROUPS, SignalFault
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.devices import Arm, Camera
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.operator import OperatorOrder, OrderKind
-from cell.interfaces.perception import Frame
 
 AGAIN_S = 0.2  # after which a repeated order comes once more, and a foreign frame
 STATUS, FRAMES = "GripperStatus", "frames"

@@ -8,9 +8,10 @@ from typing import Protocol, runtime_checkable
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.files.row_store import Row
-from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import Action, ActionDetector, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.product import Product
 from cell.lab.hands import LEAST_VISIBLE
 from cell.lab.holes_and_parts import calibrated_bench

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image, Observation
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
 from cell.watching.observer import Observer, Outcome, TickRecord
 from sim.cell import SimCell

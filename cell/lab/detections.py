@@ -11,8 +11,9 @@ import numpy as np
 from cell.errors import InputError
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import BenchView, Frame, HandSample, PartDetection, PartsView
+from cell.interfaces.perception import BenchView, HandSample, PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.recording.images import Video

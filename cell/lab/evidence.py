@@ -14,8 +14,8 @@ from typing import get_args
 import numpy as np
 
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmMode, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
 from cell.lab.danger import alike, blocks
 from cell.watching.observer import Observer, TickRecord

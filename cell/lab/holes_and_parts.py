@@ -13,7 +13,8 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.interfaces.bench import Bench, CameraCalibration, CameraSetup, Mount
-from cell.interfaces.perception import Frame, HoleReader, PartDetector
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HoleReader, PartDetector
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.runs.calibrating import wrist_views

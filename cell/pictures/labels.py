@@ -14,8 +14,8 @@ from cell.errors import InputError
 from cell.files.files import MANIFEST, whole_folder, write_whole
 from cell.files.model import Model
 from cell.interfaces.bench import Bench, CameraSetup
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.pictures.sources import Source, camera_pose

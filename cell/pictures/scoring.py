@@ -12,7 +12,7 @@ import numpy as np
 from cell.configuration import Configuration
 from cell.errors import InputError
 from cell.interfaces.bench import Bench, CameraCalibration, Mount
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from cell.pictures.suggestions import Often
 from cell.wiring.detectors import Detectors

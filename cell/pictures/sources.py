@@ -14,7 +14,7 @@ import numpy as np
 from cell.configuration import Configuration
 from cell.errors import InputError, LogError
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.log.read.frames import Frames

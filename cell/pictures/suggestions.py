@@ -9,8 +9,9 @@ import numpy as np
 
 from cell.errors import ModelError, SettingError
 from cell.interfaces.bench import Bench
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import Frame, HandSample, HoleReader, HoleView
+from cell.interfaces.perception import HandSample, HoleReader, HoleView
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from cell.pictures.labels import PictureLabels

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 
 from cell.errors import DeviceFault, InputError
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 
 Files = tuple[bytes, bytes]  # a JPEG of the image and a PNG of the depth, empty where there is none
 Encoding = tuple[Frame, Future[Files | None]]

@@ -13,8 +13,9 @@ from foxglove.channels import CompressedImageChannel, LogChannel
 
 from cell.errors import InputError, Place, Problem
 from cell.interfaces.devices import TruthEvent
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import NOBODY, Observation
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 from cell.recording import identity as digest
 from cell.recording import joint_samples
 from cell.recording.images import Files, ImageEncoder

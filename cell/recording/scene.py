@@ -22,8 +22,9 @@ from foxglove.channels import (
 )
 
 from cell.interfaces.bench import JOINTS, Bench, CameraSetup
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, GripperState, Observation
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.recording.scene_bodies import assembly_scene, bench_scene, parts_scene, robot_scene

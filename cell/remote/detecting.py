@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.perception import PIXEL_BYTES, BenchView, Frame, PartsView, Preparing, apart
+from cell.interfaces.frame import PIXEL_BYTES, Frame, apart
+from cell.interfaces.perception import BenchView, PartsView, Preparing
 from cell.interfaces.pose import Array, Pose
 from cell.remote.channel import Message
 from cell.remote.child import nameless_file

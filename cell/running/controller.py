@@ -14,10 +14,11 @@ from cell.files.words.message import Message
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.frame import Frame
 from cell.interfaces.memory import Memory
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import JointSamples, Observation
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 from cell.running.device_reader import DeviceReader, RobotPoseHistory, describe
 from cell.running.device_writer import DeviceActor
 from cell.running.inference import Executor

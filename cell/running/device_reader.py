@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.errors import CellError, DeviceFault
 from cell.interfaces.devices import Camera, Devices
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import (
     ArmState,
     GripperState,
@@ -18,7 +19,7 @@ from cell.interfaces.observation import (
     Observation,
     Trouble,
 )
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 from cell.interfaces.pose import Array, Pose
 from cell.remote.worker import NotAnswering
 from cell.running.inference import Executor

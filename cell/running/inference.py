@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from cell.interfaces.clock import Clock
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.remote.detecting import PLACES, DetectByCamera, DetectorProcess, SharedImages
 from cell.remote.worker import Pending
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, Judgement
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.running.device_reader import describe
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cell.errors import DeviceFault
 from cell.interfaces.devices import Camera, Devices
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from cell.runs.slow_motion import MOVING_MODES, PATIENCE_S, PERIOD_S, STILL_S
 from skills.motion.grip import STROKE_M

@@ -12,7 +12,7 @@ from cell.configuration import Configuration
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Arm, Camera, Devices
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from cell.wiring.devices import attached

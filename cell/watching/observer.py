@@ -7,9 +7,9 @@ from typing import Literal
 
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.faults import Judgement
+from cell.interfaces.frame import Frame
 from cell.interfaces.notes import Topic
 from cell.interfaces.observation import JointSamples, Observation
-from cell.interfaces.perception import Frame
 from trees.engine.node import StatusChange
 from trees.engine.why import Reason
 

@@ -16,15 +16,8 @@ from cell.configuration import Configuration
 from cell.errors import ModelError, SettingError
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.devices import Devices
-from cell.interfaces.perception import (
-    ActionDetector,
-    BenchView,
-    Frame,
-    HandTracker,
-    HoleReader,
-    PartDetector,
-    PartsView,
-)
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import ActionDetector, BenchView, HandTracker, HoleReader, PartDetector, PartsView
 from cell.interfaces.product import Product
 from cell.remote.detecting import Detect, DetectByCamera, pixel_shape
 from cell.remote.worker import await_ready

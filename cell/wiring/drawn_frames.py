@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cell.configuration import Configuration
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from sim.data.splits import mixed_clutter, sometimes_steel
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from cell.settings import Perception
 from cell.wiring.detectors import LATENCY_SCORE, NO_CARD, Detectors, tray_view

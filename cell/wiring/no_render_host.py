@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from cell.configuration import Configuration
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import BenchView, PartsView
 from cell.interfaces.product import Product
 from cell.settings import Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain

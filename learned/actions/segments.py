@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.frame import Frame
 from cell.interfaces.hand_window import (
     TIPS_HEIGHT_M,
     hand_window,
@@ -18,7 +19,7 @@ from cell.interfaces.hand_window import (
     small_frame,
     window_px,
 )
-from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
+from cell.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 

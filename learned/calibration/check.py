@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import STEP_PX, PlateModel, Rectangle, profiles

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Edge, Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel, Rectangle

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array, Pose
 
 LEAST_DEPTH_M = 0.05  # what is nearer to the camera is not drawn

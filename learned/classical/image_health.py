@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, robot_outline

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 
 LAGS_S = (0.2, 0.3, 0.5, 0.8)  # between the frames whose outlines are compared
 KEPT_S = 1.0

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType, Product
 from learned.classical.box_model import View, body_corners, fill, outline

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from cell.errors import ModelError
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.perception import Frame, PartDetection, PartDetector
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection, PartDetector
 from cell.interfaces.pose import Array, Pose
 from learned.grasp.boxes import Boxes
 from learned.inference.onnx_model import Network, OnnxModel

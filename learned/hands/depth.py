@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.reading import Reading

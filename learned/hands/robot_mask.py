@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from learned.classical.box_model import View, fill, outline
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Image

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, HandSample, Preparing
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample, Preparing
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.classical.track_health import motion_of

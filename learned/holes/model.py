@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.perception import Frame, HandSample, HoleView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample, HoleView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.classical.box_model import View, outline

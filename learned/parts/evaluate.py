@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.interfaces.perception import Frame, PartDetection, PartDetector
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection, PartDetector
 from cell.interfaces.product import Product
 from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import overlap

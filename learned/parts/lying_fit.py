@@ -10,7 +10,7 @@ import numpy as np
 
 from cell.interfaces.bench import Tray
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from learned.parts.lying_scene import Mask, Model, Poses, Scene, Window, about_vertical, middle_of

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.parts.lying_fit import LyingFit, LyingFitter

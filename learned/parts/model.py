@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from learned.inference.exposure import levelled

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.planning import weights_file
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType

@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame, Side
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import Side
 from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment, Source

@@ -11,7 +11,7 @@ import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import TruthEvent
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.data.placed import with_slips

@@ -16,9 +16,10 @@ from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.perception import BenchView, PartsView
 from cell.remote.channel import Channel, Failure
 from cell.remote.detecting import Bench, Tray
 from sim.process import messages as said

@@ -9,9 +9,9 @@ import can
 
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import TruthEvent
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array
 from cell.remote.channel import Failure, Message
 from cell.remote.detecting import Bench, Tray

@@ -17,8 +17,9 @@ from typing import Any, TypeVar
 from cell.errors import CellError, InputError
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
+from cell.interfaces.frame import Frame, PendingFrame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
-from cell.interfaces.perception import BenchView, Frame, PartsView, PendingFrame
+from cell.interfaces.perception import BenchView, PartsView
 from cell.remote.channel import Channel, Failure
 from cell.remote.detecting import seen
 from sim.devices.pacing import Pacer

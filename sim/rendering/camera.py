@@ -9,7 +9,7 @@ import numpy as np
 
 from cell.errors import DeviceFault
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from sim.rendering.photographer import Exposure
 from sim.rendering.studio import ScenePoses, visible_poses
 from sim.scene.look import NOMINAL, Camera

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from sim.rendering.stereo import Stereo
 from sim.rendering.studio import ScenePoses, Stage, Studio, show_poses

@@ -13,7 +13,8 @@ from typing import Any
 
 import mujoco
 
-from cell.interfaces.perception import BenchView, Frame, PartsView, PendingFrame
+from cell.interfaces.frame import Frame, PendingFrame
+from cell.interfaces.perception import BenchView, PartsView
 from cell.remote.channel import Message
 from cell.remote.child import may_copy
 from cell.remote.detecting import (

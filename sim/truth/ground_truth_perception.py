@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame, HandSample, HoleView, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample, HoleView, PartDetection
 from cell.interfaces.pose import Array
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses

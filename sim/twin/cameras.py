@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import DeviceFault, InputError
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from sim.twin.cell import TwinCell
 
 QUALITY = 95

@@ -18,7 +18,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import DeviceCheck
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from skills.drivers.settings import DRIVERS, CameraDriverSettings, FileSettings, StreamSettings, V4l2Settings
 
 OPEN_MS, READ_MS = 3000, 500  # after which a stream that is silent is given up; OpenCV waits 30 s by itself

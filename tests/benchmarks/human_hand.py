@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from learned.hands.mediapipe.hands import SIZES, MediaPipeHands, model_folder
 from sim.data.hands import HandTruth, hand_frames

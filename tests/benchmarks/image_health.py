@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from cell.interfaces.product import Product
 from cell.wiring.detectors import Detectors
 from learned.classical.image_health import ImageHealth

@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 
 import cell.runs.assembled
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import JointSamples
-from cell.interfaces.perception import Frame
 from cell.recording import joint_samples
 from cell.recording.recorder import McapRecorder
 from cell.running.controller import Controller

@@ -25,7 +25,7 @@ from rich.console import Console
 
 import cell.runs.assembled
 from cell.configuration import SHIFT_PART_S, load_configuration, load_product
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.recording.recorder import McapRecorder
 from cell.recording.rotation import Heading
 from cell.recording.scene import CellModel

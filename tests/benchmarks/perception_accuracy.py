@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.perception import BenchView, Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import BenchView, PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.bench_watcher import DetectorChain

@@ -31,7 +31,8 @@ from cell.faults.work_state import STATES
 from cell.files.files import shipped
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import Camera, Devices
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import BenchView, PartsView
 from cell.interfaces.product import Product
 from cell.lab.faults import HOLDING_STATES, hangs
 from cell.runs.options import Files

@@ -11,9 +11,10 @@ from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
+from cell.interfaces.frame import Frame
 from cell.interfaces.memory import Memory
 from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus
-from cell.interfaces.perception import Action, BenchView, Frame, PartsView
+from cell.interfaces.perception import Action, BenchView, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.robot import default_robot
 from cell.running.controller import Controller

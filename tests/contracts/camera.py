@@ -9,7 +9,7 @@ from itertools import pairwise
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Camera
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 
 TICK_S, PATIENCE_S = 0.040, 20.0
 

@@ -16,7 +16,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from sim.scene.world import World
 from skills.grasping.handling import joints_of
-from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
 from skills.motion.grasp_pose import grasps, opening_for
 from skills.motion.grip import Hold
 from skills.motion.planner import Load, MotionPlanner, at_height
@@ -110,9 +110,8 @@ class BlindGrasp(PhasedSkill):
         down_m_s, lifted_m = self._descent.speed_m_s, target.position_m[2] + LIFT_M
         return [
             Activate(),
-            SetGripper("opening", GripperCommand(load.opening_m, speed, force), settings, wait=False),
+            SetGripper("opening", GripperCommand(load.opening_m, speed, force), settings),
             Move("moving above", lambda start: planner.free_move(start, above_rad, load), settings),
-            FingersRest("opening", settings),
             Move("going down", lambda start: planner.straight_move(start, target, load, down_m_s), settings),
             SetGripper("grasping", GripperCommand(0.0, speed, force), settings, must_hold=True),
             Move("lifting", lambda start: planner.rise(start, lifted_m, load.opening_m), settings, holding="it"),

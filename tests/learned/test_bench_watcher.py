@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, Frame, HandSample, HoleView, Segment
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
 from learned.bench_watcher import DetectorChain
 
 CONFIGURATION = load_configuration()

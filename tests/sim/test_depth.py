@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, PendingFrame, apart
+from cell.interfaces.frame import Frame, PendingFrame, apart
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup

@@ -18,7 +18,8 @@ import pytest
 
 from cell.errors import DeviceFault, InputError
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Action, BenchView, Frame, PartsView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import Action, BenchView, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.remote.detecting import PLACES, DetectByCamera

@@ -18,7 +18,7 @@ from cell.configuration import load_configuration
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import WallClock
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from sim.twin.cameras import MjpegServer, TwinCamera
 from skills.drivers import cameras

@@ -17,7 +17,7 @@ from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Camera
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.scene.look_range import LookRange, look_range, presets

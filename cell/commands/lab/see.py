@@ -15,8 +15,9 @@ from cell.commands.terminal import console, print_json, table
 from cell.configuration import Configuration, detected_by, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.interfaces.bench import Bench
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import BenchView, Frame
+from cell.interfaces.perception import BenchView
 from cell.interfaces.product import Product
 from cell.lab.detections import (
     PICTURE_SUFFIXES,

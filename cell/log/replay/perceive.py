@@ -13,7 +13,8 @@ from foxglove import messages
 
 from cell.configuration import Configuration
 from cell.errors import InputError, LogError
-from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import BenchView, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.log.read.frames import CAMERA, Frames, decoded

@@ -14,8 +14,8 @@ from cell.errors import DeviceFault, LogError
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand, JointTrajectory
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, Observation
-from cell.interfaces.perception import Frame
 from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, read_log
 from cell.recording.joint_samples import TOPIC, decode

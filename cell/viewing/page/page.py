@@ -6,8 +6,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 
+from cell.interfaces.frame import Frame, PendingFrame
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame, PendingFrame
 from cell.recording.scene import CellModel
 from cell.settings import PageSettings
 from cell.viewing.gate import Address

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.lab.beside_robot import record_beside_robot
 from sim.data.actions import write_segments
 from sim.data.folder import DataFolder

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.recording.images import CALLS_LATER, MOST_WAITING, ImageEncoder
 from tests.cell.fakes import frame
 

@@ -14,8 +14,8 @@ import pytest
 
 from cell.errors import CellError, DeviceFault, InputError, ModelError, SettingError
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.remote.channel import Channel, Failure
 from cell.remote.detecting import Look

@@ -11,7 +11,8 @@ import pytest
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from cell.errors import InputError, ModelError, SettingError
 from cell.interfaces.bench import Bench, CameraCalibration
-from cell.interfaces.perception import Frame, HandSample, PartsView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.settings import LEARNED_KINDS, Perception

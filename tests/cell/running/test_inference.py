@@ -12,7 +12,8 @@ import pytest
 
 from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.perception import Action, BenchView, Frame
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import Action, BenchView
 from cell.interfaces.pose import Pose
 from cell.remote.detecting import DetectByCamera
 from cell.remote.worker import NotAnswering, await_ready

@@ -8,8 +8,9 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.devices import Devices
+from cell.interfaces.frame import Frame, PendingFrame
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
-from cell.interfaces.perception import BenchView, Frame, PendingFrame
+from cell.interfaces.perception import BenchView
 from cell.interfaces.pose import Array, Pose
 from cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
 from cell.running.inference import LockStep

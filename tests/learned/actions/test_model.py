@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, Frame, HandSample, HoleView, Segment
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
 from learned.actions.model import TrainedActionDetector
 from learned.actions.settings import Classes
 from learned.inference.onnx_model import ModelCard

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
+from cell.interfaces.frame import Frame
 from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
+from cell.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
 from cell.interfaces.pose import Array
 from learned.actions.segments import CROP_PX, LONG_S, SegmentReader, middle
 from learned.actions.variation import Variation, varied_track

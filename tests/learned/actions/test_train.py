@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError, ModelError
-from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
 from learned.actions.settings import Classes
 from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT, write_folder
 

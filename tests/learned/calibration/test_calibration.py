@@ -13,7 +13,8 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Pose
 from cell.lab.holes_and_parts import calibrated_bench, true_calibration
 from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, tray_off_m, trouble

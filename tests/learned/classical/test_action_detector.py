@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, Frame, HandSample, HoleView, Segment
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
 from cell.interfaces.pose import Pose
 from learned.classical.action_detector import ClassicalActionDetector, turning_points
 from learned.classical.settings import PerceptionSettings

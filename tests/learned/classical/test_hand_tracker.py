@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from learned.classical.colour import ColourModel
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.classical.settings import PerceptionSettings

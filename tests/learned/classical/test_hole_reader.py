@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import Frame, HoleView
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HoleView
 from learned.classical.colour import ColourModel
 from learned.classical.hole_reader import ClassicalHoleReader
 from learned.classical.settings import PerceptionSettings

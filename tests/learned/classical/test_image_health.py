@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cell.errors import DeviceFault
 from cell.interfaces.bench import Obstacle
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from learned.classical.bench_evidence import Landmarks
 from learned.classical.box_model import View, obstacle_mask
 from learned.classical.image_health import ImageHealth

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from learned.classical.image_lag import ImageLag
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cell.errors import DeviceFault
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from learned.classical.box_model import View, outline
 from learned.classical.part_detector import ClassicalPartDetector

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from learned.grasp.boxes import boxes_of
 from learned.grasp.crops import CROP_PX, STEP_M, CropReader, Crops, load_crops

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.configuration import load_configuration
 from cell.errors import DeviceFault
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from learned.classical.box_model import View, check_image
 from learned.classical.depth_evidence import DepthEvidence
 from learned.hands.depth import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth

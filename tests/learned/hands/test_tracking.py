@@ -10,7 +10,8 @@ import pytest
 
 from cell.configuration import load_configuration
 from cell.errors import DeviceFault
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.height import PalmLength

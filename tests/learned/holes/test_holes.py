@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from learned.holes.model import CROP_PX, VOTES, PlateHoleReader, hole_crops, squares_m
 from learned.inference.onnx_model import ModelCard
 

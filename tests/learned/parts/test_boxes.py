@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import WEIGHTS
 from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel

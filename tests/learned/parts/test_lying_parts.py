@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.frame import Frame
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting_pose import SIDES, UPRIGHT, rest_on
 from cell.wiring.detectors import Detectors

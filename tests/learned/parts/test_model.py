@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import DeviceFault, ModelError
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import WEIGHTS
 from learned.inference.onnx_model import Network, OnnxModel

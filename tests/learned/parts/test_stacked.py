@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.resting_pose import SIDES, rest_on
 from learned.inference.onnx_model import ModelCard

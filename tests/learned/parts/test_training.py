@@ -12,7 +12,7 @@ import pytest
 
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
-from cell.interfaces.perception import Frame
+from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from learned.parts.boxes import BoxPartDetector, head_file
 from learned.parts.data import AXIS_M, Label, Scene, surface_of

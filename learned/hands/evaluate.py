@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.data import HandRow, frames_of
+from learned.hands.data import HandRow, LabelledFrame
 from learned.hands.reading import HandReader, Reading
 from learned.inference.scores import ScoreCounter, latencies
 from learned.training.still_dataset import read_image
@@ -21,14 +20,14 @@ LEAST_VISIBLE, EDGE_PX = 0.5, 8.0
 SURE = 0.5
 
 
-def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, float]:
+def score_readings(reader: HandReader, bench: Bench, frames: Iterable[LabelledFrame]) -> dict[str, float]:
     """Shares of hands found, of sides, roles and parts right, errors by the image alone [mm], processor time [ms].
 
     Args:
-        folder: of `cell lab data hands`.
+        frames: in which it is known where each hand is in space.
     """
     scored, times_s = _Scored(bench), list[float]()
-    for row, file in ((one.row, one.file) for one in frames_of(folder)):
+    for row, file in ((one.row, one.file) for one in frames):
         image, began_s = read_image(file), time.process_time()
         read = reader.read(image, ())
         times_s.append(time.process_time() - began_s)

@@ -61,8 +61,10 @@ def hands(asked: Training, weights: Path) -> Scores:
 
     def score() -> dict[str, float]:
         scorer = Scorer(configuration, product, "hands", "slim", weights)
-        told = score_readings(SlimReader(setup, types, weights), configuration.bench, unseen) if validation else {}
-        return told | scorer.scores((kept or frames_of(unseen))[:MOST_COMPARED])
+        drawn = frames_of(unseen) if validation else []
+        measured = [one for one in (*kept, *drawn) if all(hand.points_m for hand in one.row.hands)]
+        told = score_readings(SlimReader(setup, types, weights), configuration.bench, measured) if measured else {}
+        return told | scorer.scores((kept or drawn)[:MOST_COMPARED])
 
     return train_hands(
         folders,

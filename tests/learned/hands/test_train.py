@@ -16,7 +16,7 @@ from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.errors import InputError, ModelError  # noqa: E402
 from cell.settings import WEIGHTS  # noqa: E402
 from learned.hands.augment import turned_images, varied  # noqa: E402
-from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
+from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, frames_of, load_hands  # noqa: E402
 from learned.hands.evaluate import score_readings  # noqa: E402
 from learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
 from learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
@@ -232,7 +232,7 @@ def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Pat
         PRODUCT,
         out,
         seed=0,
-        score=lambda: score_readings(SlimReader(SETUP, TYPES, out), BENCH, folder),
+        score=lambda: score_readings(SlimReader(SETUP, TYPES, out), BENCH, frames_of(folder)),
         epochs=1,
         quiet=True,
     )

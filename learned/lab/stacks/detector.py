@@ -30,7 +30,7 @@ from learned.training.training_loop import Checkpoint, fit
 
 SIDE_PX = {False: (240, 320), True: (600, 1000)}  # least and greatest side of the input, of the small network and whole
 POOLED = 3  # side of the grid of features of a region
-LEAST_SCORE, OVERLAP = 0.3, 0.5
+LEAST_SCORE, OVERLAP = 0.6, 0.5  # chosen on pictures for training: most pictures with all their objects and no others
 MOST_FOUND = 8
 REGIONS = 32  # of an image, that a step learns from: pictures hold five things
 PROPOSALS = 200  # of an image, in training; of the small network

@@ -156,7 +156,7 @@ class BenchEvidence:
         if since_s < COMPARE_EVERY_S:
             return
         self._compared_s, shape = now_s, self._frames.shape
-        hidden = _near(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
+        hidden = near_robot(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
         if now_s >= self._looked_s + LOOK_EVERY_S:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
@@ -291,7 +291,7 @@ def robot_outline(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
     return mask
 
 
-def _near(robot: Mask) -> NDArray[np.bool_]:
+def near_robot(robot: Mask) -> NDArray[np.bool_]:
     """Where the robot may be."""
     return cv2.dilate(robot, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)) > 0
 

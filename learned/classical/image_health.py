@@ -20,7 +20,7 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, robot_outline
+from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, Mask, near_robot, robot_outline
 from learned.classical.box_model import View, obstacle_mask
 from learned.classical.image_lag import ImageLag
 from learned.inference.prefetch import Prefetch
@@ -105,10 +105,11 @@ class ImageHealth:
         looked = self._looked(frame.image)
         nothing = _absolute(looked)
         health = self._fresh.judge(looked.samples) or nothing or self._compared(looked.figures)
-        health = health or _glaring(looked) or self._focus(looked.grey)
+        robot = robot_outline(frame, self._view, looked.small.shape[:2])
+        health = health or _glaring(looked, robot) or self._focus(looked.grey)
         if not nothing:  # such an image says nothing of where the camera looks
             self._evidence.see(frame, looked.small, looked.grey, hands)
-            self._lag.see(frame, looked.small, robot_outline(frame, self._view, looked.small.shape[:2]))
+            self._lag.see(frame, looked.small, robot)
         self.unseen = self._fresh.repeats or self._lag.late or self._evidence.unseen
         self.unexplained = self._evidence.unexplained
         return health or self.unseen or self.unexplained
@@ -229,8 +230,9 @@ def _absolute(looked: _Looked) -> str:
     return "without colour" if float(np.max(looked.high - looked.low)) < LEAST_COLOUR else ""
 
 
-def _glaring(looked: _Looked) -> str:
-    dead = ((looked.high < BLACK) | (looked.low > WHITE)).astype(np.float32)
+def _glaring(looked: _Looked, robot: Mask) -> str:
+    """Whether part of the bench cannot be seen for it; a white arm in the light hides no more of it than a grey one."""
+    dead = (((looked.high < BLACK) | (looked.low > WHITE)) & ~near_robot(robot)).astype(np.float32)
     shares = cv2.boxFilter(dead, -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
     return "black or glaring in part" if bool((shares > THICK_SHARE).any()) else ""
 

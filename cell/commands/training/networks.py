@@ -120,13 +120,7 @@ def parts(asked: Training, weights: Path) -> Scores:
     if asked.data:
         scenes, kept = split(scenes, OWN_SHARE, asked.seed)
     if asked.kind == "rcnn":
-        from learned.parts.rcnn import train_rcnn
-        from learned.parts.settings import RcnnTraining
-        from learned.training.recipe import Task
-
-        of_rcnn = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
-        task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
-        return train_rcnn(scenes, product, weights, of_rcnn, task)
+        return faster_rcnn(asked, scenes, product, weights)
     floor_m = configuration.bench.tray.centre_m[2]
     epochs, of_stacks = part_epochs(budget_s, len(scenes), sum(len(scene.labels) for scene in scenes))
     epochs, of_stacks = asked.epochs or epochs, asked.epochs or of_stacks
@@ -150,6 +144,17 @@ def parts(asked: Training, weights: Path) -> Scores:
     )
     told = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
     return {**facts, **told, **beside(asked, "parts", weights, kept, scenes)}
+
+
+def faster_rcnn(asked: Training, scenes: Sequence[Scene], product: Product, weights: Path) -> Scores:
+    """Train the paper's part detector, or a smaller one of its kind."""
+    from learned.parts.rcnn import train_rcnn
+    from learned.parts.settings import RcnnTraining
+    from learned.training.recipe import Task
+
+    settings = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
+    task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
+    return train_rcnn(scenes, product, weights, settings, task)
 
 
 def part_epochs(budget_s: float, images: int, things: int) -> tuple[int, int]:

@@ -191,6 +191,21 @@ def test_parts_that_are_taken_out_of_the_tray_are_nothing_that_covers_the_view(s
     assert {judged(number, *one) for number, one in enumerate(seen)} == {""}
 
 
+@pytest.mark.parametrize("white", [True, False])
+def test_an_arm_in_bright_light_hides_no_more_than_another(seen: list[Seen], white: bool) -> None:
+    health, view = ImageHealth(BENCH, PRODUCT), View(BENCH.overhead.model, BENCH.overhead.mount.pose)
+    corners = np.array([[400.0, 10.0], [460.0, 10.0], [460.0, 70.0], [400.0, 70.0]])
+    link = np.column_stack([view.on_plane(corners, 0.2), np.full(4, 0.2)])
+
+    def judged(number: int, frame: Frame, hands: list[HandSample], link: NDArray[Any] | None) -> str:
+        image = frame.image.copy()
+        image[10:70, 400:460] = noisy(number, np.full((60, 60, 3), 250 if white else 2, np.uint8))
+        return health.judge(replace(frame, image=image, robot_m=None if link is None else link[np.newaxis]), hands)
+
+    assert {judged(number, *one, link) for number, one in enumerate(seen[:SOUND])} == {""}
+    assert "glaring" in judged(SOUND, *seen[SOUND], None)
+
+
 def test_a_hand_that_nobody_sees_as_one_is_unexplained(seen: list[Seen]) -> None:
     health = ImageHealth(BENCH, PRODUCT)
     told = [health.judge(frame, hands if number < SOUND else []) for number, (frame, hands) in enumerate(seen)]

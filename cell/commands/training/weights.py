@@ -25,6 +25,7 @@ from cell.interfaces.product import Product
 from learned.parts.settings import BACKBONES
 
 TRAIN_RATIO = 0.77  # 143 of the 186 scenarios of the default product, as in the paper
+ONE_KIND = {"hands", "holes"}  # networks of one kind alone: their commands have no option for it
 NOT_OF_THE_NETWORK = {"out", "overwrite", "config", "as_json"}  # options that do not change what is learned
 UNITS_S = {"s": 1, "m": 60, "h": 3600}
 
@@ -86,6 +87,8 @@ class Training:
             value = epochs if one.name == "epochs" else getattr(self, one.name)
             told = one.name == "seed" or value != one.default
             if one.name in NOT_OF_THE_NETWORK or not told or value in (None, "", (), []):
+                continue
+            if one.name == "kind" and name in ONE_KIND:
                 continue
             for each in value if isinstance(value, list) else [value]:
                 words += [f"--{one.name}", *([] if each is True else [str(each)])]

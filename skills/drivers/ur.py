@@ -39,6 +39,7 @@ LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its
 OPENING_S, LEAVING_S = 10.0, 3.0
 SETTLED_RAD_S, SETTLES_S = 0.01, 0.5  # an arm whose set points stand has come to rest when it is so slow, or then
 PROJECTED_S = 0.02  # a sample is sought along the path so far from where its time has it
+UNSURE_RAD = 0.002  # that joints are off their path by servo and noise
 MODES: dict[int, ArmMode] = {
     1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
     6: "emergency_stop", 7: "emergency_stop", 8: "violation", 9: "fault",
@@ -338,17 +339,21 @@ class UrArm:
         if ended and not moving:
             self._path = self._path_s = None
             return False, None
-        self._path_s = _nearest_s(path, at_s, sample)
+        self._path_s = nearest_s(path, at_s, sample)
         return moving, self._path_s
 
 
-def _nearest_s(path: JointTrajectory, about_s: float, sample: Sample) -> float:
-    """The place on the path nearest to the joints, within 20 ms of where time has it."""
+def nearest_s(path: JointTrajectory, about_s: float, sample: Sample) -> float:
+    """The place on the path nearest to the joints, within 20 ms of where time has it.
+
+    Where the path hardly moves, the joints tell little of the place: then it is that of the time.
+    """
     ends = np.clip([about_s - PROJECTED_S, about_s + PROJECTED_S], 0.0, path.duration_s)
     (first, last) = path.along(ends)
     way = last - first
     length = float(way @ way)
     if length < 1e-10:
         return min(max(about_s, 0.0), path.duration_s)
-    share = float((sample.positions_rad - first) @ way) / length
-    return float(ends[0] + min(max(share, 0.0), 1.0) * (ends[1] - ends[0]))
+    nearest_s = ends[0] + min(max(float((sample.positions_rad - first) @ way) / length, 0.0), 1.0) * (ends[1] - ends[0])
+    told = length / (length + UNSURE_RAD**2)
+    return float(told * nearest_s + (1 - told) * min(max(about_s, 0.0), path.duration_s))

@@ -30,37 +30,64 @@ from skills.drivers.settings import CanSettings
 from trees.engine.tree import Tree
 from trees.node_library import own_code
 
+Attachments = dict[str, tuple[str, bytes]]  # media type and content by name
+
 
 def heading(options: RunOptions, files: Files) -> Heading:
     """What a log needs to be run again: files as attachments, the rest as metadata."""
-    assert files.configuration.faults is not None
-    attachments = {
-        "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
-        "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
-        "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
-    }
-    attachments |= robot_files(files.configuration.robot)
-    devices = files.configuration.devices
-    if isinstance(devices.gripper, CanSettings):
-        attachments["gripper.dbc"] = ("text/plain", read_frames(devices.gripper.database or SHIPPED).encode())
-    if devices.simulated and options.devices is None:
-        look = devices.simulation.look.draw(options.seed)
-        attachments["simulation.json"] = ("application/json", devices.simulation.model_dump_json().encode())
-        attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
-    semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
-    meshes = (one.mesh for one in files.configuration.bench.obstacles)
-    for path in (semantic.goals, semantic.confusions, files.configuration.calibration, *meshes):
-        if path is not None and path.exists() and path.resolve().is_relative_to(folder):
-            attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
+    attachments = _configured(options, files)
+    if files.configuration.devices.simulated and options.devices is None:
+        attachments |= _simulation(files, options.seed)
     for name, text in tree_texts(files.tree).items():
         attachments[name] = ("application/xml", text.encode())
+    values = _asked(options, files) | _networks(files)
+    for file in own_code(files.tree):
+        attachments[f"nodes/{file.name}"] = ("text/x-python", file.read_bytes())
+        values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    return Heading({**values, **identity()}, attachments)
+
+
+def _configured(options: RunOptions, files: Files) -> Attachments:
+    """The configuration and the files that it names, where they lie beside it."""
+    configuration = files.configuration
+    assert configuration.faults is not None
+    attachments = {
+        "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
+        "faults.yaml": ("application/yaml", configuration.faults.read_bytes()),
+        "product.yaml": ("application/yaml", configuration.product.read_bytes()),
+    }
+    attachments |= robot_files(configuration.robot)
+    if isinstance(configuration.devices.gripper, CanSettings):
+        database = configuration.devices.gripper.database or SHIPPED
+        attachments["gripper.dbc"] = ("text/plain", read_frames(database).encode())
+    semantic, folder = configuration.planners.semantic, options.configuration.resolve().parent
+    meshes = (one.mesh for one in configuration.bench.obstacles)
+    for path in (semantic.goals, semantic.confusions, configuration.calibration, *meshes):
+        if path is not None and path.exists() and path.resolve().is_relative_to(folder):
+            attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
+    return attachments
+
+
+def _simulation(files: Files, seed: int) -> Attachments:
+    """The simulated world's settings, and the look that the seed drew."""
+    simulation = files.configuration.devices.simulation
+    look = yaml.safe_dump(simulation.look.draw(seed).model_dump(mode="json"))
+    return {
+        "simulation.json": ("application/json", simulation.model_dump_json().encode()),
+        "look.yaml": ("application/yaml", look.encode()),
+    }
+
+
+def _asked(options: RunOptions, files: Files) -> dict[str, str]:
+    """What the run was told."""
+    configuration, devices = files.configuration, files.configuration.devices
     values = {
         "product": files.product.name,
         "pace": options.pace,
         "tree": files.tree.short_name(options.tree),
-        "perception": files.configuration.perception.words,
+        "perception": configuration.perception.words,
     }
-    values |= {name: told for name in ("site", "bench") if (told := getattr(files.configuration.log, name))}
+    values |= {name: told for name in ("site", "bench") if (told := getattr(configuration.log, name))}
     if files.unsafe:
         values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated or options.devices is not None:
@@ -68,6 +95,18 @@ def heading(options: RunOptions, files: Files) -> Heading:
         values |= {"seed": str(options.seed), "goal": options.goal, "person": person}
     if devices.simulated and options.devices is None:
         values["look"] = devices.simulation.look.name
+    if options.world is not None:
+        values["world"] = str(options.world.resolve())
+    if options.resume is not None:
+        values |= {"resumes": str(options.resume), "left_off": json.dumps(files.left_off.plain())}
+    if options.entries:
+        values["entries"] = json.dumps(dict(options.entries))
+    return values
+
+
+def _networks(files: Files) -> dict[str, str]:
+    """Kinds of the planners, and digests of all weights."""
+    values: dict[str, str] = {}
     for name in LEARNED_KINDS:
         for network, file in files.configuration.perception.networks(name).items():
             values |= _weights(network, file)
@@ -75,19 +114,10 @@ def heading(options: RunOptions, files: Files) -> Heading:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
             values |= _weights(name, planner.weights)
-    for file in own_code(files.tree):
-        attachments[f"nodes/{file.name}"] = ("text/x-python", file.read_bytes())
-        values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    if options.world is not None:
-        values["world"] = str(options.world.resolve())
-    if options.resume is not None:
-        values |= {"resumes": str(options.resume), "left_off": json.dumps(files.left_off.plain())}
-    if options.entries:
-        values["entries"] = json.dumps(dict(options.entries))
-    return Heading({**values, **identity()}, attachments)
+    return values
 
 
-def robot_files(robot: RobotModel) -> dict[str, tuple[str, bytes]]:
+def robot_files(robot: RobotModel) -> Attachments:
     """The robot as it was, with URDF and meshes of one's own."""
     model, text = robot.model_dump(mode="json"), robot.urdf_text
     files = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product as all_of
 
@@ -13,7 +13,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
+from cell.interfaces.resting_pose import SIDES, UPRIGHT, lies_raised, side_up
 from skills.grasping.contact import RESTS_M, Descend, SetDown
 from skills.grasping.handling import (
     bracket_boxes,
@@ -26,7 +26,7 @@ from skills.grasping.handling import (
     why_not_empty,
 )
 from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
-from skills.motion.collision import Box
+from skills.motion.collision import Box, part_box
 from skills.motion.grip import STROKE_M
 from skills.motion.lying_grasp import (
     MOST_LEAN_RAD,
@@ -65,33 +65,16 @@ class SetUpright(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp from which the part can be put down better than it lies now."""
         planner, part = self._planner, self._part
-        kind = planner.product.parts[part.part]
-        reason: str = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
         if part.lies is None:
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
-        if (full := why_not_empty(observation)) is not None:
-            return Message("cannot take {part}: {full}", part=part.part, full=full)
-        left = turns_left(kind, side_up(part.lies))
-        carry_m = carry_over_bracket_m(planner, kind)
-        for hold, tool, joints in grasps_of_lying(planner, part, self._others, joints_of(observation)):
-            if left is None or hold.turn.then not in better(kind, hold.turn.up):
-                continue
-            take = take_lying(planner, part, self._others, (hold, tool, joints), carry_m)
-            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
-            if lifted is None or isinstance(take, str):
-                reason = (
-                    take
-                    if isinstance(take, str)
-                    else Message("cannot lift {part}: out of the arm's reach", part=part.part)
-                )
-                continue
-            put = put_lying(planner, part.part, hold, observation, self._others, (hold.turn.then,), lifted)
-            if isinstance(put, str):
-                reason = put
-                continue
-            self._then = hold.turn.then
-            return [*take, *put]
-        return reason
+        sides = better(planner.product.parts[part.part], side_up(part.lies))
+        ways = grasps_of_lying(planner, part, self._others, joints_of(observation))
+        useful = (way for way in ways if way[0].turn.then in sides)
+        found = taken_elsewhere(planner, part, self._others, observation, useful, lambda hold: (hold.turn.then,))
+        if isinstance(found, str):
+            return found
+        self._then = found[0].turn.then
+        return found[1]
 
     @property
     def done(self) -> str:
@@ -117,9 +100,8 @@ class PickLying(PhasedSkill):
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         if (full := why_not_empty(observation)) is not None:
             return Message("cannot take {part}: {full}", part=part.part, full=full)
-        carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
         for chosen in grasps_of_lying(planner, part, self._others, joints_of(observation)):
-            phases = take_lying(planner, part, self._others, chosen, carry_m)
+            phases = take_lying(planner, part, self._others, chosen)
             if not isinstance(phases, str):
                 return phases
         return Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
@@ -143,33 +125,46 @@ class LayAside(PhasedSkill):
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp with which the part can be put down on the side on which it lies, or on another one."""
-        planner, part = self._planner, self._part
-        if (full := why_not_empty(observation)) is not None:
-            return Message("cannot take {part}: {full}", part=part.part, full=full)
-        carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
-        reason: str = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
-        for chosen in ways_to_lift(planner, part, self._others, joints_of(observation)):
-            hold, tool, joints = chosen
-            take = take_lying(planner, part, self._others, chosen, carry_m)
-            lifted = planner.kinematics.follow(at_height(tool, carry_m), joints)
-            if lifted is None or isinstance(take, str):
-                reason = (
-                    take
-                    if isinstance(take, str)
-                    else Message("cannot lift {part}: out of the arm's reach", part=part.part)
-                )
-                continue
-            put = put_lying(planner, part.part, hold, observation, self._others, hold.sides, lifted)
-            if isinstance(put, str):
-                reason = put
-                continue
-            return [*take, *put]
-        return reason
+        ways = ways_to_lift(self._planner, self._part, self._others, joints_of(observation))
+        found = taken_elsewhere(self._planner, self._part, self._others, observation, ways, lambda hold: hold.sides)
+        return found if isinstance(found, str) else found[1]
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
         return Message("{part} moved aside", part=self._part.part)
+
+
+def taken_elsewhere(
+    planner: MotionPlanner,
+    part: PartDetection,
+    others: Sequence[PartDetection],
+    observation: Observation,
+    ways: Iterator[Chosen],
+    sides: Callable[[LyingHold], Sequence[str]],
+) -> tuple[LyingHold, list[Phase]] | str:
+    """Phases that take a part as it lies and put it down where the tray is free, and how it is held meanwhile.
+
+    Args:
+        ways: to hold it.
+        sides: with one of which up it is put down, by how it is held.
+    """
+    if (full := why_not_empty(observation)) is not None:
+        return Message("cannot take {part}: {full}", part=part.part, full=full)
+    reason: str = Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
+    for chosen in ways:
+        hold, tool, joints = chosen
+        take = take_lying(planner, part, others, chosen)
+        lifted = planner.kinematics.follow(at_height(tool, lifted_m(planner, part, tool)), joints)
+        if isinstance(take, str) or lifted is None:
+            missed = Message("cannot lift {part}: out of the arm's reach", part=part.part)
+            reason = take if isinstance(take, str) else missed
+            continue
+        put = put_lying(planner, part.part, hold, observation, others, sides(hold), lifted)
+        if not isinstance(put, str):
+            return hold, [*take, *put]
+        reason = put
+    return reason
 
 
 def why_not_lifted(
@@ -222,28 +217,48 @@ def _reached(
         yield hold, *found
 
 
+def raised(planner: MotionPlanner, part: PartDetection) -> bool:
+    """Whether a part lies on others: on such as are seen, or higher than it would on the floor."""
+    if part.lies is None or part.lies_on:
+        return bool(part.lies_on)
+    return lies_raised(planner.product.parts[part.part], part.lies, planner.bench.tray.centre_m[2])
+
+
 def boxes_around(planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> tuple[Box, ...]:
     """Seen parts as obstacles for who takes a part that lies.
 
-    What carries it and does not stand is as high as it can be, but not higher than the middle of what it carries.
+    What carries it counts as it lies where that is known; where not, it is as high as it can be, but not higher than
+    the middle of what it carries.
     """
     if part.lies is None or not part.lies_on:
         return tray_boxes(planner, others)
     middle_m = float(part.lies.position_m[2]) - planner.bench.tray.centre_m[2]
-    lower = []
-    for one in others:
+    found: list[Box] = []
+    for number, one in enumerate(others):
+        name, carries = f"{one.part} in the tray ({number})", one.box_px in part.lies_on and not one.upright
+        if carries and one.lies is not None:
+            found += solid_boxes(name, planner.product.parts[one.part], one.lies)
+            continue
         length, width, height = one.size_m
-        carrier = one.box_px in part.lies_on and not one.upright
-        lower.append(replace(one, size_m=(length, width, min(height, middle_m))) if carrier else one)
-    return tray_boxes(planner, lower)
+        lower = replace(one, size_m=(length, width, min(height, middle_m))) if carries else one
+        found.append(part_box(lower, planner.product, name))
+    return tuple(found)
+
+
+def lifted_m(planner: MotionPlanner, part: PartDetection, tool: Pose) -> float:
+    """Height of a tool that has lifted a part: over the bracket, and off what the part lay on, however high that is."""
+    kind = planner.product.parts[part.part]
+    off_m = tool.position_m[2] + kind.peg_length_m + planner.settings.carry_gap_m
+    return max(carry_over_bracket_m(planner, kind), off_m)
 
 
 def take_lying(
-    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], chosen: Chosen, carry_m: float
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], chosen: Chosen
 ) -> list[Phase] | str:
-    """Phases that end with the part held as it lay, the tool at least `carry_m` above the table."""
+    """Phases that end with the part held as it lay, lifted."""
     assert part.lies is not None
     hold, tool, joints = chosen
+    carry_m = lifted_m(planner, part, tool)
     settings, name, kind = planner.settings, part.part, planner.product.parts[part.part]
     boxes, itself = boxes_around(planner, part, others), solid_boxes(part.part, kind, part.lies)
     opening_m = _opening_m(planner, hold)
@@ -266,7 +281,7 @@ def take_lying(
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
-        Descend(name, planner, above, tool, (on_way, around), feels=bool(part.lies_on)),
+        Descend(name, planner, above, tool, (on_way, around), feels=raised(planner, part)),
         SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(
             Message("lifting {name}", name=name),

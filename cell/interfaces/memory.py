@@ -88,6 +88,10 @@ class Memory:
         """Note that this part could not be grasped."""
         self.in_vain = (*self.in_vain, part)[-IN_VAIN_N:]
 
+    def room_for_lying(self) -> None:
+        """Note that there is room now where there was none: parts that lie may be tried again."""
+        self.in_vain = tuple(one for one in self.in_vain if one.upright)
+
     def tried_in_vain(self, part: PartDetection) -> int:
         """How often such a part could not be grasped where this one stands."""
         return sum(one.part == part.part and _near(one, part) for one in self.in_vain)

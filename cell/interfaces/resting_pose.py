@@ -15,6 +15,7 @@ SIDES = ("+y", "-y", "+x", "-x", "-z")
 """What of a part that lies is up, as an axis of its own frame; `UPRIGHT` for one that stands on its peg."""
 
 NEAR_RAD = math.radians(25)  # a part that tips farther than this does not rest on that side
+RAISED_M = 0.012  # of the lowest point: what is higher lies on something, whether that is seen or not
 _TOUCHING_M = 1e-5
 _TIPS = 20
 
@@ -58,6 +59,12 @@ def rest_on(kind: PartType, up: str) -> Pose | None:
 def side_up(world_from_part: Pose) -> str:
     """The side that is up, or most nearly so."""
     return max((UPRIGHT, *SIDES), key=lambda side: float(world_from_part.rotation[2] @ axis_of(side)))
+
+
+def lies_raised(kind: PartType, world_from_part: Pose, floor_m: float) -> bool:
+    """Whether a part is too high above a floor to lie on it."""
+    points = world_from_part.transform(np.concatenate([solid.points() for solid in kind.whole]))
+    return float(points[:, 2].min()) - floor_m > RAISED_M
 
 
 def laid(up: str) -> Array:

@@ -21,7 +21,7 @@ from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
-from learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
+from learned.parts.stacked import LEAST_ON_TOP, NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
@@ -129,14 +129,18 @@ class PosedPartDetector(ABC):
         box_of = [exact.get(id(one.peak), _box(one.peak.box_px)) for one in found]
         for index in rest:
             on = tuple(box_of[one] for one in below[index])
-            lies = told[index].lies if on else None
+            lies = told[index].lies if on or told[index].on_top >= LEAST_ON_TOP else None
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
 
     def _below(self, frame: Frame, found: Sequence[_Seen]) -> tuple[list[tuple[int, ...]], list[Told]]:
-        """For each thing those that it lies on, and what is told of it; only what meets others is looked at."""
+        """For each thing those seen ones that it lies on, and what is told of it.
+
+        Only what meets others or does not stand is looked at: that may hide what it lies on.
+        """
         boxes, told = [one.peak.box_px for one in found], [NOTHING_TOLD] * len(found)
-        looked_at = meeting(boxes) if self._stacks is not None else []
+        fallen = {index for index, one in enumerate(found) if one.peak.upright < LEAST_STANDING}
+        looked_at = sorted(fallen.union(meeting(boxes)))
         if self._stacks is not None and looked_at:
             some = [found[index] for index in looked_at]
             yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in some]

@@ -51,8 +51,8 @@ class StackTraining(Schedule):
         off_m, off_rad: standard deviations of what it learns to correct, beside the centre net's own errors.
     """
 
-    widths: tuple[int, int, int] = (16, 32, 64)
-    hidden: int = Field(default=96, ge=8, le=1024)
+    widths: tuple[int, int, int] = (24, 48, 96)
+    hidden: int = Field(default=192, ge=8, le=1024)
     epochs: int = Field(default=30, ge=1, le=1000)
     batch: int = Field(default=32, ge=1, le=1024)
     off_m: float = Field(default=0.004, ge=0, le=0.02)

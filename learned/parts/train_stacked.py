@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from cell.interfaces.resting_pose import lies_raised
 from learned.inference.exposure import POOR, mean_level, spoiled
 from learned.inference.onnx_model import Inputs, Network
 from learned.parts.augment import turned
@@ -38,6 +39,7 @@ class Thing:
     Attributes:
         kind: by the centre net.
         place_m, yaw_rad: where the centre net supposes it.
+        on_top: whether it lies on another, though that may be hidden.
         carrying: whether another lies on it.
     """
 
@@ -46,6 +48,7 @@ class Thing:
     place_m: Array
     yaw_rad: float
     label: Label
+    on_top: bool
     carrying: bool
 
 
@@ -78,8 +81,16 @@ def things_seen(scenes: Sequence[Scene], product: Product, floor_m: float, centr
             number = _label_of(peak, scene, turn, types)
             if number is not None and scene.labels[number].pose is not None:
                 place, yaw = _supposed(peak, scene, floor_m, len(types))
-                found.append(Thing(scene, peak.kind, place, yaw, scene.labels[number], number in carrying))
+                label = scene.labels[number]
+                on_top = _on_top(label, product, floor_m)
+                found.append(Thing(scene, peak.kind, place, yaw, label, on_top, number in carrying))
     return found
+
+
+def _on_top(label: Label, product: Product, floor_m: float) -> bool:
+    kind = product.parts.get(label.part)
+    hidden = kind is not None and label.pose is not None and lies_raised(kind, label.pose, floor_m)
+    return bool(label.on) or hidden
 
 
 def train_stacked(
@@ -96,9 +107,7 @@ def train_stacked(
 ) -> dict[str, float]:
     """Train the network and write it to `out`; interrupted, the same call goes on there."""
     things = things_seen(scenes, product, floor_m, centre)
-    on_top, carrying = (
-        sum(map(bool, told)) for told in ([one.label.on for one in things], [one.carrying for one in things])
-    )
+    on_top, carrying = sum(one.on_top for one in things), sum(one.carrying for one in things)
     facts = {"things seen": float(len(things)), "on top": float(on_top), "carrying": float(carrying)}
     torch.manual_seed(seed)
     rng = np.random.default_rng([seed, 4])
@@ -146,7 +155,7 @@ def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.
     turn = seen.rotation @ pose.rotation
     wanted = np.concatenate([turn[:, 0], turn[:, 1], middle * 100]).astype(np.float32)
     posed = name == one.label.part != UNKNOWN and one.label.upright is False
-    stacked = np.array([bool(one.label.on), one.carrying], np.float32)
+    stacked = np.array([one.on_top, one.carrying], np.float32)
     return Sample(crop, min(one.kind, len(parts) - 1), posed, wanted, stacked)
 
 

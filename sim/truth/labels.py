@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,13 +85,23 @@ def _carriers(world: World) -> dict[int, set[str]]:
     """Names of the parts that each part lies on, by number of its body: its contacts with them point upwards."""
     names = {part.body: part.name for part in world.bodies}
     carriers: dict[int, set[str]] = {body: set() for body in names}
-    bodies = world.model.geom_bodyid[world.data.contact.geom].reshape(-1, 2)
-    normals = world.data.contact.frame[:, 2]  # z of the normal, which points from the first geom to the second
+    contacts = _awake(world).contact
+    bodies = world.model.geom_bodyid[contacts.geom].reshape(-1, 2)
+    normals = contacts.frame[:, 2]  # z of the normal, which points from the first geom to the second
     for (first, second), up in zip(bodies.tolist(), normals.tolist(), strict=True):
         if first in names and second in names and abs(up) > STEEP:
             above, below = (second, first) if up > 0 else (first, second)
             carriers[above].add(names[below])
     return carriers
+
+
+def _awake(world: World) -> mujoco.MjData:
+    """The state of a world with the contacts of what sleeps, too."""
+    data, options = copy(world.data), world.model.opt
+    kept, options.enableflags = options.enableflags, options.enableflags & ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    mujoco.mj_fwdPosition(world.model, data)
+    options.enableflags = kept
+    return data
 
 
 @dataclass(frozen=True)

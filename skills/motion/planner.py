@@ -212,8 +212,9 @@ class MotionPlanner:
         return blended(legs, self.settings, scene.is_free)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
-        """The tool straight up, which takes it away from all that stands beside or below it."""
-        pose = at_height(self.kinematics.forward(start_rad), height_m)
+        """The tool straight up to a height, which takes it away from all that stands beside or below it; never down."""
+        tool = self.kinematics.forward(start_rad)
+        pose = at_height(tool, max(height_m, tool.position_m[2]))
         return self.straight_move(start_rad, pose, Load(opening_m, close=True))
 
     def straight_move(

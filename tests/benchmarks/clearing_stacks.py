@@ -109,7 +109,7 @@ def fetch(seed: int, configuration: Configuration) -> Case:
     with robot_alone(scene, seed) as cell:
         watched = Watched(world=cell.world)
         outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, watched, configuration)
-        fetched, off = lifted(cell, part), outside(cell)
+        fetched, off = outcome.end == "finished" and lifted(cell, part), outside(cell)
     moves = sum(reason.endswith("moved aside") for reason in recorded.reasons())
     words = f"{part} ({outcome.reason}): {last_words(recorded)}"
     return Case(seed, count, fetched, watched.drop_m(), off, moves, words)

@@ -153,6 +153,10 @@ def test_a_part_on_another_one_names_it(product: Product, bench: Bench) -> None:
     assert (first.posture, first.on) == ("lying", ())
     assert (second.posture, second.on) == ("lying", ("o3_robot_0",))
     assert (third.posture, third.on) == ("upright", ())
+    for _ in range(25):
+        world.step_period()
+    assert not world.data.ncon  # they sleep, and nobody computes their contacts
+    assert [one.on for one in resting_parts(world)] == [(), ("o3_robot_0",), ()]
 
 
 def test_nominal_trays_stay_what_they_are(product: Product, bench: Bench) -> None:

@@ -111,8 +111,25 @@ def test_where_the_required_type_is_not_seen_what_lies_on_others_is_moved() -> N
 @pytest.mark.parametrize(("lies", "looks"), [("S", 6), ("SSF", 5)])
 def test_a_part_that_could_not_be_set_upright_does_not_count_as_one_that_is_not_seen(lies: str, looks: int) -> None:
     """Several may lie there, each to be tried twice; where all were, nothing is left to be seen."""
-    answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F", "what lies on others": "F"}
+    answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F", "MoveAside": "F", "what lies on others": "F"}
     found = {**FOUND, "FindLying": {"index": 0}}
     made = TreeBench(TREE, answers, found, main="ClearAndGrasp", provided={"part": "o3"})
     told = ticked_to_its_end(made)
     assert (told[-1], made.started("LookAtTray")) == ("F", looks)
+
+
+@pytest.mark.parametrize("on_others", ["S", "F"])
+def test_what_cannot_be_turned_where_it_lies_is_laid_elsewhere_after_what_lies_on_others(on_others: str) -> None:
+    answers = {"FindPart": "FFS", "FindLying": "S", "SetUpright": "FS", "what lies on others": on_others}
+    found = {**FOUND, "FindLying": {"index": 0}, "what lies on others": {"index": 1}}
+    made = TreeBench(TREE, answers, found, main="ClearAndGrasp", provided={"part": "o3"})
+    assert ticked_to_its_end(made)[-1] == "S"
+    assert (made.started("SetUpright"), made.started("MoveAside"), made.started("PickPart")) == (3, 1, 1)
+
+
+def test_what_stands_beside_a_part_that_has_no_room_is_moved_away() -> None:
+    answers = {"FindPart": "FS", "FindLying": "S", "SetUpright": "F", "what lies on others": "F", "MoveAside": "FS"}
+    found = {**FOUND, "FindLying": {"index": 0}}
+    made = TreeBench(TREE, answers, found, main="ClearAndGrasp", provided={"part": "o3"})
+    assert ticked_to_its_end(made)[-1] == "S"
+    assert (made.started("MoveAside"), made.started("DecodeSolution"), made.started("PickPart")) == (2, 1, 1)

@@ -38,6 +38,8 @@ class FindLying(CellNode):
     index = OutputPort(int, "number of the part that lies among the seen ones")
 
     def update(self) -> Status:
+        from skills.lying import raised
+
         view, part, near = self.parts.get(), self.part.get_or(""), self.near.get_or(None)
         if near is not None and not 0 <= near < len(view.seen):
             raise NodeError(f"part number {near} is not among the {len(view.seen)} seen parts")
@@ -47,7 +49,7 @@ class FindLying(CellNode):
             away_m = 0.0 if there is None else math.dist(_place(one), there)
             vain = self.memory.tried_in_vain(one)
             wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
-            wanted = wanted and not view.on_top(number) and (bool(one.lies_on) or not self.on_others.get())
+            wanted = wanted and not view.on_top(number) and (not self.on_others.get() or raised(self.tools.motion, one))
             if wanted and vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
         if not found:
@@ -114,7 +116,7 @@ class SetUpright(TakesLying):
         if status is Status.SUCCESS:  # it lies no more as it lay: nobody need be told
             memory, part = self.memory, self._target.part
             memory.reasons = without(memory.reasons, lies_on_its_side(self.tools.product.title(part)))
-            memory.in_vain = tuple(one for one in memory.in_vain if one.upright)  # there is room now
+            memory.room_for_lying()
             memory.turned = more(memory.turned, part)
         return status
 

@@ -163,6 +163,8 @@ class MoveAside(SkillNode):
         status = super().update()
         if status is Status.FAILURE and not self._target.upright:
             self.memory.failed_at(self._target)
+        if status is Status.SUCCESS:
+            self.memory.room_for_lying()
         return status
 
 

@@ -29,6 +29,7 @@ from trees.nodes.files import Files, WorkingFolder
 if TYPE_CHECKING:
     from skills.motion.planner import MotionPlanner
 
+MOST_BESIDE = 3  # of what stands near a part that lies is thought away
 GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
 
 
@@ -188,8 +189,10 @@ class Services:
             known = parts.seen[on_top[0]].lies is not None
             return (Solution(on_top) if known else Solution(needs_help=True)).plan(0.0)
         if not parts.seen[required].upright:
-            taken = self.why_not_graspable(parts, required) is None
-            return Solution(needs_help=not taken).plan(float(taken))
+            if self.why_not_graspable(parts, required) is None:
+                return Solution().plan(1.0)
+            blocker = self._beside_lying(parts, required)
+            return (Solution(needs_help=True) if blocker is None else Solution((blocker,))).plan(0.0)
         for planner in (self.tools.grasp, self.tools.rule_grasp):
             try:
                 plan = planner.plan(parts.seen, required)
@@ -202,6 +205,19 @@ class Services:
         if self.why_not_graspable(parts, required) is None:
             return GraspPlan(1.0, (), False, "grasp")
         return GraspPlan(0.0, (), True, "help")
+
+    def _beside_lying(self, parts: PartsView, required: int) -> int | None:
+        """What stands near a part that lies, so that it could be taken if that were away, and can be moved away."""
+        place = parts.seen[required].world_from_part.position_m
+        near = sorted(
+            (math.dist(one.world_from_part.position_m, place), number) for number, one in enumerate(parts.detections)
+        )
+        for _, number in near[:MOST_BESIDE]:
+            without = replace(parts, detections=parts.detections[:number] + parts.detections[number + 1 :])
+            frees = self.why_not_graspable(without, required - 1) is None
+            if frees and not parts.on_top(number) and self.why_not_graspable(parts, number) is None:
+                return number
+        return None
 
     def _refusal(self, plan: GraspPlan, parts: PartsView, required: int) -> str | None:
         """Where a plan and the arm disagree about the part as it stands, if they do."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -14,8 +14,10 @@ from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
+from cell.interfaces.resting_pose import rest_on
 from learned.parts.boxes import BoxPartDetector, head_file
 from learned.parts.data import AXIS_M, Label, Scene, surface_of
+from learned.parts.maps import INPUT_PX, Peak
 from learned.parts.model import CentrePartDetector
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
@@ -58,6 +60,33 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
     detector = CentrePartDetector.load(BENCH, PRODUCT, out)
     for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
         assert math.isfinite(one.confidence)
+
+
+class Nothing:
+    """A centre net whose maps nobody reads."""
+
+    def run(self, inputs: object) -> dict[str, list[None]]:  # noqa: ARG002
+        return {"heat": [None], "further": [None]}
+
+
+@pytest.mark.parametrize(("above_m", "on_top"), [(0.0, False), (0.045, True)])
+def test_what_lies_high_lies_on_something_though_that_is_hidden(
+    monkeypatch: pytest.MonkeyPatch, above_m: float, on_top: bool
+) -> None:
+    from learned.parts import train_stacked
+
+    kind, rest = PRODUCT.parts["o2"], rest_on(PRODUCT.parts["o2"], "+y")
+    assert rest is not None
+    pose = Pose((*BENCH.tray.centre_m[:2], FLOOR_M + above_m)) @ rest
+    outline = CAMERA.project(ABOVE, pose.transform(surface_of(kind)))
+    label = Label("o2", pose, False, outline, outline.mean(axis=0), np.zeros(2), 0.6)
+    scene = Scene("high", SCENES[0].image, CAMERA, ABOVE, ABOVE, (label,))
+    scale = np.array(INPUT_PX) / (CAMERA.width_px, CAMERA.height_px)
+    box = label.box_px * np.tile(scale, 2)
+    peak = Peak(1, 0.9, label.centre_px * scale, box, 0.0, 0.05, 0.1, (0, 0))
+    monkeypatch.setattr(train_stacked, "peaks", lambda *_: [peak])
+    (thing,) = train_stacked.things_seen([scene], PRODUCT, FLOOR_M, cast(Any, Nothing()))
+    assert (thing.on_top, thing.carrying) == (on_top, False)
 
 
 @pytest.mark.slow

@@ -78,6 +78,21 @@ def test_what_the_arm_cannot_take_as_it_lies_needs_help() -> None:
     assert at.solve(TOWER, 3).text == "help"
 
 
+def test_what_stands_in_the_way_of_a_part_that_lies_is_moved_first() -> None:
+    """Of what stands there only what frees it and can be taken itself."""
+    at, view = services(), stack(lying("o3", 2))
+
+    def why_not(parts: PartsView, required: int) -> str | None:
+        there = [one.part for one in parts.detections]
+        return "no room for the fingers" if parts.seen[required].part == "o3" and "o2" in there else None
+
+    at.why_not_graspable = why_not  # type: ignore[method-assign]
+    assert at.solve(view, 2).blockers == (1,)
+    at.why_not_graspable = lambda parts, required: None if len(parts.seen) < 3 else "none"  # type: ignore[method-assign]  # noqa: ARG005
+    again = replace(view, sequence=1)
+    assert at.solve(again, 2).text == "help", "what is in its way cannot be taken either"
+
+
 def test_a_part_that_lies_under_others_is_found_and_one_without_anything_on_it_comes_first() -> None:
     view = stack(lying("o3", 2), lying("o2", 3, 2))
     for part, number in (("o3", 2), ("o2", 1)):

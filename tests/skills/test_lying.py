@@ -1,0 +1,69 @@
+"""Parts that lie on others are lifted off them, however high they lie, and what carries them is seen as it lies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from cell.interfaces.resting_pose import rest_on
+from skills.lying import boxes_around, lifted_m, raised, take_lying, ways_to_lift
+from skills.motion.planner import MotionPlanner
+
+BOX, CARRIER = (10, 10, 20, 20), (5, 5, 25, 25)
+
+
+def lying(product: Product, bench: Bench, part: str, above_m: float, **told: object) -> PartDetection:
+    """One that lies in the middle of the tray, so far above its floor."""
+    rest = rest_on(product.parts[part], "+y")
+    assert rest is not None
+    x, y, z = bench.tray.centre_m
+    lies, size = Pose((x, y, z + above_m)) @ rest, (0.09, 0.06, above_m + 0.05)
+    return PartDetection(part, 0.9, Pose((x, y, z)), size, BOX, upright=False, lies=lies, **told)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("height_m", [-1.0, 0.0, 0.02])
+def test_a_tool_that_rises_never_goes_down(planner: MotionPlanner, bench: Bench, height_m: float) -> None:
+    start = np.array(bench.arm_look_rad)
+    now_m = planner.kinematics.forward(start).position_m[2]
+    way = planner.rise(start, now_m + height_m, 0.05)
+    assert not isinstance(way, str)
+    heights = [planner.kinematics.forward(joints).position_m[2] for joints in way.positions_rad]
+    assert min(heights) > now_m - 1e-4
+    assert heights[-1] == pytest.approx(now_m + max(height_m, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("above_m", [0.0, 0.08, 0.16])
+def test_a_part_is_lifted_off_what_it_lies_on_however_high_that_is(
+    planner: MotionPlanner, product: Product, bench: Bench, above_m: float
+) -> None:
+    part = lying(product, bench, "o2", above_m)
+    for chosen in ways_to_lift(planner, part, (), np.array(bench.arm_look_rad)):
+        if not isinstance(take_lying(planner, part, (), chosen), str):
+            assert lifted_m(planner, part, chosen[1]) >= chosen[1].position_m[2] + product.parts["o2"].peg_length_m
+            return
+    pytest.fail("no way to lift it")
+
+
+def test_what_lies_too_high_for_the_floor_lies_on_others_though_they_are_hidden(
+    planner: MotionPlanner, product: Product, bench: Bench
+) -> None:
+    assert not raised(planner, lying(product, bench, "o3", 0.0))
+    assert raised(planner, lying(product, bench, "o3", 0.04))
+    assert raised(planner, lying(product, bench, "o3", 0.0, lies_on=(CARRIER,)))
+
+
+def test_what_carries_a_part_is_in_the_way_as_it_lies(planner: MotionPlanner, product: Product, bench: Bench) -> None:
+    above = lying(product, bench, "o1", 0.05, lies_on=(CARRIER,))
+    x, y, z = bench.tray.centre_m
+    rest = rest_on(product.parts["o3"], "+y")
+    assert rest is not None
+    known = PartDetection(
+        "o3", 0.9, Pose((x, y, z)), (0.1, 0.1, 0.09), CARRIER, upright=False, lies=Pose((x, y, z)) @ rest
+    )
+    rough = PartDetection("o3", 0.9, Pose((x, y, z)), (0.1, 0.1, 0.09), CARRIER, upright=False)
+    assert len(boxes_around(planner, above, (known,))) == len(product.parts["o3"].whole)
+    assert len(boxes_around(planner, above, (rough,))) == 1

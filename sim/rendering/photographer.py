@@ -20,6 +20,7 @@ from sim.scene.look import Camera
 
 WHITE = 255
 BANK_FRAMES = 2  # length of the noise bank, in images
+STILL = 1e-4  # by which a place [m] or a direction may change while the shutter is open, so that nothing is blurred
 
 Image = NDArray[np.uint8]
 
@@ -41,15 +42,10 @@ class Sensor:
         # Apart by sign, as bytes: what saturates is added four times as fast as wider numbers are.
         self._brighter, self._darker = (np.clip(one, 0, WHITE).astype(np.uint8) for one in (bank, -bank))
 
-    def spoil(self, moments: Sequence[Image]) -> Image:
-        """The frame of an exposure.
-
-        Args:
-            moments: clean images (height, width, 3) RGB from the shutter's opening to its closing.
-        """
+    def spoil(self, clean: Image) -> Image:
+        """The frame of a clean image (height, width, 3), RGB."""
         look = self._look
-        seen = moments[0] if len(moments) == 1 else np.rint(np.mean(moments, axis=0)).astype(np.uint8)
-        seen = self._lens.bend(seen)
+        seen = self._lens.bend(clean)
         if look.blur_px > 0:
             seen = cv2.GaussianBlur(seen, (0, 0), look.blur_px).astype(np.uint8, copy=False)
         exposed, (brighter, darker) = self._exposed(seen), self._grain(seen)
@@ -110,6 +106,15 @@ class SensorSetup:
     rng: np.random.Generator
 
 
+def moves(moments: Sequence[ScenePoses]) -> bool:
+    """Whether anything is elsewhere at one moment than at the first, so that it can be seen."""
+    return any(
+        bool((np.abs(now - then) > STILL).any())
+        for one in moments[1:]
+        for now, then in zip(one, moments[0], strict=True)
+    )
+
+
 class Photographer:
     """Makes the frames of some cameras, each camera's in their order.
 
@@ -131,13 +136,18 @@ class Photographer:
     def take(self, exposure: Exposure) -> Frame:
         """The frame of an exposure."""
         sensor = self._sensors[exposure.camera]
-        clean = [self._clean(exposure.camera, sensor, poses) for poses in exposure.moments]
-        image = sensor.spoil(clean)
+        image = sensor.spoil(self._gathered(exposure, sensor))
         stereo, depth_mm = self._stereo.get(exposure.camera), None
         if stereo is not None:
             depth_mm = stereo.spoil(self._studio.depths_m(exposure.camera, sensor.width_px, sensor.height_px))
         told = exposure.camera, exposure.sequence, exposure.time_s
         return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
+
+    def _gathered(self, exposure: Exposure, sensor: Sensor) -> Image:
+        """What the sensor gathers until the shutter closes; where nothing moves, one moment is as good as all."""
+        moments = exposure.moments if moves(exposure.moments) else exposure.moments[-1:]
+        clean = [self._clean(exposure.camera, sensor, poses) for poses in moments]
+        return clean[0] if len(clean) == 1 else np.rint(np.mean(clean, axis=0)).astype(np.uint8)
 
     def _clean(self, camera: str, sensor: Sensor, poses: ScenePoses) -> Image:
         show_poses(self._data, poses)

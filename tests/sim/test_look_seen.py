@@ -76,7 +76,7 @@ def test_every_knob_of_the_camera_is_seen(bench: Bench) -> None:
     clean = np.random.default_rng(0).integers(0, 255, size).astype(np.uint8)
 
     def shot(look: Look) -> Image:
-        return Sensor(bench.wrist, look.camera, np.random.default_rng(1)).spoil([clean])
+        return Sensor(bench.wrist, look.camera, np.random.default_rng(1)).spoil(clean)
 
     before = shot(Look.model_validate(full_look()))
     unseen = [name for name, look in changes("camera") if np.array_equal(before, shot(look))]

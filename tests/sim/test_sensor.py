@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.rendering.camera import Delivery, SimCamera
 from sim.rendering.photographer import Exposure, Image, Photographer, Sensor, SensorSetup
-from sim.rendering.studio import Studio
+from sim.rendering.studio import ScenePoses, Studio, visible_poses
 from sim.scene.lens import Lens
 from sim.scene.look import NOMINAL, Camera, Look, MountError, Mounts
 from sim.scene.world import World, build_world
@@ -22,9 +23,9 @@ PERIOD_S = 0.008
 CLEAN = {"noise_levels": 0.0, "brightness_jitter": 0.0, "blur_px": 0.0}
 
 
-def spoiled(bench: Bench, image: Image, *more: Image, **knobs: float) -> Image:
+def spoiled(bench: Bench, image: Image, **knobs: float) -> Image:
     camera = Camera.model_validate({**CLEAN, **knobs})
-    return Sensor(bench.overhead, camera, np.random.default_rng(0)).spoil([image, *more])
+    return Sensor(bench.overhead, camera, np.random.default_rng(0)).spoil(image)
 
 
 @pytest.fixture
@@ -41,12 +42,6 @@ def test_a_clean_camera_changes_nothing(bench: Bench, picture: Image) -> None:
 def test_brightness_and_white_balance_multiply(bench: Bench, picture: Image) -> None:
     image = spoiled(bench, picture, brightness_ev=1.0, red_gain=0.5, blue_gain=1.2).astype(float)
     np.testing.assert_allclose(image, np.minimum(picture * np.array([1.0, 2.0, 2.4]), 255), atol=1)
-
-
-def test_an_exposure_is_the_mean_of_its_moments(bench: Bench, picture: Image) -> None:
-    moved = np.roll(picture, 8, axis=1)
-    image = spoiled(bench, picture, moved).astype(float)
-    np.testing.assert_allclose(image, (picture.astype(float) + moved) / 2, atol=0.51)
 
 
 def test_jpeg_leaves_the_mean_and_loses_detail(bench: Bench, picture: Image) -> None:
@@ -151,6 +146,37 @@ def test_the_true_mount_moves_the_picture_and_not_what_the_controller_is_told(pr
     assert frames[0].image.shape == frames[1].image.shape
     assert all(dark for dark in pictures)
     assert not hole_px(frames[1].image, bench, MountError())
+
+
+def test_what_moves_while_the_shutter_is_open_is_blurred_and_what_stands_is_drawn_once(
+    product: Product, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = build_world(product, bench, ())
+    sensors = {"overhead": SensorSetup(bench.overhead, Camera.model_validate(CLEAN), np.random.default_rng(0))}
+    photographer, drawn = Photographer(world.model, sensors), list[object]()
+
+    def moment(turn_rad: float) -> ScenePoses:
+        first, *others = bench.arm_look_rad
+        world.set_arm(np.array([first + turn_rad, *others]))
+        return visible_poses(world.data)
+
+    def taken(*moments: ScenePoses) -> Image:
+        drawn.clear()
+        return photographer.take(Exposure("overhead", 0, 0.0, bench.overhead.mount.pose, moments)).image
+
+    def counted(*given: Any) -> Image:
+        drawn.append(given)
+        return clean(*given)
+
+    clean = photographer._clean
+    monkeypatch.setattr(photographer, "_clean", counted)
+    moments = [moment(turn) for turn in (0.0, 0.01, 0.02)]
+    single = [taken(one) for one in moments]
+    np.testing.assert_allclose(taken(*moments), np.mean(single, axis=0), atol=0.51)
+    assert len(drawn) == 3
+    assert np.array_equal(taken(moments[0], moments[0]), single[0])
+    assert len(drawn) == 1
+    photographer.close()
 
 
 def hole_px(image: Image, bench: Bench, error: MountError) -> bool:

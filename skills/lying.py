@@ -184,8 +184,9 @@ def ways_to_lift(
     """Ways to take a part as it lies, on others perhaps: from straight above first."""
     assert part.lies is not None
     kind, up = planner.product.parts[part.part], side_up(part.lies)
-    for hold, wide in all_of(straight_holds(kind, up, planner.settings)[:LIFTS], (WIDE_M, 0.0)):
-        yield from _reached(planner, part, others, replace(hold, held_m=hold.held_m + wide), near_rad)
+    straight = straight_holds(kind, up, planner.settings)[:LIFTS]
+    holds = [replace(hold, held_m=hold.held_m + wide) for hold, wide in all_of(straight, (WIDE_M, 0.0))]
+    yield from _reached(planner, part, others, holds, near_rad)
     yield from grasps_of_lying(planner, part, others, near_rad)
 
 
@@ -200,21 +201,26 @@ def grasps_of_lying(
 ) -> Iterator[Chosen]:
     """Ways to take a part that lies, which the arm reaches without touching anything, the best first."""
     assert part.lies is not None
-    for hold in lying_holds(planner.product.parts[part.part], side_up(part.lies), planner.settings)[:TRIES]:
-        yield from _reached(planner, part, others, hold, near_rad)
+    holds = lying_holds(planner.product.parts[part.part], side_up(part.lies), planner.settings)[:TRIES]
+    yield from _reached(planner, part, others, holds, near_rad)
 
 
 def _reached(
-    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], hold: LyingHold, near_rad: Array
+    planner: MotionPlanner,
+    part: PartDetection,
+    others: Sequence[PartDetection],
+    holds: Sequence[LyingHold],
+    near_rad: Array,
 ) -> Iterator[Chosen]:
-    """A way to hold a part that lies with the joints for it, where the arm reaches it and touches nothing."""
+    """Of the ways to hold a part that lies those that the arm reaches without touching anything, with the joints."""
     assert part.lies is not None
     itself = solid_boxes(part.part, planner.product.parts[part.part], part.lies)
     obstacles = (*boxes_around(planner, part, others), *itself)
-    tool = part.lies @ hold.part_from_tool
-    found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
-    if not isinstance(found, str):
-        yield hold, *found
+    for hold in holds:
+        tool = part.lies @ hold.part_from_tool
+        found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
+        if not isinstance(found, str):
+            yield hold, *found
 
 
 def raised(planner: MotionPlanner, part: PartDetection) -> bool:

@@ -190,6 +190,18 @@ class CollisionChecker:
                 geometry.addCollisionPair(pinocchio.CollisionPair(link, own))
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Two things that touch.
+
+    Attributes:
+        by_tool: what hangs on the last joint touches what stands: it does so however the arm leans.
+    """
+
+    words: str
+    by_tool: bool
+
+
 class Scene:
     """The arm among all that it must not touch, ready to be asked about many postures."""
 
@@ -212,14 +224,15 @@ class Scene:
         collides = pinocchio.computeCollisions
         return bool(collides(self._model, self._data, self._geometry, self._results, joints_rad, True))
 
-    def contact(self, joints_rad: Array) -> str | None:
-        """Which two things touch in a posture (6,), in words."""
+    def contact(self, joints_rad: Array) -> Contact | None:
+        """Which two things touch in a posture (6,)."""
         if not self.touches_pair_by_pair(joints_rad):
             return None
-        names = [item.name for item in self._geometry.geometryObjects]
         pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
-        first = next(pair for pair, result in pairs if result.isCollision())
-        return f"{names[first.first]} would touch {names[first.second]}".replace("_", " ")
+        touching = next(pair for pair, result in pairs if result.isCollision())
+        first, second = (self._geometry.geometryObjects[number] for number in (touching.first, touching.second))
+        by_tool = first.parentJoint == self._model.njoints - 1 and second.parentJoint == 0
+        return Contact(f"{first.name} would touch {second.name}".replace("_", " "), by_tool)
 
     def is_free(self, positions_rad: Array) -> bool:
         """Whether nothing touches along a joint path (n, 6)."""
@@ -229,7 +242,8 @@ class Scene:
     def first_contact(self, positions_rad: Array) -> str | None:
         """What touches first along a joint path (n, 6), in words; None where the way is free."""
         rows = self.resampled(positions_rad)
-        return next((self.contact(joints) for joints in rows if self.touches(joints)), None)
+        found = next((self.contact(joints) for joints in rows if self.touches(joints)), None)
+        return None if found is None else found.words
 
     def resampled(self, positions_rad: Array) -> Array:
         """A path (m, 6) through the same line, no point of the arm going farther than STEP_M from row to row."""

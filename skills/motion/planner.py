@@ -48,6 +48,7 @@ Onto = Callable[[float], None]
 
 BESIDE_M = 0.08  # of a part's middle: a tool that is farther away has left it
 SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
+SCENES = 8  # that are kept: the same one is often asked about many postures
 CHECKS_A_TICK = 500  # of postures: some 8 ms
 LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
 
@@ -80,6 +81,7 @@ class MotionPlanner:
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(self._checker, bench, self.settings)
+        self._scenes: list[tuple[tuple[Load, float, Box | None], Scene]] = []  # those that were asked for last
         self._beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
 
     @property
@@ -92,17 +94,19 @@ class MotionPlanner:
 
         The arm leans another way than it usually does only where something is in the way of that.
         """
-        reason, scene = "out of the arm's reach", self.scene(load)
+        reason, scene, left = "out of the arm's reach", self.scene(load), list(poses)
         for posture in (USUAL, *OTHERS):
             free: list[tuple[float, Pose, Array]] = []
-            for pose in poses:
+            for pose in tuple(left):
                 joints = self.kinematics.inverse(pose, near_rad, posture)
                 if joints is None:
                     continue
                 if (contact := scene.contact(joints)) is None:
                     free.append((self.travel_s(joints - near_rad), pose, joints))
-                elif posture is USUAL:
-                    reason = contact
+                    continue
+                reason = contact.words if posture is USUAL else reason
+                if contact.by_tool:
+                    left.remove(pose)
             if free:
                 _, pose, joints = min(free, key=lambda entry: entry[0])
                 return pose, joints
@@ -174,7 +178,9 @@ class MotionPlanner:
     def _no_way(self, scene: Scene, start_rad: Array, goal_rad: Array) -> str:
         """Which two things are in the way, at an end of it or on the direct one."""
         where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
-        touched = [f"{found} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None]
+        touched = [
+            f"{found.words} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None
+        ]
         contact = (*touched, scene.first_contact(np.array([start_rad, goal_rad])))[0]
         return Message("no free way: {contact}", contact=contact)
 
@@ -242,13 +248,18 @@ class MotionPlanner:
         found = (
             (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")
         )
-        return [(name, contact) for name, contact in found if contact is not None]
+        return [(name, contact.words) for name, contact in found if contact is not None]
 
     def scene(self, load: Load, spare_m: float = 0.0) -> Scene:
         """What is kept clear of on a motion, by so much more than needed."""
+        asked = load, spare_m, self.around
+        if (known := next((scene for of, scene in self._scenes if of == asked), None)) is not None:
+            return known
         margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
         obstacles = load.obstacles if self.around is None else (*load.obstacles, self.around)
-        return self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
+        scene = self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
+        self._scenes = [(asked, scene), *self._scenes[: SCENES - 1]]
+        return scene
 
     def _low_over_hole(self, joints_rad: Array) -> bool:
         """Whether the fingers may stand around a part in a hole, or the part between them in one."""

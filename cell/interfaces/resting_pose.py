@@ -61,10 +61,15 @@ def side_up(world_from_part: Pose) -> str:
     return max((UPRIGHT, *SIDES), key=lambda side: float(world_from_part.rotation[2] @ axis_of(side)))
 
 
+def over_floor_m(kind: PartType, world_from_part: Pose, floor_m: float) -> float:
+    """How high above a floor the lowest point of a part is."""
+    points = world_from_part.transform(np.concatenate([solid.points() for solid in kind.whole]))
+    return float(points[:, 2].min()) - floor_m
+
+
 def lies_raised(kind: PartType, world_from_part: Pose, floor_m: float) -> bool:
     """Whether a part is too high above a floor to lie on it."""
-    points = world_from_part.transform(np.concatenate([solid.points() for solid in kind.whole]))
-    return float(points[:, 2].min()) - floor_m > RAISED_M
+    return over_floor_m(kind, world_from_part, floor_m) > RAISED_M
 
 
 def laid(up: str) -> Array:

@@ -14,6 +14,7 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
+from cell.interfaces.resting_pose import lies_raised
 from learned.parts.lying_fit import LyingFit, LyingFitter
 
 LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
@@ -43,24 +44,36 @@ class LyingParts:
         rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
         exact = [self._exact(one, fit.part, fit.world_from_part) for one, fit in fallen]
         rough: list[PartDetection] = []
-        for one in sorted(rest, key=lambda one: (one.lies is None, -one.confidence)):
+        for one in sorted(rest, key=lambda one: (not one.lies_on, -one.confidence)):
             if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
                 continue
-            if one.lies is not None:
+            if one.lies is not None and self._raised(one, one.lies):
                 exact.append(self._exact(one, one.part, one.lies))
                 continue
             tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
             fit = None if tried else self._lying(frame, one, found)
-            if fit is None:
-                rough.append(one)
-            else:
+            if fit is not None:
                 exact.append(self._exact(one, fit.part, fit.world_from_part))
+            elif one.lies is not None and self._clearly(one.part, self._same(one, found)):
+                exact.append(self._exact(one, one.part, one.lies))
+            else:
+                rough.append(one)
         apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
         return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
 
+    def _raised(self, one: PartDetection, lies: Pose) -> bool:
+        """Whether it lies on others, where no side can be fitted to the floor."""
+        floor_m = self._bench.tray.centre_m[2]
+        return bool(one.lies_on) or lies_raised(self._product.parts[one.part], lies, floor_m)
+
+    @staticmethod
+    def _same(one: PartDetection, found: Found) -> list[PartDetection]:
+        """All findings that may be this thing."""
+        return [other for other in found if overlap(one, other) >= SAME_BOX]
+
     def _lying(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a thing lies, of whichever type it is; a large part may also be told as several small ones."""
-        same = [other for other in found if overlap(one, other) >= SAME_BOX]
+        same = self._same(one, found)
         types = tuple(dict.fromkeys(other.part for other in same))
         around = [other for other in found if not inside(other, one)]
         hidden, less = (self._hidden(frame, one, others) for others in (found, around))
@@ -72,9 +85,13 @@ class LyingParts:
 
     def _least_agreement(self, part: str, same: Found) -> float:
         """How well a part must fit what may also be something unknown, by what the detector says of the thing."""
+        return 0.0 if self._clearly(part, same) else STRANGE_FITS
+
+    def _clearly(self, part: str, same: Found) -> bool:
+        """Whether the detector says clearly that a thing is of this type, and nothing unknown."""
         sure = max((one.confidence for one in same if one.part == part), default=0.0)
         strange = max((one.confidence for one in same if one.part not in self._product.parts), default=0.0)
-        return 0.0 if sure >= strange + CLEARLY else STRANGE_FITS
+        return sure >= strange + CLEARLY
 
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""

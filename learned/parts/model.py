@@ -17,11 +17,12 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
+from cell.interfaces.resting_pose import over_floor_m
 from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
-from learned.parts.stacked import LEAST_ON_TOP, NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
+from learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
@@ -30,6 +31,7 @@ LEAST_LIKELY = 0.05  # the same at first sight; what is likelier is looked at on
 BIAS, BY_CENTRE, BY_POSE, SUREST = -1.25, 0.3, 1.0, 6.0  # of log odds that it stands, by each network up to a limit
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
+LEAST_RAISED = 0.3  # probability that it lies on something, from which a thing is as high as the network has it
 AXIS_PX = 8.0
 RAYS = 7  # of a peak: its middle and two points of its axis, its middle if it lies, three corners of its box
 HALF_TURN = np.array([-1.0, -1.0, 1.0], np.float32)  # of what is along, across and the heading, seen the other way
@@ -129,7 +131,7 @@ class PosedPartDetector(ABC):
         box_of = [exact.get(id(one.peak), _box(one.peak.box_px)) for one in found]
         for index in rest:
             on = tuple(box_of[one] for one in below[index])
-            lies = told[index].lies if on or told[index].on_top >= LEAST_ON_TOP else None
+            lies = self._lies(found[index].peak, told[index], raised=bool(on))
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(one for one in answers if self._near_tray(one))
 
@@ -150,6 +152,15 @@ class PosedPartDetector(ABC):
                 stands = found[index].peak.upright >= LEAST_STANDING
                 told[index] = replace(answer, on_top=0.0) if stands else answer
         return carriers(told, boxes), told
+
+    def _lies(self, peak: Peak, told: Told, *, raised: bool) -> Pose | None:
+        """How a thing lies as far as that is told: on the floor, where it is told to lie on nothing."""
+        kind = self._kind_of(peak)
+        if kind is None or told.lies is None or raised or told.on_top >= LEAST_RAISED:
+            return told.lies
+        x, y, z = told.lies.position_m
+        over_m = over_floor_m(kind, told.lies, self._bench.tray.centre_m[2])
+        return Pose((x, y, z - over_m), told.lies.quaternion_wxyz)
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""

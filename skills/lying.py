@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import product as all_of
 
 from cell.files.words.message import Message
-from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
@@ -25,11 +24,13 @@ from skills.grasping.handling import (
     tray_boxes,
     why_not_empty,
 )
-from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
+from skills.grasping.phases import Activate, Move, Phase, PhasedSkill
+from skills.grasping.take_lower import TakeLower
 from skills.motion.collision import Box, part_box
 from skills.motion.grip import STROKE_M
 from skills.motion.lying_grasp import (
     MOST_LEAN_RAD,
+    OVER_FLOOR_M,
     LyingHold,
     held_box,
     laid_out,
@@ -45,6 +46,7 @@ HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is p
 LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle
 DROP_M = 0.0025  # a part is let go this far above the floor: how it lay was not seen exactly
 WIDE_M = 0.014  # by which fingers open wider for what lies on others, whose pose is known less well; where they can
+STEPS = 2  # down, where the fingers close above a part that lies on others
 TRIES, LIFTS = 64, 24  # ways to hold that are tried, leaning and straight
 
 Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
@@ -283,12 +285,12 @@ def take_lying(
         return Message("cannot take {name}: {way}", name=name, way=way)
     if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
         return Message("cannot lift {name}: {up}", name=name, up=up)
-    speed, force = settings.gripper_speed_m_s, settings.grip_force_n
+    lowest_m = planner.bench.tray.centre_m[2] + OVER_FLOOR_M
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
         Descend(name, planner, above, tool, (on_way, around), feels=raised(planner, part)),
-        SetGripper(Message("grasping {name}", name=name), GripperCommand(0.0, speed, force), settings, must_hold=True),
+        TakeLower(name, planner, opening_m, lowest_m, STEPS if raised(planner, part) else 0),
         Move(
             Message("lifting {name}", name=name),
             lambda start: planner.rise(start, carry_m, opening_m),

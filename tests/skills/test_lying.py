@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,12 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.resting_pose import rest_on
+from cell.interfaces.skill import Skill, SkillStatus
+from skills.grasping.contact import tool_height_m
+from skills.grasping.take_lower import STEP_M, TakeLower
 from skills.lying import boxes_around, lifted_m, raised, take_lying, ways_to_lift
 from skills.motion.planner import MotionPlanner
+from tests.skills.ideal_robot import IdealRobot
 
 BOX, CARRIER = (10, 10, 20, 20), (5, 5, 25, 25)
 
@@ -46,6 +52,40 @@ def test_a_part_is_lifted_off_what_it_lies_on_however_high_that_is(
             assert lifted_m(planner, part, chosen[1]) >= chosen[1].position_m[2] + product.parts["o2"].peg_length_m
             return
     pytest.fail("no way to lift it")
+
+
+class AboveIt(IdealRobot):
+    """A robot that has a part between its fingers only below some height of the tool."""
+
+    def __init__(self, planner: MotionPlanner, bench: Bench, below_m: float) -> None:
+        super().__init__(bench.arm_look_rad, part_m=0.034)
+        self._planner, self._below_m = planner, below_m
+
+    def tool_m(self) -> float:
+        return tool_height_m(self._planner, self.observe())
+
+    def _close(self, goal_m: float) -> None:
+        self.part_m = 0.034 if self.tool_m() < self._below_m else None
+        super()._close(goal_m)
+
+
+@pytest.mark.parametrize(("below_m", "lowers"), [(0.01, 0), (-0.01, 1), (-0.03, 2), (-0.05, None)])
+def test_fingers_that_close_on_nothing_reach_lower(
+    planner: MotionPlanner, bench: Bench, below_m: float, lowers: int | None
+) -> None:
+    now_m = planner.kinematics.forward(np.array(bench.arm_look_rad)).position_m[2]
+    robot = AboveIt(planner, bench, now_m + below_m)
+    progress = robot.run(cast(Skill, TakeLower("o2", planner, 0.05, now_m - 0.1, 2)))
+    assert progress.status is (SkillStatus.FAILURE if lowers is None else SkillStatus.SUCCESS)
+    assert robot.tool_m() == pytest.approx(now_m - STEP_M * (2 if lowers is None else lowers), abs=1e-3)
+    assert robot.observe().gripper.holding == (lowers is not None)
+
+
+def test_fingers_that_reach_lower_stay_above_the_floor(planner: MotionPlanner, bench: Bench) -> None:
+    now_m = planner.kinematics.forward(np.array(bench.arm_look_rad)).position_m[2]
+    robot = AboveIt(planner, bench, 0.0)
+    assert robot.run(cast(Skill, TakeLower("o2", planner, 0.05, now_m - 0.01, 2))).status is SkillStatus.FAILURE
+    assert robot.tool_m() == pytest.approx(now_m - 0.01, abs=1e-3)
 
 
 def test_what_lies_too_high_for_the_floor_lies_on_others_though_they_are_hidden(

@@ -285,12 +285,20 @@ def take_lying(
         return Message("cannot take {name}: {way}", name=name, way=way)
     if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
         return Message("cannot lift {name}: {up}", name=name, up=up)
-    lowest_m = planner.bench.tray.centre_m[2] + OVER_FLOOR_M
+    lowest_m, on_others = planner.bench.tray.centre_m[2] + OVER_FLOOR_M, raised(planner, part)
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
-        Descend(name, planner, above, tool, (on_way, around), feels=raised(planner, part)),
-        TakeLower(name, planner, opening_m, lowest_m, STEPS if raised(planner, part) else 0),
+        Descend(
+            name,
+            planner,
+            above,
+            tool,
+            (on_way, around),
+            settings.close_speed_m_s if on_others else None,
+            feels=on_others,
+        ),
+        TakeLower(name, planner, opening_m, lowest_m, STEPS if on_others else 0),
         Move(
             Message("lifting {name}", name=name),
             lambda start: planner.rise(start, carry_m, opening_m),

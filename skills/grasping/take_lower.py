@@ -12,6 +12,7 @@ from skills.grasping.phases import Move, Phase, SetGripper, done
 from skills.motion.planner import Load, MotionPlanner, Plan, at_height
 
 STEP_M = 0.018
+GENTLE_M_S = 0.05  # of fingers that close on a stack, which may topple
 
 
 class TakeLower:
@@ -25,7 +26,7 @@ class TakeLower:
         steps: down, at most.
         """
         self._name, self._planner = name, planner
-        self._opening_m, self._lowest_m, self._left = opening_m, lowest_m, steps
+        self._opening_m, self._lowest_m, self._steps, self._left = opening_m, lowest_m, steps, steps
         self._phases: list[Phase] = [self._close()]
 
     def poll(self, observation: Observation, command: Command) -> Progress:
@@ -54,7 +55,8 @@ class TakeLower:
 
     def _gripper(self, doing: str, opening_m: float, *, must_hold: bool = False) -> SetGripper:
         settings = self._planner.settings
-        goal = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+        speed_m_s = min(settings.gripper_speed_m_s, GENTLE_M_S) if self._steps else settings.gripper_speed_m_s
+        goal = GripperCommand(opening_m, speed_m_s, settings.grip_force_n)
         return SetGripper(doing, goal, settings, must_hold=must_hold)
 
     def _lower(self) -> Move:

@@ -46,6 +46,7 @@ HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is p
 LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle
 DROP_M = 0.0025  # a part is let go this far above the floor: how it lay was not seen exactly
 WIDE_M = 0.014  # by which fingers open wider for what lies on others, whose pose is known less well; where they can
+UNSURE_M = 0.03  # how much higher than thought a part may hang between the fingers that was taken off others
 STEPS = 2  # down, where the fingers close above a part that lies on others
 TRIES, LIFTS = 64, 24  # ways to hold that are tried, leaning and straight
 
@@ -162,7 +163,8 @@ def taken_elsewhere(
             missed = Message("cannot lift {part}: out of the arm's reach", part=part.part)
             reason = take if isinstance(take, str) else missed
             continue
-        put = put_lying(planner, part.part, hold, observation, others, sides(hold), lifted)
+        unsure_m = UNSURE_M if raised(planner, part) else 0.0
+        put = put_lying(planner, part.part, hold, observation, others, sides(hold), lifted, unsure_m)
         if not isinstance(put, str):
             return hold, [*take, *put]
         reason = put
@@ -316,8 +318,13 @@ def put_lying(
     others: Sequence[PartDetection],
     sides: Sequence[str],
     near_rad: Array,
+    unsure_m: float = 0.0,
 ) -> list[Phase] | str:
-    """Phases that put the held part down in the tray, with one of these sides up, the first that there is room for."""
+    """Phases that put the held part down in the tray, with one of these sides up, the first that there is room for.
+
+    Args:
+        unsure_m: as in `put_at`.
+    """
     kind, tray = planner.product.parts[name], planner.bench.tray
     reason: str = Message("no free spot in the tray for {name}", name=name)
     for up in sides:
@@ -327,7 +334,9 @@ def put_lying(
         spot_from_part, room = lies
         for x, y, yaw in free_centres(room, tray.centre_m[:2], HEADINGS, others, tray, planner.settings, each=2):
             spot = Pose.from_yaw((x, y, tray.centre_m[2] + DROP_M), yaw)
-            phases = put_at(planner, name, hold, spot @ spot_from_part, observation, others, near_rad, slips_m(kind))
+            phases = put_at(
+                planner, name, hold, spot @ spot_from_part, observation, others, near_rad, slips_m(kind), unsure_m
+            )
             if not isinstance(phases, str):
                 return phases
             reason = phases
@@ -371,13 +380,21 @@ def put_at(
     others: Sequence[PartDetection],
     near_rad: Array,
     slipped_m: float = RESTS_M,
+    unsure_m: float = 0.0,
 ) -> list[Phase] | str:
-    """Phases that let the held part go at a pose and end with the empty fingers above it; `slipped_m` as in SetDown."""
+    """Phases that let the held part go at a pose and end with the empty fingers above it.
+
+    Args:
+        slipped_m: as in `SetDown`.
+        unsure_m: it may hang so much higher between the fingers: the way down is felt, as far as the floor lets them.
+    """
     settings, kind = planner.settings, planner.product.parts[name]
     obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, others))
     held, opening_m = (held_box(name, kind, hold),), _opening_m(planner, hold)
     carrying, lowering = Load(opening_m, obstacles, held), Load(opening_m, obstacles, close=True)
     tool = world_from_part @ hold.part_from_tool
+    lowest_m = planner.bench.tray.centre_m[2] + OVER_FLOOR_M
+    tool = at_height(tool, max(tool.position_m[2] - unsure_m, min(lowest_m, tool.position_m[2])))
     found = planner.reach([tool], near_rad, lowering)
     if isinstance(found, str):
         return Message("cannot put {name} there: {found}", name=name, found=found)
@@ -395,7 +412,9 @@ def put_at(
             settings,
             holding=name,
         ),
-        SetDown(name, planner, tool, lowering, slipped_m),
+        SetDown(
+            name, planner, tool, lowering, slipped_m + unsure_m, settings.close_speed_m_s if unsure_m > 0 else None
+        ),
         *release_phases(planner, name, opening_m, carry_m),
     ]
 

@@ -164,16 +164,25 @@ class SetDown:
     A part that somebody has pulled down or tilted in the fingers meets the ground too early for the tool.
     """
 
-    def __init__(self, name: str, planner: MotionPlanner, goal: Pose, load: Load, slipped_m: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        planner: MotionPlanner,
+        goal: Pose,
+        load: Load,
+        slipped_m: float,
+        speed_m_s: float | None = None,
+    ) -> None:
         """Args:
         name: type of the held part.
         goal: world_from_tool when it is let go.
         slipped_m: contact this far above the goal may still be the ground; higher up it is something else.
+        speed_m_s: of the way down; the settings' by default.
         """
         self._name, self._planner, self._goal, self._slipped_m = name, planner, goal, slipped_m
         self._move = Move(
             Message("lowering {name}", name=name),
-            lambda start: planner.straight_move(start, goal, load),
+            lambda start: planner.straight_move(start, goal, load, speed_m_s),
             planner.settings,
             holding=name,
         )

@@ -269,7 +269,8 @@ class ArmMonitor:
             return ""
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
-        self._mismatches = np.where(np.abs(measured - told) > limit, self._mismatches + 1, 0)
+        off = np.minimum(np.abs(measured - told) / limit, 2.0).astype(int)  # what is off twice as much counts twice
+        self._mismatches = np.where(off > 0, self._mismatches + off, 0)
         if self._mismatches.max() < SPEEDS_OFF:
             return ""
         joint = int(self._mismatches.argmax())

@@ -298,7 +298,7 @@ def take_lying(
             tool,
             (on_way, around),
             settings.close_speed_m_s if on_others else None,
-            feels=on_others,
+            feels=True,
         ),
         TakeLower(name, planner, opening_m, lowest_m, STEPS if on_others else 0),
         Move(

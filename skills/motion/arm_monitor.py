@@ -269,11 +269,11 @@ class ArmMonitor:
             return ""
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
-        off = np.minimum(np.abs(measured - told) / limit, 2.0).astype(int)  # what is off twice as much counts twice
-        self._mismatches = np.where(off > 0, self._mismatches + off, 0)
-        if self._mismatches.max() < SPEEDS_OFF:
+        off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
+        self._mismatches = np.where(off * self._mismatches > 0, self._mismatches, 0) + off
+        if np.abs(self._mismatches).max() < SPEEDS_OFF:
             return ""
-        joint = int(self._mismatches.argmax())
+        joint = int(np.abs(self._mismatches).argmax())
         return Message(
             "{joint} moves at {measured} rad/s and tells {told} rad/s",
             joint=JOINTS[joint],

@@ -333,6 +333,16 @@ def test_a_trajectory_that_came_to_its_end_forgets_what_was_acknowledged_before(
     assert judgement.action is (Action.RUN if helps else Action.STOP), "who stays where it was has gone nowhere"
 
 
+@pytest.mark.parametrize(("speed_rad_s", "at"), [(0.05, None), (0.15, 3), (0.3, 2)])
+def test_the_more_told_speeds_are_off_the_sooner_it_is_noticed(speed_rad_s: float, at: int | None) -> None:
+    supervisor, noticed = make_supervisor(TABLE, motion_planner()), list[int]()
+    for tick in range(6):
+        creeps = arm(positions_rad=(0.1 + speed_rad_s * 0.04 * tick,) * 6)(sound(tick))
+        if "arm_not_plausible" in dict(supervisor.judge(creeps).reasons):
+            noticed.append(tick)
+    assert noticed[:1] == ([] if at is None else [at])
+
+
 def test_who_acknowledges_twice_has_helped_once() -> None:
     supervisor = make_supervisor(TABLE, motion_planner())
     supervisor.judge(sound(0))

@@ -24,6 +24,7 @@ SQUEEZE_M = 0.002  # 40 N
 MEAN_RAD_S, FINGERS_S = 0.5, 0.5
 PAUSE_S = (1.0, 8.0)
 NEAR_M = 0.05
+TAKEN_S = 0.1  # a hand that passes by is at a part for less
 SOLVE_STEPS, SOLVED, SOFTENING = 200, 1e-5, 1e-4
 
 
@@ -88,7 +89,9 @@ class Giver:
         x, y, _ = self._world.bench.bracket.position_m
         spot_m = np.array([x + BEFORE_BRACKET_M, y + self._rng.uniform(*ASIDE_M), HELD_M])
         yield from self._go(self._solve(spot_m, 0.0))
-        while not self._taken(part.name):
+        taken_s = 0.0
+        while taken_s < TAKEN_S:
+            taken_s = taken_s + self._dt_s if self._taken(part.name) else 0.0
             yield
         self.holding = None
         yield from self._grip(STROKE_M)

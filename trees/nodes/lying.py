@@ -34,6 +34,7 @@ class FindLying(CellNode):
     on_others = InputPort(bool, "only what lies on others", default=False)
     within_m = InputPort(float, "how near to it, middle to middle", default=0.15, least=0)
     tries = InputPort(int, "how often one is tried", default=2)
+    after = InputPort(int, "only one that was tried in vain so often", default=0)
     turns = InputPort(int, "how often parts of a type are turned of which none is seen to stand then", default=3)
     index = OutputPort(int, "number of the part that lies among the seen ones")
 
@@ -50,7 +51,7 @@ class FindLying(CellNode):
             vain = self.memory.tried_in_vain(one)
             wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
             wanted = wanted and not view.on_top(number) and (not self.on_others.get() or raised(self.tools.motion, one))
-            if wanted and vain < self.tries.get() and not self._turned_in_vain(one):
+            if wanted and self.after.get() <= vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
         if not found:
             self.feedback_message = f"no {part or 'part'} lies {'near it' if there else 'there'} that could be taken"

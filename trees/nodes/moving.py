@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import Enum
 
-from cell.interfaces.memory import NEVER_S
+from cell.interfaces.memory import NEVER_S, more
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
@@ -165,7 +165,15 @@ class MoveAside(SkillNode):
             self.memory.failed_at(self._target)
         if status is Status.SUCCESS:
             self.memory.room_for_lying()
+            self._count_turn()
         return status
+
+    def _count_turn(self) -> None:
+        """One that lay on the floor was laid elsewhere to be set upright there: that is not done for ever."""
+        from skills.lying import raised
+
+        if not self._target.upright and not raised(self.tools.motion, self._target):
+            self.memory.turned = more(self.memory.turned, self._target.part)
 
 
 class ReturnToTray(SkillNode):

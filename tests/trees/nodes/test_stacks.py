@@ -139,6 +139,31 @@ def test_a_part_is_moved_aside_as_it_stands_or_as_it_lies(
     assert len(at.memory.tray_parts) == 3
 
 
+@pytest.mark.parametrize(("on_others", "turns"), [(False, 1), (True, 0)])
+def test_a_part_that_is_laid_elsewhere_to_be_turned_there_counts_as_turned(
+    monkeypatch: pytest.MonkeyPatch, on_others: bool, turns: int
+) -> None:
+    """Else one that fits nowhere would be laid about for ever."""
+    monkeypatch.setattr("skills.lying.LayAside", lambda *_: Done())
+    monkeypatch.setattr("skills.lying.raised", lambda _, part: bool(part.lies_on))
+    at = services()
+    at.memory.failed_at(lying("o2", 2))
+    view = stack(lying("o3", 2, *([0] if on_others else [])))
+    node: Any = alone(MoveAside("move"), at, parts=view, index=2)
+    node.initialise()
+    assert node.update() is Status.SUCCESS
+    assert at.memory.turned.get("o3", 0) == turns
+    assert at.memory.in_vain == (), "there is room now"
+
+
+def test_only_what_was_tried_in_vain_is_laid_elsewhere() -> None:
+    at, view = services(), stack(lying("o3", 2))
+    find: Any = alone(FindLying("find"), at, part="o3", parts=view, after=1)
+    assert find.update() is Status.FAILURE
+    at.memory.failed_at(view.seen[2])
+    assert find.update() is Status.SUCCESS
+
+
 def test_what_lies_in_a_way_that_is_not_clear_is_not_moved() -> None:
     node: Any = alone(MoveAside("move"), services(), parts=stack(lying("o3", 2, 0, told=False)), index=2)
     with pytest.raises(NodeError, match="part number 2 does not stand, and it is not clear how it lies"):

@@ -147,10 +147,13 @@ def serve(answers: int) -> None:
             answer = None, error
         try:
             content = pickle.dumps(answer)
-        except Exception:  # an answer that cannot be sent
+            pickle.loads(content)
+        except Exception:  # an answer that cannot be sent, or not be read there
             content = pickle.dumps((None, CellError(f"{type(answer[1] or answer[0]).__name__}: {answer[1]}")))
         told.write(content)
         told.flush()
+        if isinstance(call, Exception):  # nobody reads further calls: the next one gets a new process
+            return
 
 
 def run_here(task: Task) -> Row:

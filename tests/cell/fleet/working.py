@@ -13,6 +13,18 @@ from cell.fleet.one_run import in_child
 from cell.fleet.spec import Task
 
 
+class Awkward(Exception):
+    """One that pickle takes, and cannot make again."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"{what}: {why}")
+
+
+def awkward() -> None:
+    """Raises it."""
+    raise Awkward("the run", "it is odd")
+
+
 def squared(number: int, kill_once: str) -> int:
     """The first time that a file is named that is not there, it is made and the process killed."""
     if kill_once and not Path(kill_once).exists():

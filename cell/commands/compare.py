@@ -17,6 +17,7 @@ from cell.commands.terminal import console, print_json
 from cell.errors import InputError
 
 if TYPE_CHECKING:
+    from cell.fleet.compare import Finding, Row
     from cell.fleet.spec import Sweep, Task
 
 FleetWorkersOption = Annotated[
@@ -68,8 +69,7 @@ def compare(
     """Compare two trees by pairs of runs: which one is better, if the runs prove it."""
     from cell.fleet import compare as comparing
     from cell.fleet.compare import pair
-    from cell.fleet.compare_text import as_json as answer
-    from cell.fleet.compare_text import by_person, lines, page, persons_as_json
+    from cell.fleet.compare_text import page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
     from cell.log.report.html_page import write_page
 
@@ -97,19 +97,32 @@ def compare(
             raise InputError(f"{what} the seed, person and goal of those that were asked for")
         found = comparing.findings(pairs)
         labels = [against.name] if against else []
-        names = (*labels, *(_label(tree, trees) for tree in trees))
-        write_page(page(found, (names[0], names[1]), pairs), rows.folder / "compare.html")
-    page_at = f"{out}/compare.html"
+        first, *_, last = (*labels, *(_label(tree, trees) for tree in trees))
+        write_page(page(found, (first, last), pairs), rows.folder / "compare.html")
     broken = [limit.text for limit in limits if limit.broken(found)]
+    _tell(found, (first, last), pairs, broken, f"{out}/compare.html", as_json)
+    return WORSE if broken else 0
+
+
+def _tell(
+    found: Sequence[Finding],
+    names: tuple[str, str],
+    pairs: Sequence[tuple[Row, Row]],
+    broken: list[str],
+    page: str,
+    as_json: bool,
+) -> None:
+    from cell.fleet.compare_text import as_json as answer
+    from cell.fleet.compare_text import by_person, lines, persons_as_json
+
     if as_json:
-        told = answer(found, (names[0], names[1]), len(pairs))
-        print_json({**told, "by_person": persons_as_json(pairs), "broken": broken, "page": page_at})
+        told = answer(found, names, len(pairs))
+        print_json({**told, "by_person": persons_as_json(pairs), "broken": broken, "page": page})
     else:
-        for line in (*lines(found, (names[0], names[1]), len(pairs)), *by_person(pairs), page_at):
+        for line in (*lines(found, names, len(pairs)), *by_person(pairs), page):
             typer.echo(line)
     for text in broken:
         console().print(f"beyond the bound: {text}", highlight=False)
-    return WORSE if broken else 0
 
 
 def _keys(asked: Sweep, nodes: Iterable[str]) -> set[str]:

@@ -1,7 +1,7 @@
 """Hands of photographs put onto the bench, as rows that the tracker learns from; MediaPipe is the teacher.
 
 A hand is found by MediaPipe, cut out (GrabCut, Rother 2004), and laid onto what lay behind it or onto
-frames of the bench, as large as hands are there. It gets a sleeve to the image's edge where the photograph ends.
+frames of the bench, as large as hands are there. It gets an arm to the image's edge, mostly in a sleeve.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ INSIDE_PX = 40  # of a hand's middle, from the image's edge
 BARE_SHARE = 0.25  # of hands that stay before what lay behind them
 GAIN = 0.2  # of the light, channel by channel
 SLEEVE = (0.75, 1.15)  # half its width, by the length from palm to wrist
+BARE_ARMS = 0.4  # share of arms without a sleeve: they have the hand's colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +136,9 @@ def compose(
         ground = onto[0].astype(np.float32)
     points = hand.points_px @ move[:, :2].T + move[:, 2]
     sleeve = _sleeve(points, length_px, size, rng)
-    colour = rng.uniform(20.0, 220.0, 3) * sleeve[..., 1:]
-    ground = ground * (1 - sleeve[..., :1]) + colour * sleeve[..., :1]
+    skin = np.median(hand.image[hand.mask > hand.mask.max() / 2], axis=0) * gains
+    colour = skin if rng.random() < BARE_ARMS else rng.uniform(20.0, 220.0, 3)
+    ground = ground * (1 - sleeve[..., :1]) + colour * sleeve[..., 1:] * sleeve[..., :1]
     image = np.clip(ground * (1 - mask) + drawn * gains * mask, 0, 255).astype(np.uint8)
     covered = np.maximum(mask, sleeve[..., :1])
     return image, [_row(points, hand.left, size), *(_under(one, covered) for one in (() if onto is None else onto[1]))]

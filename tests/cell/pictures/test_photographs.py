@@ -68,6 +68,19 @@ def test_a_hand_is_cut_out_of_its_photograph() -> None:
     assert np.abs(hand.behind[at_palm[1], at_palm[0]].astype(int) - WALL).max() < 60
 
 
+def test_some_arms_are_as_bare_as_the_hand_and_others_in_a_sleeve() -> None:
+    frame = np.full((SETUP.height_px, SETUP.width_px, 3), 90, np.uint8)
+    skinned = []
+    for seed in range(30):
+        image, rows = compose(cut(), (frame, []), SETUP, np.random.default_rng(seed))
+        palm, wrist = (np.array(rows[0].points_px[name]) for name in ("palm", "wrist"))
+        column, row = (wrist + (wrist - palm)).round().astype(int)
+        if 0 <= column < SETUP.width_px and 0 <= row < SETUP.height_px:
+            arm, hand = image[row, column].astype(float), image[tuple(palm.round().astype(int)[::-1])].astype(float)
+            skinned.append(bool(np.abs(arm / arm.sum() - hand / hand.sum()).max() < 0.03))
+    assert 0.15 < np.mean(skinned) < 0.7
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_points_lie_on_the_hand_that_is_seen(seed: int) -> None:
     frame = np.full((SETUP.height_px, SETUP.width_px, 3), 90, np.uint8)

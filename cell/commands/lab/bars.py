@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, JsonValue, model_validator
 from rich.table import Table
 from typer import Option
 
 from cell.commands.options import JsonOption
 from cell.commands.terminal import BESIDE, console, print_json
+from cell.configuration import DEFAULT_CONFIGURATION
 from cell.errors import InputError
 from cell.files.model import Model
 from cell.files.row_store import RowStore
-from cell.files.yaml_file import load_yaml
+from cell.files.yaml_file import load_yaml, write_values
 from cell.settings import WEIGHTS
 from learned.inference.onnx_model import digest_of
 
@@ -68,10 +71,16 @@ class Figure(Model):
 
 
 class Measured(Model):
-    """A command below `cell lab eval`, on how many seeds (None: its own draw, by --seed), and its figures."""
+    """A command below `cell lab eval`, and its figures.
+
+    Attributes:
+        seeds: on how many it runs; None for its own draw, by --seed.
+        settings: of the configuration, by dotted names, where they are others than the shipped ones.
+    """
 
     command: str
     seeds: int | None = Field(default=None, ge=1)
+    settings: Mapping[str, JsonValue] = Field(default_factory=dict)
     figures: tuple[Figure, ...]
 
     def words(self, first_seed: int) -> list[str]:
@@ -129,27 +138,37 @@ def measured(
     chosen: Sequence[Measured],
     first_seed: int,
     store: RowStore,
-    ask: Callable[[list[str]], Any],
+    ask: Callable[[list[str], Mapping[str, JsonValue]], Any],
 ) -> Iterator[dict[str, Any]]:
     """A row for each figure; commands whose answers are kept are not asked again."""
     for one in chosen:
         words = one.words(first_seed)
-        command = f"cell lab eval {' '.join(words)}"
+        settings = ", ".join(f"{name}: {json.dumps(value)}" for name, value in one.settings.items())
+        command = f"cell lab eval {' '.join(words)}" + (f" --config FILE with {settings}" if settings else "")
         if command not in store:
             console().print(command, highlight=False)
-            store.add({"command": command, "told": ask(words)})
+            store.add({"command": command, "told": ask(words, one.settings)})
         (kept,) = (row for row in store.rows if row["command"] == command)
         yield from ({**figure.of(kept["told"]), "command": command} for figure in one.figures)
 
 
-def ask(words: list[str]) -> Any:
+def ask(words: list[str], settings: Mapping[str, JsonValue]) -> Any:
     """The JSON that a command below `cell lab eval` prints.
+
+    Args:
+        settings: of the shipped configuration, by dotted names, that are others.
 
     Raises:
         InputError: it failed; with its last line.
     """
-    program = [sys.executable, "-m", "cell", "lab", "eval", *words]
-    done = subprocess.run(program, capture_output=True, text=True, check=False, env={**os.environ, BESIDE: "1"})
+    with tempfile.TemporaryDirectory() as folder:
+        program = [sys.executable, "-m", "cell", "lab", "eval", *words]
+        if settings:
+            copied = shutil.copytree(DEFAULT_CONFIGURATION.parent, Path(folder) / "config")
+            configuration = copied / DEFAULT_CONFIGURATION.name
+            write_values(configuration, {tuple(name.split(".")): value for name, value in settings.items()})
+            program += ["--config", str(configuration)]
+        done = subprocess.run(program, capture_output=True, text=True, check=False, env={**os.environ, BESIDE: "1"})
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
         said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]

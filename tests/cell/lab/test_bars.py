@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cell.commands.lab.bars import BARS, Figure, Measured, chosen_bars, measured
+from cell.commands.lab.bars import BARS, Figure, Measured, ask, chosen_bars, measured
+from cell.configuration import Configuration, load_configuration
 from cell.errors import InputError
 from cell.files.row_store import RowStore
 
@@ -46,7 +49,7 @@ def test_an_answer_without_the_figure_is_told(told: Any) -> None:
 def test_what_was_asked_is_not_asked_again(tmp_path: Path) -> None:
     asked: list[list[str]] = []
 
-    def ask(words: list[str]) -> Any:
+    def ask(words: list[str], settings: Mapping[str, object]) -> Any:  # noqa: ARG001
         asked.append(words)
         return {"trackers": {"slim": {"found": 1.0}}}
 
@@ -65,3 +68,31 @@ def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--only feet: no such command; legal: actions, grasp, hands"):
         chosen_bars(["feet"])
     assert BARS.is_file()
+
+
+def test_what_is_set_otherwise_is_set_for_the_command_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Configuration] = []
+
+    def run(program: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        given.append(load_configuration(Path(program[program.index("--config") + 1])))
+        return subprocess.CompletedProcess(program, 0, '{"found": 1.0}\n', "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    settings: dict[str, Any] = {"bench.overhead.depth": True, "perception.hands": {"kind": "mediapipe"}}
+    one = Measured(command="hands", seeds=2, settings=settings, figures=(Figure(claim="f", key="found", least=1),))
+    (row,) = measured([one], 900_000, RowStore(tmp_path / "bars.jsonl", ["command"], {}), ask)
+    assert given[0].bench.overhead.depth
+    assert given[0].perception.hands is not None
+    assert not load_configuration().bench.overhead.depth
+    told = 'with bench.overhead.depth: true, perception.hands: {"kind": "mediapipe"}'
+    assert row["command"].endswith(f"--json --config FILE {told}")
+
+
+@pytest.mark.parametrize("one", [one for one in chosen_bars() if one.settings], ids=lambda one: one.command)
+def test_settings_of_shipped_bars_are_legal(one: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(program: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        load_configuration(Path(program[program.index("--config") + 1]))
+        return subprocess.CompletedProcess(program, 0, "{}\n", "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    assert ask(one.words(900_000), one.settings) == {}

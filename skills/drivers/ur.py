@@ -6,6 +6,7 @@ program) is done by a thread beside the loop; until it is done, the arm tells th
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -38,8 +39,7 @@ SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
 LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its state is old
 OPENING_S, LEAVING_S = 10.0, 3.0
 SETTLED_RAD_S, SETTLES_S = 0.01, 0.5  # an arm whose set points stand has come to rest when it is so slow, or then
-PROJECTED_S = 0.02  # a sample is sought along the path so far from where its time has it
-UNSURE_RAD = 0.002  # that joints are off their path by servo and noise
+PROJECTED_S, UNSURE_RAD = 0.02, 0.002  # how far time and joints may err where a sample's place on the path is told
 MODES: dict[int, ArmMode] = {
     1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
     6: "emergency_stop", 7: "emergency_stop", 8: "violation", 9: "fault",
@@ -54,7 +54,8 @@ class Stream:
     """A running process that streams, and what it told.
 
     Attributes:
-        sent: newest set points, oldest first.
+        sent: newest set points of the path that was begun last, oldest first.
+        paths: how many were begun.
         lost: why it streams no more; empty while it does.
         heard_s: time of the machine of the newest set point.
         begun: one was told.
@@ -63,6 +64,7 @@ class Stream:
     child: Child
     channel: Channel[Any]
     sent: deque[said.Sent] = field(default_factory=lambda: deque(maxlen=512))
+    paths: int = 0
     lost: str = ""
     heard_s: float = field(default_factory=time.monotonic)
     begun: bool = False
@@ -77,14 +79,21 @@ class Stream:
                     self.lost = message.reason
                     return
                 if isinstance(message, said.Sent):
-                    self.sent.append(message)
                     self.heard_s, self.begun = message.time_s, True
+                    if message.path == self.paths:
+                        self.sent.append(message)
         except EOFError:
             self.lost = f"the {self.child.name} died"
             return
         silent_s = (time.monotonic() - self.heard_s) / slower
         if silent_s > (SILENT_S if self.begun else 3 * SILENT_S):
             self.lost = f"the {self.child.name} sent no set point for {silent_s:.2f} s"
+
+    def begin(self, trajectory: JointTrajectory, from_s: float = 0.0) -> None:
+        """Let it follow a path; what it told of the one before says nothing about this one."""
+        self.paths += 1
+        self.sent.clear()
+        self.say(said.Begin(trajectory, from_s))
 
     def say(self, message: Message) -> None:
         """Tell it something; a process that is gone shows in `hear`."""
@@ -148,8 +157,7 @@ class UrArm:
         if mode not in ("normal", "reduced") or self._stream is None:
             raise DeviceFault("arm", reason or f"it is in the mode {mode}")
         self._path, self._path_s = trajectory, 0.0
-        self._stream.sent.clear()
-        self._stream.say(said.Begin(trajectory))
+        self._stream.begin(trajectory)
         return trajectory
 
     def pace(self, share: float) -> None:
@@ -276,7 +284,7 @@ class UrArm:
         stream.say(said.Start(sample.positions_rad))
         path, path_s = self._path, self._path_s
         if path is not None and path_s is not None:
-            stream.say(said.Begin(path, path_s))
+            stream.begin(path, path_s)
         stream.heard_s = time.monotonic()
         self._stream = stream
 
@@ -314,8 +322,8 @@ class UrArm:
     def _followed(self, sample: Sample) -> tuple[bool, float | None]:
         """Whether the arm is on its way, and where on its path it was when the sample was taken.
 
-        The joints trail the set points by a time that belongs to the controller. What is left of jitter is taken out by
-        looking for the nearest place on the path within 20 ms.
+        The joints trail the set points by a time that belongs to the controller, and grows where the pendant's slider
+        goes down. The place is the nearest one on the path between where the arm was seen before and the set point.
         """
         path = self._path
         if path is None:
@@ -339,21 +347,24 @@ class UrArm:
         if ended and not moving:
             self._path = self._path_s = None
             return False, None
-        self._path_s = nearest_s(path, at_s, sample)
+        farthest_s = path.duration_s if ended else max(places_s)
+        self._path_s = nearest_s(path, (self._path_s or 0.0, farthest_s), at_s, sample)
         return moving, self._path_s
 
 
-def nearest_s(path: JointTrajectory, about_s: float, sample: Sample) -> float:
-    """The place on the path nearest to the joints, within 20 ms of where time has it.
+def nearest_s(path: JointTrajectory, between_s: tuple[float, float], about_s: float, sample: Sample) -> float:
+    """The place on the path where the arm is, by joints and time: where the path hardly moves, joints tell little.
 
-    Where the path hardly moves, the joints tell little of the place: then it is that of the time.
+    Args:
+        between_s: where it may be, give or take 20 ms.
+        about_s: where time has it.
     """
-    ends = np.clip([about_s - PROJECTED_S, about_s + PROJECTED_S], 0.0, path.duration_s)
-    (first, last) = path.along(ends)
-    way = last - first
-    length = float(way @ way)
-    if length < 1e-10:
-        return min(max(about_s, 0.0), path.duration_s)
-    nearest_s = ends[0] + min(max(float((sample.positions_rad - first) @ way) / length, 0.0), 1.0) * (ends[1] - ends[0])
-    told = length / (length + UNSURE_RAD**2)
-    return float(told * nearest_s + (1 - told) * min(max(about_s, 0.0), path.duration_s))
+    first_s, last_s = np.clip([between_s[0] - PROJECTED_S, between_s[1] + PROJECTED_S], 0.0, path.duration_s)
+    about_s = min(max(about_s, first_s), last_s)
+    marks_s = np.linspace(first_s, last_s, math.ceil((last_s - first_s) / PROJECTED_S) + 1)
+    off = np.linalg.norm(path.along(marks_s) - sample.positions_rad, axis=1) / UNSURE_RAD
+    near_s = float(marks_s[np.hypot(off, (marks_s - about_s) / PROJECTED_S).argmin()])
+    before, here, after = path.along(near_s + np.array([-0.5, 0.0, 0.5]) * PROJECTED_S)
+    speed = (after - before) / PROJECTED_S / UNSURE_RAD
+    ahead = speed @ (sample.positions_rad - here) / UNSURE_RAD + (about_s - near_s) / PROJECTED_S**2
+    return float(np.clip(near_s + ahead / (speed @ speed + PROJECTED_S**-2), first_s, last_s))

@@ -328,7 +328,9 @@ class UrArm:
         path = self._path
         if path is None:
             return False, None
-        if self._stopped is not None:
+        if self._stopped is not None:  # it comes to rest without set points
+            at_s = self._path_s or 0.0
+            self._path_s = nearest_s(path, (at_s, at_s), at_s, sample)
             return True, self._path_s
         stream = self._stream
         if stream is None or not stream.sent:

@@ -102,6 +102,9 @@ def test_a_safeguard_that_closes_again_lets_the_arm_go_on_along_its_path(ur: Ben
     twin.fault("safeguard")
     ur.until(lambda state: state.mode == "safeguard_stop")
     ur.stand()
+    stands = ur.tick()
+    assert stands.path_s is not None
+    assert np.abs(np.array(stands.positions_rad) - path.at(stands.path_s)).max() < 0.006
     twin.fault("safeguard_closed")
     states = ur.until(lambda state: state.mode == "normal" and not state.moving, 20.0)
     assert all(state.moving for state in states[:-1])

@@ -94,7 +94,7 @@ COMMANDS: Table = {
 
 
 def refuse_old(words: Sequence[str]) -> None:
-    """Check that a command line has no name of before.
+    """Check that a command line has no command of before.
 
     Raises:
         InputError: it has one; the message says the name of today.
@@ -103,13 +103,16 @@ def refuse_old(words: Sequence[str]) -> None:
         typed = " ".join(words[:length])
         if typed in OLD_COMMANDS:
             raise InputError(f"`cell {typed}` is now `cell {OLD_COMMANDS[typed]}`")
+
+
+def name_of_today(words: Sequence[str]) -> str:
+    """What an option is now that a command line has and its command has not; empty where it is none of before."""
     for path, names in OLD_OPTIONS.items():
-        if list(words[: len(path.split())]) != path.split():
-            continue
-        for word in words:
-            name = word.partition("=")[0]
-            if name in names:
-                raise InputError(f"{name} of `cell {path}` is now {names[name]}")
+        if list(words[: len(path.split())]) == path.split():
+            for name in (word.partition("=")[0] for word in words):
+                if name in names:
+                    return f"{name} of `cell {path}` is now {names[name]}"
+    return ""
 
 
 def _say_version(asked: bool) -> None:
@@ -194,7 +197,8 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return _complain(told, BAD_INPUT)
     except typer.TyperException as error:
-        return _complain(error.format_message() + _usage(error), BAD_INPUT)
+        now = name_of_today(words) if type(error).__name__ == "NoSuchOption" else ""
+        return _complain(now or error.format_message() + _usage(error), BAD_INPUT)
     if status == INTERRUPTED:
         return _interrupted()
     return status if isinstance(status, int) else 0

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from cell.commands.lab.bars import BARS, Figure, Measured, ask, chosen_bars, measured
+from cell.commands.main import main
 from cell.configuration import Configuration, load_configuration
 from cell.errors import InputError
 from cell.files.row_store import RowStore
@@ -96,3 +97,8 @@ def test_settings_of_shipped_bars_are_legal(one: Measured, monkeypatch: pytest.M
 
     monkeypatch.setattr(subprocess, "run", run)
     assert ask(one.words(900_000), one.settings) == {}
+
+
+def test_the_first_seed_is_an_option_of_this_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["lab", "eval", "bars", "--first-seed", "900000", "--only", "feet"]) == 2
+    assert "--only feet: no such command" in capsys.readouterr().err

@@ -240,6 +240,7 @@ def tried(name: str, state: str, wire: str, slower: float) -> Row:
             placed = any(one.seated and one.by == "robot" for one in twin.sim.score.placements().values())
             kept = told[0] == "finished" or not fault.holding or state not in HOLDING_STATES or hangs(twin.sim)
     ends = case.holding_ends if case.holding_ends and fault.holding else case.ends
+    ends = EITHER if case.holding_ends and state == "release" else ends  # fingers that have just begun to open
     reached = fault.began_s is not None
     promised = reached and told[0] in ends and kept and (placed or told[0] != "finished")
     return Row(name, state, reached, fault.holding, told[0], ends, promised, told[1], told[2], round(told[3], 1))

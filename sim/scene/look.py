@@ -129,7 +129,7 @@ class Appearance(Model):
     """The person, as far as cameras see them.
 
     Attributes:
-        hand: one of human shape, or one drawn of few capsules, which the shipped weights are trained on.
+        hand: one of human shape, or one drawn of few capsules.
         skin_tone: from the palest (0) to the darkest (1).
         glove: the hand that works wears one.
         glove_hsv: the glove's hue, saturation and value.

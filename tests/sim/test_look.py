@@ -95,7 +95,7 @@ BAD_FILES = {
     "light:\n  lamp_n: 3\n": "2:3: unknown key 'lamp_n'; did you mean 'lamps_n'? legal here: lamps_n, lamps",
     "light:\n  lamps_n: [1, 4]\n": "2:12: light.lamps_n: input should be less than or equal to 3, not 4",
     "person:\n  skin_tone: [.9, .2]\n": "2:14: the range from 0.9 to 0.2 runs backwards",
-    "base: varid\n": "1:7: base: no such preset; legal: nominal, hard, human, people, varied, wide, not 'varid'",
+    "base: varid\n": "1:7: base: no such preset; legal: nominal, bare, hard, human, people, varied, wide, not 'varid'",
     "surfaces:\n  table_rgb: [1, 0]\n": "2:14: surfaces.table_rgb",
     "- 3\n": "1:1",
     "hello, no look\n": "1:1: the file: input should be keys with values, not 'hello, no look'; legal here: light, ",
@@ -127,4 +127,4 @@ def test_an_unknown_look_is_refused_with_the_legal_ones(name: str) -> None:
 
 
 def test_the_presets_are_the_shipped_files() -> None:
-    assert presets() == ["nominal", "hard", "human", "people", "varied", "wide"]
+    assert presets() == ["nominal", "bare", "hard", "human", "people", "varied", "wide"]

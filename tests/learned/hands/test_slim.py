@@ -38,7 +38,7 @@ def test_hands_are_found_read_and_told_apart(look: str) -> None:
     scores = evaluate_hands(configuration, product, trackers, [SEED], stretches=2, physics=False)["slim"]
     assert scores["found_n"] > 20
     assert scores["found"] > 0.95
-    assert scores["palm_image_mm_p50"] < 12
+    assert scores["palm_image_mm_p50"] < 16
     assert scores["palm_image_mm_p95"] < 25  # of one person whose height may be misread for a while: 7 to 23 of four
     assert scores["palm_plane_mm_p95"] < 8
     assert scores["palm_mm_p50"] < scores["palm_image_mm_p50"] + 2  # the cameras are calibrated in each look

@@ -26,6 +26,7 @@ from cell.errors import InputError, LogError, Place, Problem
 from cell.faults.injection import Injection, Injections
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
+from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.resume import read_resume_state, world_of
 from cell.recording.recorder import McapRecorder
@@ -116,16 +117,9 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         drivers = find_drivers(configuration) if options.devices is None else {}
         if options.devices is None and any(driver.on_the_wall for driver in drivers.values()):
             options = replace(options, pace="real")
-        tally = BracketTally()
-        left_off = ResumeState()
+        tally, left_off = BracketTally(), ResumeState()
         if options.resume is not None:
-            left_off = read_resume_state(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
-            console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
-            world = options.world or world_of(options.resume)
-            if options.world is None and world is not None and not is_there(world):
-                console.print(f"the world at {world} is gone: this is another one", highlight=False)
-                world = None
-            options = replace(options, world=world)
+            options, left_off = _resumed(options, options.resume, product, tally, console)
         if options.world is not None:
             drawn = drawn_from(options.world)
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
@@ -136,6 +130,28 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
         assemble = partial(Assembled, options, files, motion, drivers, tally, log, console)
         return _run(assemble, options, files, motion, log, watchdog)
+
+
+def _resumed(
+    options: RunOptions, log: Path, product: Product, tally: BracketTally, console: Console
+) -> tuple[RunOptions, ResumeState]:
+    """What a log left off with, and the options with its world, where that is still there.
+
+    Args:
+        tally: takes the brackets of the log.
+
+    Raises:
+        InputError, LogError: the log cannot be gone on with.
+    """
+    left_off = read_resume_state(log, product, lambda tick: tally.add(tick.time_s, tick.notes))
+    console.print(f"goes on with {log}: {left_off.told}", highlight=False)
+    if options.world is not None:
+        return options, left_off
+    world = world_of(log)
+    if world is not None and not is_there(world):
+        console.print(f"the world at {world} is gone: this is another one", highlight=False)
+        world = None
+    return replace(options, world=world), left_off
 
 
 def _run(

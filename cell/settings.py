@@ -105,14 +105,16 @@ class Perception(Model):
         if kind == "classical":
             return beside
         main = self.weights(detector)
-        if (detector, kind) == ("hands", "slim"):
+        if detector == "hands":
             from learned.hands.model import finder_file, refiner_file
 
-            return {detector: main, f"{detector}.finder": finder_file(main), f"{detector}.refiner": refiner_file(main)}
-        if (detector, kind) == ("hands", "mediapipe"):
+            slim = main if kind == "slim" else (self.folder or WEIGHTS) / weights_file("hands", "slim")
+            beside = {f"{detector}.finder": finder_file(slim), f"{detector}.refiner": refiner_file(slim)}
+            if kind != "mediapipe":
+                return {detector: main, **beside}
             folder = folder_in_use(main)
             landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))
-            return {detector: landmark, f"{detector}.palm": palm}
+            return {detector: landmark, f"{detector}.palm": palm, f"{detector}.closer": slim, **beside}
         if (detector, kind) == ("parts", "centre"):
             from learned.parts.model import pose_file
             from learned.parts.stacked import stacked_file

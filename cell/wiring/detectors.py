@@ -1,7 +1,7 @@
 """Makes the detectors that the configuration names, and the executors that run them.
 
 Trained detectors are imported only where they are chosen. Each is made by one function of its package, which takes
-bench, product and the file of weights; a new kind is one more line in TRAINED.
+bench, product and the files of weights; a new kind is one more line in TRAINED.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from learned.classical.box_model import check_image
 from learned.inference.onnx_model import OnnxModel
 from learned.parts.lying_parts import LyingParts
 
-Maker = Callable[[Bench, Product, Path], Any]
+Maker = Callable[[Bench, Product, Mapping[str, Path]], Any]  # files as `Perception.networks` names them
 NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
 LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
 BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
@@ -38,40 +38,40 @@ ERROR_SCORES = ("palm_p95_mm", "pinch_p95_mm")  # of the hand tracker's card
 UNKNOWN_ERROR_M = 0.06  # of a hand tracker whose card does not tell: what is farther off counts as not found
 
 
-def _actions(bench: Bench, product: Product, weights: Path, kind: str) -> ActionDetector:
+def _actions(bench: Bench, product: Product, files: Mapping[str, Path], kind: str) -> ActionDetector:
     from learned.actions.model import load_actions
 
-    return load_actions(bench, product, weights, kind)
+    return load_actions(bench, product, files["actions"], kind)
 
 
-def _plate(bench: Bench, product: Product, weights: Path) -> HoleReader:
+def _plate(bench: Bench, product: Product, files: Mapping[str, Path]) -> HoleReader:
     from learned.holes.model import PlateHoleReader
 
-    return PlateHoleReader.load(bench, product, weights)
+    return PlateHoleReader.load(bench, product, files["holes"])
 
 
-def _centre(bench: Bench, product: Product, weights: Path) -> PartDetector:
+def _centre(bench: Bench, product: Product, files: Mapping[str, Path]) -> PartDetector:
     from learned.parts.model import CentrePartDetector
 
-    return CentrePartDetector.load(bench, product, weights)
+    return CentrePartDetector.load(bench, product, files["parts"])
 
 
-def _rcnn(bench: Bench, product: Product, weights: Path) -> PartDetector:
+def _rcnn(bench: Bench, product: Product, files: Mapping[str, Path]) -> PartDetector:
     from learned.parts.boxes import BoxPartDetector
 
-    return BoxPartDetector.load(bench, product, weights)
+    return BoxPartDetector.load(bench, product, files["parts"])
 
 
-def _slim_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+def _slim_hands(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracker:
     from learned.hands.model import slim_tracker
 
-    return slim_tracker(bench, product, weights)
+    return slim_tracker(bench, product, files["hands"])
 
 
-def _mediapipe_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+def _mediapipe_hands(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracker:
     from learned.hands.mediapipe.tracker import mediapipe_tracker
 
-    return mediapipe_tracker(bench, product, weights)
+    return mediapipe_tracker(bench, product, files["hands"], files["hands.closer"])
 
 
 TRAINED: Mapping[str, Mapping[str, Maker]] = {
@@ -138,7 +138,7 @@ class Detectors:
             legal = ", ".join(("classical", *TRAINED[task]))
             raise SettingError((("perception", task), f"no detector of kind {kind!r}; legal: {legal}"))
         try:
-            made = maker(self._bench, self._product, self._perception.weights(task))
+            made = maker(self._bench, self._product, self._perception.networks(task))
         except ModelError as error:
             raise SettingError((("perception", task), str(error))) from error
         return self._with_crops(task, made)

@@ -27,7 +27,7 @@ ROWS = "hands.jsonl"
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
 EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
 NO_HAND_WITHIN = 0.42  # of a region: what is so far from the middle of every hand is shown as no hand
-NO_HANDS = 2  # places of a frame that are shown as none, at most
+NO_HANDS, WITHOUT_HANDS = 2, 5  # places that are shown as none, at most: of a frame with hands, and of one without
 JITTER = 0.12  # of a region, standard deviation: what looks like a hand may be seen in any part of it
 NOT_KNOWN = -1  # number of a part that is held, where nobody knows
 FOREARM = (0.8, 4.0)  # of the length from palm to wrist, beyond the wrist: sleeves look like hands
@@ -125,7 +125,11 @@ class HandRow(Model):
 
 
 class FrameRow(Model):
-    """A frame and all hands in it; no hands say that there are none."""
+    """A frame and all hands in it; no hands say that there are none.
+
+    Attributes:
+        decoys_px: (column, row) of what looks like a hand and is none: shadows, things. Those on a hand do not count.
+    """
 
     file: str
     log: str
@@ -136,7 +140,7 @@ class FrameRow(Model):
     world_from_camera: PoseRow | None = None
     hands: tuple[HandRow, ...]
     tool_px: Point | None = None
-    shadows_px: tuple[Point, ...] = ()
+    decoys_px: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -224,7 +228,7 @@ def _room(rows: Sequence[LabelledFrame]) -> tuple[NDArray[np.uint8], NDArray[np.
 
     They are gigabytes: to collect patches in a list first takes twice as much.
     """
-    (width, height), most = FINDER_PX, sum(len(one.row.hands) + NO_HANDS for one in rows)
+    (width, height), most = FINDER_PX, sum(len(one.row.hands) + _most_empty(one.row) for one in rows)
     return np.empty((len(rows), height, width, 3), np.uint8), np.empty((most, PATCH_PX, PATCH_PX, 3), np.uint8)
 
 
@@ -306,8 +310,9 @@ def _none(regions: Regions, row: FrameRow, rng: np.random.Generator) -> list[Arr
     centres = [hand.centre_px for hand in row.hands]
     tool = () if row.tool_px is None else (np.array(row.tool_px),)
     arms = [hand for hand in row.hands if {"palm", "wrist"} <= hand.points_px.keys()]
-    alike = [*tool, *map(np.array, row.shadows_px), *(_on_forearm(hand, rng) for hand in arms)]
-    places = [rng.uniform((0.0, 0.0), regions.size_px)]
+    alike = [*tool, *map(np.array, row.decoys_px), *(_on_forearm(hand, rng) for hand in arms)]
+    most = _most_empty(row)
+    places = [rng.uniform((0.0, 0.0), regions.size_px) for _ in range(most - 1)]
     places += [place + rng.normal(0.0, JITTER * regions.side_px, 2) for place in alike]
     empty = [
         place
@@ -315,7 +320,11 @@ def _none(regions: Regions, row: FrameRow, rng: np.random.Generator) -> list[Arr
         if ((place >= 0) & (place < regions.size_px)).all()
         and all(np.abs(place - centre).max() > near_px for centre in centres)
     ]
-    return [empty[index] for index in rng.permutation(len(empty))[:NO_HANDS]]
+    return [empty[index] for index in rng.permutation(len(empty))[:most]]
+
+
+def _most_empty(row: FrameRow) -> int:
+    return NO_HANDS if row.hands else WITHOUT_HANDS
 
 
 def _on_forearm(hand: HandRow, rng: np.random.Generator) -> Array:

@@ -101,6 +101,10 @@ class SlimReader:
                 best.append(reading)
         return best
 
+    def read_at(self, image: Image, centres_px: Sequence[Array]) -> list[Reading]:
+        """What is read around points (column, row) where others found hands; nothing where it sees none."""
+        return self._closely(image, self._regions.small(image), centres_px)
+
     def prepare(self, image: Image) -> None:
         """Look for hands, and read them, before anybody asks."""
         self._seen.prepare(image)

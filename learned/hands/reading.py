@@ -54,6 +54,14 @@ class Reading:
         return centre_of(self.points_px["palm"], self.points_px["pinch"])
 
 
+class RegionReader(Protocol):
+    """Reads hands where others found them."""
+
+    def read_at(self, image: Image, centres_px: Sequence[Array]) -> list[Reading]:
+        """What is seen around points (column, row) of an RGB image."""
+        ...
+
+
 class HandReader(Protocol):
     """Reads the hands of single images."""
 

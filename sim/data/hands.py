@@ -102,7 +102,7 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     for seen in hand_frames(source, stretches, turned=not every):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
-        told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "shadows_px": seen.shadows_px}
+        told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "decoys_px": seen.shadows_px}
         folder.row("hands", {**row, **told})
 
 

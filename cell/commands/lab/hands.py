@@ -11,17 +11,19 @@ from typer import Argument, Option
 from cell.commands.lab.shared import Shared
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, takes
 from cell.commands.terminal import console, print_json, table
-from cell.configuration import Configuration, load_configuration
+from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.files.files import whole_folder
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
 from cell.lab.hands import ONLY, evaluate_hands
+from cell.pictures.handless import write_handless
 from cell.pictures.photographs import photographs_of, write_photographs
 from cell.wiring.detectors import Detectors
 from learned.hands.data import frames_of
 from learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_folder
+from learned.hands.model import SlimReader
 from learned.inference.onnx_model import OnnxModel
 from learned.lab.mediapipe_fetch import fetch as fetch_networks
 from learned.lab.photographs import compare_photographs, load_truth
@@ -31,28 +33,46 @@ _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "on
 
 
 def compose(
-    photographs: Annotated[Path, Argument(help="Folder of photographs of hands.")],
     out: Annotated[Path, Option("--out", "-o", help="New folder.")],
+    photographs: Annotated[Path | None, Argument(help="Folder of photographs of hands.")] = None,
+    without: Annotated[
+        list[Path] | None,
+        Option(help="Folder of photographs without hands, shown as what is none; may be repeated."),
+    ] = None,
     onto: Annotated[
         list[Path] | None,
         Option(help="Frames of the bench, of `cell lab data hands` or `cell label`; may be repeated."),
     ] = None,
-    copies: Annotated[int, Option(min=1, help="Images of each hand.")] = 2,
+    copies: Annotated[int, Option(min=1, help="Images of each hand, and of each photograph without.")] = 2,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Real hands on the bench: found in photographs by MediaPipe, cut out, and laid onto frames."""
-    setup = load_configuration(config).bench.overhead
-    files, frames = photographs_of(photographs), [one for folder in onto or () for one in frames_of(folder)]
+    """Real hands on the bench: found in photographs by MediaPipe, cut out, and laid onto frames.
+
+    With --without, photographs that show no hand, too: whole, and pieces of them on frames.
+    """
+    configuration = load_configuration(config)
+    setup = configuration.bench.overhead
+    files = [] if photographs is None else photographs_of(photographs)
+    empty = [file for folder in without or () for file in photographs_of(folder)]
+    if not files and not empty:
+        raise InputError("photographs: none are given; legal are a folder of hands, --without FOLDER, or both")
+    frames = [one for folder in onto or () for one in frames_of(folder)]
     hands = MediaPipeHands(model_folder(), "full")
     with whole_folder(out) as partial:
-        folder = DataFolder(partial, f"cell lab data photographs {photographs}")
+        folder = DataFolder(partial, f"cell lab data photographs {photographs or ''}".rstrip())
         seen = write_photographs(files, hands, setup, folder, frames, copies, seed)
-        if not seen:
+        if files and not seen:
             raise InputError(f"{photographs}: MediaPipe finds no hand in {len(files)} photographs")
-        folder.close({"photographs": len(files), "with_hands": seen, "hands": folder.counts["hands"]})
-    told = {"photographs": len(files), "with hands": seen, "images": folder.counts["hands"]}
+        told = {"photographs": len(files), "with hands": seen}
+        if empty:
+            weights = configuration.perception.with_detector("hands", "slim", None).weights("hands")
+            tracker = SlimReader(setup, tuple(load_product(configuration).parts), weights)
+            left_out = write_handless(empty, hands, tracker, setup, folder, frames, copies, seed)
+            told |= {"without hands": len(empty) - left_out, "left out, as MediaPipe sees a hand": left_out}
+        told["images"] = folder.counts["hands"]
+        folder.close({name.replace(" ", "_"): count for name, count in told.items()})
     if as_json:
         print_json(told)
     else:

@@ -1,8 +1,13 @@
-"""MediaPipe's networks as a tracker of the bench: its landmarks as points, sizes as heights."""
+"""MediaPipe's networks as a tracker of the bench: they find hands and landmarks.
+
+How high a hand is, how large, and what it holds MediaPipe does not know: the small tracker's networks look at the same
+places, and tell it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +30,8 @@ from learned.hands.mediapipe.hands import (
     folder_in_use,
 )
 from learned.hands.mediapipe.hands import Landmarks as Hand
-from learned.hands.reading import Reading
+from learned.hands.model import NEAR_PX, SlimReader
+from learned.hands.reading import Reading, RegionReader
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
 
@@ -56,23 +62,32 @@ def bench_points(points: Array) -> dict[str, Array]:
     }
 
 
-def mediapipe_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:  # noqa: ARG001 (as all trackers)
+def mediapipe_tracker(bench: Bench, product: Product, path: Path, closer: Path) -> HandTracks:
     """A tracker with the networks in the user's cache, or in the folder of `path` where they are there.
 
+    Args:
+        closer: the small tracker's weights.
+
     Raises:
-        ModelError: they were not fetched yet.
+        ModelError: they were not fetched yet, or the small tracker's weights cannot be used.
     """
     try:
-        return HandTracks(bench, MediaPipeReader(bench.overhead, MediaPipeHands(folder_in_use(path), ON_THE_BENCH)))
+        hands = MediaPipeHands(folder_in_use(path), ON_THE_BENCH)
     except ModelError as error:
         raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
+    slim = SlimReader(bench.overhead, tuple(product.parts), closer)
+    return HandTracks(bench, MediaPipeReader(bench.overhead, hands, slim), slim.palm_length)
 
 
 class MediaPipeReader:
-    """Reads the hands of a stream of images (HandReader); what they hold it does not know."""
+    """Reads the hands of a stream of images (HandReader).
 
-    def __init__(self, setup: CameraSetup, hands: MediaPipeHands) -> None:
-        self._setup, self._hands = setup, hands
+    Args:
+        closer: tells heights, sizes and what is held; without it, heights are by size alone.
+    """
+
+    def __init__(self, setup: CameraSetup, hands: MediaPipeHands, closer: RegionReader | None = None) -> None:
+        self._setup, self._hands, self._closer = setup, hands, closer
 
     def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
         """All hands in the next RGB image; the networks follow hands by themselves, unless none is expected."""
@@ -80,7 +95,8 @@ class MediaPipeReader:
             self._hands.forget()
         hands = self._hands.frame(image)
         highest = min((float(hand.points_px[WRIST, 1]) for hand in hands), default=0.0)
-        return [self._reading(hand, float(hand.points_px[WRIST, 1]) == highest) for hand in hands]
+        found = [self._reading(hand, float(hand.points_px[WRIST, 1]) == highest) for hand in hands]
+        return found if self._closer is None else [_completed(one, self._closer, image) for one in found]
 
     def _reading(self, hand: Hand, acts: bool) -> Reading:
         points = hand.points_px
@@ -105,3 +121,13 @@ class MediaPipeReader:
         depth_m = self._setup.focal_px * metres / max(pixels, 1e-6)
         by_size = self._setup.mount.position_m[2] - depth_m
         return max(0.0, USUAL_M + BELIEVED * (by_size - USUAL_M))
+
+
+def _completed(found: Reading, closer: RegionReader, image: Image) -> Reading:
+    """A hand with what a closer look at it tells; as it was where that sees none."""
+    for seen in closer.read_at(image, [found.centre_px]):
+        if float(np.linalg.norm(seen.centre_px - found.centre_px)) < NEAR_PX:
+            held = {"held": seen.points_px["held"]} if "held" in seen.points_px else {}
+            points = {**found.points_px, **held}
+            return replace(found, points_px=points, heights_m=seen.heights_m, held_part=seen.held_part, size=seen.size)
+    return found

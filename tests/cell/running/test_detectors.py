@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,10 +65,10 @@ def test_the_short_form_chooses_every_detector_and_each_may_be_another_kind() ->
 def test_a_trained_tracker_works_beside_classical_detectors(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Path] = []
 
-    def maker(bench: Bench, product: Product, weights: Path) -> Found:
+    def maker(bench: Bench, product: Product, files: Mapping[str, Path]) -> Found:
         del bench, product
-        made.append(weights)
-        return Found(weights)
+        made.append(files["hands"])
+        return Found(files["hands"])
 
     monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": maker})
     perception = Perception.model_validate(
@@ -92,7 +93,7 @@ def test_hands_are_looked_for_by_the_camera_as_it_was_calibrated(monkeypatch: py
             seen.append(frame)
             return HAND
 
-    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": lambda *given: Watching(given[2])})
+    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": lambda *given: Watching(given[2]["hands"])})
     perception = Perception.model_validate(
         {"kind": "classical", "hands": {"kind": "ideal", "weights": "/some/file.onnx"}}
     )
@@ -108,9 +109,9 @@ def test_hands_are_looked_for_by_the_camera_as_it_was_calibrated(monkeypatch: py
 
 
 def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(bench: Bench, product: Product, weights: Path) -> object:
+    def broken(bench: Bench, product: Product, files: Mapping[str, Path]) -> object:
         del bench, product
-        raise ModelError(f"{weights}: damaged")
+        raise ModelError(f"{files['parts']}: damaged")
 
     monkeypatch.setitem(detectors.TRAINED, "parts", {"centre": broken})
     perception = Perception.model_validate({"parts": {"kind": "centre"}, "actions": {"kind": "guess"}})

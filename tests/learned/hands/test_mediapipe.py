@@ -3,6 +3,7 @@
 import json
 import math
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -12,9 +13,11 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.interfaces.pose import Array
+from cell.settings import WEIGHTS
 from learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
 from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
-from learned.hands.mediapipe.tracker import mediapipe_tracker
+from learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker
+from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import Image
 from learned.lab.mediapipe_fetch import fetch
 from learned.lab.photographs import compare_photographs, load_truth, pair_errors
@@ -157,7 +160,45 @@ def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkey
     assert model_folder() == tmp_path / "cell" / "mediapipe"
     weights = network_file(model_folder(), "landmark", "lite")
     with pytest.raises(ModelError, match="make hands"):
-        mediapipe_tracker(configuration.bench, load_product(configuration), weights)
+        mediapipe_tracker(configuration.bench, load_product(configuration), weights, WEIGHTS / "hands_slim.onnx")
+
+
+class FlatHand:
+    """MediaPipeHands that see one flat hand, always."""
+
+    def __init__(self) -> None:
+        fan = [(0.0, 0.0)] + [(finger * 9.0 - 18.0, -20.0 - 7.0 * joint) for finger in range(5) for joint in range(4)]
+        self.points = np.array(fan) + np.array([240.0, 180.0])
+
+    def frame(self, image: Image) -> list[Landmarks]:  # noqa: ARG002
+        return [Landmarks(self.points, np.zeros((21, 3)), 0.97, 0.1)]
+
+    def forget(self) -> None:
+        pass
+
+
+class Closer:
+    """A closer look that sees a hand so far from where it is asked to look, and what it holds."""
+
+    def __init__(self, off_px: float) -> None:
+        self._off = off_px
+
+    def read_at(self, image: Image, centres_px: Sequence[Array]) -> list[Reading]:  # noqa: ARG002
+        points = dict.fromkeys(("palm", "pinch", "held"), centres_px[0] + (self._off, 0.0))
+        size = ApparentSize(-3.1, 0.02, (0.01, 0.01))
+        return [Reading(0.4, 0.9, 0.9, points, (0, 0, 1, 1), (0.15, 0.12), held_part="o2", size=size)]
+
+
+@pytest.mark.parametrize(("off_px", "completed"), [(4.0, True), (60.0, False)])
+def test_heights_and_what_is_held_come_from_a_closer_look_and_points_from_mediapipe(
+    off_px: float, completed: bool
+) -> None:
+    setup, image = load_configuration().bench.overhead, np.zeros((360, 480, 3), np.uint8)
+    plain = MediaPipeReader(setup, FlatHand()).read(image)[0]  # type: ignore[arg-type]
+    seen = MediaPipeReader(setup, FlatHand(), Closer(off_px)).read(image)[0]  # type: ignore[arg-type]
+    assert seen.points_px["palm"] == pytest.approx(plain.points_px["palm"])
+    assert (seen.confidence, seen.left) == (plain.confidence, plain.left)
+    assert (seen.held_part == "o2", seen.heights_m == (0.15, 0.12), "held" in seen.points_px) == (completed,) * 3
 
 
 def test_a_wheel_of_something_else_is_refused_and_nothing_is_written(tmp_path: Path) -> None:

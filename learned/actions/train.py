@@ -25,6 +25,7 @@ from learned.inference.onnx_model import Inputs, OnnxModel
 from learned.inference.scores import latencies
 from learned.training.recipe import Losses, Recipe
 from learned.training.recipe import Task as Training
+from learned.training.training_loop import training_device
 
 OUTPUTS = ("logits", "released")
 SPEED_STEPS = 5  # after which the time of a step is known
@@ -130,6 +131,7 @@ def action_recipe(
         data_sha256="" if learned is None else learned.sha256,
         rng=rng,
         gradient=1.0,
+        device=training_device(),
         more={"network": kind, "track_features": TRACK_FEATURES},
     )
 
@@ -160,6 +162,7 @@ class _Learner:
     def step_s(self) -> float:
         """Processor time of a step."""
         torch.set_num_threads(1)
+        self.network.to(training_device())
         state = self.rng.bit_generator.state
         began_s = time.process_time()
         for _ in range(SPEED_STEPS):
@@ -170,12 +173,13 @@ class _Learner:
 
     def _loss(self, chosen: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> Tensor:
         inputs = asked(self.kind, self.segments, chosen, self.reader, self.rng)
-        logits, released = self.network(*(torch.from_numpy(values) for values in inputs.values()))
-        wanted = torch.from_numpy(self.segments.classes[chosen])
+        device = next(self.network.parameters()).device
+        logits, released = self.network(*(torch.from_numpy(values).to(device) for values in inputs.values()))
+        wanted = torch.from_numpy(self.segments.classes[chosen]).to(device)
         loss = nn.functional.cross_entropy(logits, wanted, label_smoothing=0.02)
         placing = wanted < logits.shape[1] - 3
         if bool(placing.any()):
-            opened = torch.from_numpy(self.segments.released[chosen]).float()
+            opened = torch.from_numpy(self.segments.released[chosen]).float().to(device)
             each = nn.functional.binary_cross_entropy_with_logits(released, opened, reduction="none")
             loss = loss + self.settings.released_weight * (each * placing).sum() / placing.sum()
         return loss

@@ -28,7 +28,7 @@ from learned.hands.regions import planes
 from learned.inference.onnx_model import ModelCard, OnnxModel, digest_of
 from learned.training.recipe import Recipe, Task
 from learned.training.torch_model import begin_with
-from learned.training.training_loop import Epoch
+from learned.training.training_loop import Epoch, training_device
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -201,6 +201,7 @@ def _recipe(
         losses=losses,
         epochs=epochs,
         batches=batches,
+        device=training_device(),
         rate=LEARNING_RATE if begin is None else TUNING_RATE,
         decay=WEIGHT_DECAY,
         settings=HandTraining(epochs=training.epochs),

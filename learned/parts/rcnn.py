@@ -35,6 +35,7 @@ from learned.parts.settings import NARROW, RcnnTraining
 from learned.training.recipe import Recipe, Task
 from learned.training.still_dataset import data_hash
 from learned.training.torch_model import TorchModel
+from learned.training.training_loop import training_device
 
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
 FINEST = "0"  # level of the pyramid
@@ -130,6 +131,7 @@ def train_rcnn(
         data_sha256=data_hash(scenes),
         rng=rng,
         gradient=10.0,
+        device=training_device(),
     )
     recipe.fit(task)
     return _write(recipe, out, scenes, task)
@@ -156,7 +158,7 @@ def _batch(
     scenes: Sequence[Scene], types: tuple[str, ...], rng: np.random.Generator
 ) -> tuple[list[Tensor], list[dict[str, Tensor]]]:
     """Images and targets, each mirrored by chance."""
-    images, wanted, width = [], [], INPUT_PX[0]
+    images, wanted, width, device = [], [], INPUT_PX[0], training_device()
     for scene in scenes:
         image = torch.from_numpy(network_input(spoiled(scene.image, rng, camera=POOR))[0] + 0.5)
         target = targets(scene, types)
@@ -166,8 +168,8 @@ def _batch(
         if rng.random() < 0.5:
             image = image.flip(1)
             target["boxes"][:, [1, 3]] = INPUT_PX[1] - target["boxes"][:, [3, 1]]
-        images.append(image)
-        wanted.append(target)
+        images.append(image.to(device))
+        wanted.append({name: one.to(device) for name, one in target.items()})
     return images, wanted
 
 

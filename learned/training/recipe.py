@@ -19,7 +19,7 @@ from cell.files.model import Model
 from learned.inference.onnx_model import Inputs, ModelCard
 from learned.training.schedule import Schedule
 from learned.training.torch_model import TOLERANCE, TorchModel, write_weights
-from learned.training.training_loop import LARGEST_GRADIENT, Checkpoint, fit, training_device
+from learned.training.training_loop import LARGEST_GRADIENT, Checkpoint, fit
 
 Example = TypeVar("Example")
 Losses = Callable[[int], Iterable[Tensor]]
@@ -61,6 +61,7 @@ class Recipe:
         stays: the checkpoint stays when the fit is done: a later one of this training goes on after it.
         more: of the card's config.
         optimiser: makes the optimiser of parameters.
+        device: what it is trained on, to which the losses bring their batches.
     """
 
     kind: str
@@ -78,6 +79,7 @@ class Recipe:
     stays: bool = False
     more: Mapping[str, JsonValue] = field(default_factory=dict)
     optimiser: Callable[..., torch.optim.Optimizer] = torch.optim.AdamW
+    device: torch.device | str = "cpu"
 
     @property
     def identity(self) -> str:
@@ -88,7 +90,7 @@ class Recipe:
         """Train the network in place; interrupted and begun again it gets the same weights as in one go."""
         path = checkpoint_of(task.out) if task.out is not None else None
         kept = None if path is None else Checkpoint(path, f"{self.identity} {task.seed}", self.stays)
-        self.network.to(training_device())
+        self.network.to(self.device)
         optimiser = self.optimiser(self.network.parameters(), lr=self.rate, weight_decay=self.decay)
         fit(
             self.network,

@@ -21,10 +21,11 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandSample, HandTracker
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from cell.lab.holes_and_parts import Cameras, calibrated_bench, true_calibration
+from cell.lab.holes_and_parts import Cameras, calibrated_bench
 from learned.classical.box_model import View
 from sim.data.hands import HandTruth, every_frame, hand_frames
 from sim.data.recording import Source, record
+from sim.data.sight import true_calibration
 from sim.scene.look_range import LookRange
 
 FOUND_M = 0.06  # between the palm that a tracker tells and the true one

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.interfaces.bench import Bench, CameraCalibration, CameraSetup, Mount
+from cell.interfaces.bench import Bench, CameraCalibration, Mount
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HoleReader, PartDetector
 from cell.interfaces.pose import Array, Pose
@@ -29,6 +29,7 @@ from learned.parts.data import Scene
 from learned.parts.evaluate import Findings, evaluate_parts
 from sim.data.folder import DataFolder
 from sim.data.plates import write_plates
+from sim.data.sight import true_calibration
 from sim.data.splits import sometimes_steel
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
@@ -149,18 +150,6 @@ def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:
 def _world(configuration: Configuration, product: Product, seed: int) -> World:
     look = configuration.devices.simulation.look.draw(seed)
     return build_world(product, configuration.bench, None, None, None, look)
-
-
-def true_calibration(world: World, camera: str, setup: CameraSetup) -> CameraCalibration:
-    """What a perfect calibration would find in a simulated world."""
-    look = world.look
-    pose = getattr(look.mounts, camera).apply(setup.mount.pose)
-    return CameraCalibration(
-        mount=Mount(position_m=pose.position_m, quaternion_wxyz=pose.quaternion_wxyz),
-        focal_px=setup.focal_px * (1 + look.camera.focal_error),
-        distortion_k1=look.camera.distortion_k1,
-        distortion_k2=look.camera.distortion_k2,
-    )
 
 
 def calibrated_bench(configuration: Configuration, product: Product, seed: int, world: World | None = None) -> Bench:

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.hand_window import hand_window, last_at_hole, seen_frames, small_frame, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES
+from cell.interfaces.perception import SEGMENT_FRAMES, HandTracker
 from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
 from sim.data.placed import holes_of
 from sim.data.recording import CAMERA, Assembly, Source
 from sim.data.sight import Masks, Projection
-from sim.data.tracks import Hand, as_told_by, as_tracked, hands_of
+from sim.data.tracks import Hand, as_seen_by, as_tracked, hands_of
 
-GAPS_STREAM, ERRORS_STREAM = 10, 11
+GAPS_STREAM = 10
 STRIDE_FRAMES = 15  # a segment a second
 ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
 HOLES_STRIDE_FRAMES = 30
@@ -36,7 +36,7 @@ def write_segments(
     thin: bool = False,
     frames: bool = False,
     gaps: bool = False,
-    tracker: str | None = None,
+    tracker: HandTracker | None = None,
 ) -> None:
     """Rows of segments.jsonl, and the window of the hand at the end of each and where it was last at a hole.
 
@@ -44,18 +44,10 @@ def write_segments(
         thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
         frames: every third whole frame of each segment, too, made small.
         gaps: the hand as a tracker reports it, which loses it now and then.
-        tracker: one of ERRORS, whose errors the points of the hand have.
-
-    Raises:
-        InputError: there is no such tracker.
+        tracker: sees the hand in every frame, instead of the truth; gaps are its own then.
     """
     assembly = source.assembly
-    visible = visible_shares(source, range(len(assembly.moments)))
-    hands = hands_of(source, visible)
-    if gaps:
-        hands = as_tracked(source, hands, visible, np.random.default_rng([assembly.seed, GAPS_STREAM]))
-    if tracker is not None:
-        hands = as_told_by(tracker, hands, np.random.default_rng([assembly.seed, ERRORS_STREAM]))
+    hands = _hands(source, gaps) if tracker is None else as_seen_by(tracker, source, assembly.seed)
     sequences = np.array([moment.exposure.sequence for moment in assembly.moments])
     camera, seen = _Windows(source), seen_frames(SEGMENT_FRAMES - 1)
     for end in _thinned(assembly) if thin else segment_ends(assembly):
@@ -86,6 +78,14 @@ def write_segments(
     camera.close()
 
 
+def _hands(source: Source, gaps: bool) -> list[Hand | None]:
+    visible = visible_shares(source, range(len(source.assembly.moments)))
+    hands = hands_of(source, visible)
+    if not gaps:
+        return hands
+    return as_tracked(source, hands, visible, np.random.default_rng([source.assembly.seed, GAPS_STREAM]))
+
+
 def _tips_m(hands: Sequence[Hand | None]) -> Array:
     """(n, 2) fingertips on the bench, NaN where no hand was seen."""
     return np.array([(math.nan, math.nan) if hand is None else hand["fingertips_m"] for hand in hands])
@@ -109,7 +109,8 @@ class _Windows:
         if index not in self._written:
             moment = self._source.assembly.moments[index]
             exposure = moment.exposure
-            tips_m = np.array([[*hand["fingertips_m"], moment.fingertips_m[2]]])
+            height_m = hand["fingertips_height_m"]
+            tips_m = np.array([[*hand["fingertips_m"], moment.fingertips_m[2] if height_m is None else height_m]])
             column, row = self._projection.pixels(exposure.moments[-1], tips_m)[0]
             image = self._photographer.take(exposure).image
             name = f"crops/{self._source.name}-{exposure.sequence:06d}-hand.png"

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.bench import CameraSetup
+from cell.interfaces.bench import CameraCalibration, CameraSetup, Mount
 from cell.interfaces.pose import Array, Pose
 from sim.rendering.studio import VISIBLE, ScenePoses, show_poses
 from sim.scene.hand import FOREARM_SKIN_GROUP
@@ -127,3 +127,15 @@ def box_of(mask: NDArray[np.bool_]) -> Box | None:
     if not len(rows):
         return None
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def true_calibration(world: World, camera: str, setup: CameraSetup) -> CameraCalibration:
+    """What a perfect calibration would find in a simulated world."""
+    look = world.look
+    pose = getattr(look.mounts, camera).apply(setup.mount.pose)
+    return CameraCalibration(
+        mount=Mount(position_m=pose.position_m, quaternion_wxyz=pose.quaternion_wxyz),
+        focal_px=setup.focal_px * (1 + look.camera.focal_error),
+        distortion_k1=look.camera.distortion_k1,
+        distortion_k2=look.camera.distortion_k2,
+    )

@@ -1,23 +1,24 @@
-"""The hand's track in a recording: as a perfect tracker would tell it, and as a real one does, with gaps."""
+"""The hand's track in a recording: as a perfect tracker would tell it, as one with gaps, and as a given one."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cell.errors import InputError
+from cell.interfaces.perception import HandSample, HandTracker
 from cell.interfaces.pose import Array
 from sim.data.hands import visible_shares
 from sim.data.recording import CAMERA, Assembly, Moment, Source
 from sim.data.sight import Projection, fingertip
+from sim.data.working_arm import WorkingArm
 
 HAND_BODIES = ("hand", "hand_thumb", "hand_index", "hand_fingers")
 LEAST_SEEN = 0.1  # of a hand that anybody could see
 PLACES = ("fingertips_m", "palm_m", "thumb_m", "index_m")
+ARM_STREAM = 11
 
 # What a tracker gets wrong, as the shipped one does in recordings of the look `hard`.
 HALF_HIDDEN = 0.5  # a hand of which less shows is often lost, or taken to be elsewhere
@@ -31,62 +32,30 @@ ASTRAY_M = (0.06, 0.35)
 Hand = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class PointErrors:
-    """By how much a tracker puts the drawn hand's points elsewhere, in the frame of a right hand.
-
-    Attributes:
-        palm_m, tips_m: along the way from palm to fingertips, and across it to the left.
-        slow_m, each_m: standard deviation of what drifts, of palm and of fingertips, and of each frame.
-        drifts_s: time in which it has drifted elsewhere.
-    """
-
-    palm_m: tuple[float, float]
-    tips_m: tuple[float, float]
-    slow_m: tuple[float, float]
-    each_m: float
-    drifts_s: float
-
-
-# MediaPipe knows people's hands: the drawn one has longer fingers, and a claw of them.
-ERRORS = {"mediapipe": PointErrors((0.013, -0.014), (-0.030, 0.018), (0.008, 0.014), 0.003, 0.6)}
-
-
-def as_told_by(tracker: str, hands: Sequence[Hand | None], rng: np.random.Generator) -> list[Hand | None]:
-    """The hands of a recording with the errors of a tracker.
-
-    Raises:
-        InputError: it is none of ERRORS.
-    """
-    if tracker not in ERRORS:
-        raise InputError(f"--tracker {tracker}: the errors of no such tracker are known; legal: {', '.join(ERRORS)}")
-    errors = ERRORS[tracker]
-    drift, before_s, found = rng.normal(0, 1, (2, 2)), 0.0, list[Hand | None]()
-    for hand in hands:
-        if hand is None:
-            found.append(None)
-            continue
-        kept = math.exp(-(hand["time_s"] - before_s) / errors.drifts_s)
-        drift, before_s = kept * drift + math.sqrt(1 - kept**2) * rng.normal(0, 1, (2, 2)), hand["time_s"]
-        found.append(_shifted(hand, errors, drift, rng))
+def as_seen_by(tracker: HandTracker, source: Source, seed: int) -> list[Hand | None]:
+    """The hand as a tracker sees it in the frames of a recording, while the arm works: by moment, None where it does
+    not."""
+    assembly, bench = source.assembly, source.bench
+    photographer = assembly.photographer(bench)
+    arm = WorkingArm(assembly.world, bench.arm_look_rad, np.random.default_rng([seed, ARM_STREAM]))
+    found: list[Hand | None] = []
+    for moment in assembly.moments:
+        frame = photographer.take(moment.exposure).beside(arm.points_m(moment.exposure.moments[-1], None))
+        sample = tracker.track(frame)
+        found.append(None if sample is None else _told(sample))
+    photographer.close()
     return found
 
 
-def _shifted(hand: Hand, errors: PointErrors, drift: Array, rng: np.random.Generator) -> Hand:
-    """A hand whose points are where a tracker says."""
-    palm, tips, thumb, index = (np.array(hand[name]) for name in ("palm_m", "fingertips_m", "thumb_m", "index_m"))
-    along = (tips - palm) / max(1e-6, float(np.linalg.norm(tips - palm)))
-    spread = index - thumb
-    left = along[0] * spread[1] - along[1] * spread[0] > 0
-    across = np.array([-along[1], along[0]]) * (-1 if left else 1)
-    moved = {}
-    for name, by_m, slow_m, drifted in (
-        ("palm_m", errors.palm_m, errors.slow_m[0], drift[0]),
-        *((name, errors.tips_m, errors.slow_m[1], drift[1]) for name in ("fingertips_m", "thumb_m", "index_m")),
-    ):
-        off = by_m[0] * along + by_m[1] * across + slow_m * drifted + rng.normal(0, errors.each_m, 2)
-        moved[name] = _xy(np.array(hand[name]) + off)
-    return {**hand, **moved}
+def _told(sample: HandSample) -> Hand:
+    """A tracker's sample as `hands_of` tells one."""
+    return {
+        "time_s": round(sample.time_s, 4),
+        "box_px": sample.box_px,
+        "held_part": sample.held_part,
+        "fingertips_height_m": sample.fingertips_height_m,
+        **{name: None if (point := getattr(sample, name)) is None else _xy(np.array(point)) for name in PLACES},
+    }
 
 
 def as_tracked(

@@ -19,8 +19,11 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import InputError
+from cell.interfaces.frame import Frame
 from cell.interfaces.hand_window import last_at_hole, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES
+from cell.interfaces.perception import SEGMENT_FRAMES, HandSample
+from learned.actions.data import load_segments
+from learned.actions.settings import Classes
 from learned.holes.data import load_plates
 from learned.holes.model import hole_crops, squares_m
 from learned.parts.data import load_scenes
@@ -143,6 +146,35 @@ def test_a_tracker_loses_the_hand_and_takes_it_to_be_elsewhere(tmp_path: Path) -
     ]
     assert 0.002 < np.mean(np.array(away_m) > 0.05) < 0.2
     assert np.median(away_m) == 0
+
+
+class SeesEverySecond:
+    """Sees the hand in every second frame, at a place of its own; it knows no height (HandTracker)."""
+
+    others: tuple[HandSample, ...] = ()
+
+    def __init__(self) -> None:
+        self.shown: list[Frame] = []
+
+    def track(self, frame: Frame) -> HandSample | None:
+        self.shown.append(frame)
+        x_m = 0.001 * frame.sequence
+        sample = HandSample(frame.time_s, (1, 2, 3, 4), (x_m, 0.4), (x_m, 0.3), held_part="o2", thumb_m=(x_m, 0.41))
+        return sample if frame.sequence % 2 else None
+
+
+def test_segments_tell_the_hand_as_a_given_tracker_sees_it(tmp_path: Path) -> None:
+    tracker = SeesEverySecond()
+    write_segments(source(), DataFolder(tmp_path / "new", "test"), thin=True, gaps=True, tracker=tracker)
+    exposures = [moment.exposure.sequence for moment in assembly().moments]
+    assert [frame.sequence for frame in tracker.shown] == exposures
+    for row in rows(tmp_path / "new" / "segments.jsonl"):
+        seen = [one for one in row["hands"] if one is not None]
+        assert 15 < len(seen) < 30
+        assert {one["held_part"] for one in seen} == {"o2"}
+        assert all(one["palm_m"][1] == 0.3 and one["fingertips_height_m"] is None for one in seen)
+        assert (row["frame"] % 2 == 0) == (row["hand_crop"] is None)
+    assert load_segments([tmp_path / "new"], Classes.of(PRODUCT)).tracks_m.shape[1:] == (1 + SEGMENT_FRAMES, 6)
 
 
 def test_fingers_open_once_in_each_assembly() -> None:

@@ -31,17 +31,20 @@ from cell.configuration import Configuration, load_configuration, load_product, 
 from cell.errors import InputError
 from cell.files.files import whole_folder
 from cell.fleet.engine import mapped
+from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
+from cell.wiring.detectors import TRAINED, Detectors
 from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
+from sim.data.sight import true_calibration
 from sim.data.splits import LYING_SHARE, STACKED_SHARE, mixed_clutter, seeds, sometimes_steel
-from sim.data.tracks import ERRORS
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 
 One = Callable[[int, DataFolder], float | None]  # makes what one seed gives; returns the simulated seconds
 Film = Callable[[Configuration, Product, int], recording.Assembly]
 _WORK = ("person", "physics", "beside_robot")
+TRACKERS = tuple(TRAINED["hands"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +65,7 @@ class Data:
         False
     )
     tracker: Annotated[
-        str | None, Option(help=f"Tracks with the errors of this tracker of the drawn hand: {', '.join(ERRORS)}.")
+        str | None, Option(help=f"The hand as this tracker sees it in every frame: {', '.join(TRACKERS)}; slower.")
     ] = None
     stills: Annotated[int, Option(min=1, max=1000, help="Images of each look.")] = 10
     astray_share: Annotated[
@@ -117,7 +120,8 @@ def _assemblies(write: Callable[..., None], *names: str) -> Callable[[Data, Film
     def maker(asked: Data, film: Film | None) -> One:
         configuration, product = asked.cell()
         bench, simulation = configuration.bench, configuration.devices.simulation
-        more: dict[str, Any] = {name: getattr(asked, name) for name in names}
+        more: dict[str, Any] = {name: getattr(asked, name) for name in names if name != "tracker"}
+        follow = None if asked.tracker is None else _tracking(asked.tracker, configuration)
         if write is hands.write_hands:
             more["every"] = asked.physics or asked.beside_robot
 
@@ -131,12 +135,33 @@ def _assemblies(write: Callable[..., None], *names: str) -> Callable[[Data, Film
             if assembly.world.diverged:
                 folder.left_out.append(seed)
                 return None
-            write(recording.Source(assembly, kinds, bench), folder, **more)
+            seen = {} if follow is None else {"tracker": follow(kinds, assembly)}
+            write(recording.Source(assembly, kinds, bench), folder, **more, **seen)
             return assembly.moments[-1].time_s
 
         return one
 
     return maker
+
+
+def _tracking(kind: str, configuration: Configuration) -> Callable[[Product, recording.Assembly], HandTracker]:
+    """Makes trackers of a kind, each for the camera as it hangs in the look of a recording.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    if kind not in TRACKERS:
+        raise InputError(f"--tracker {kind}: unknown kind; legal: {', '.join(TRACKERS)}")
+    perception = configuration.perception.with_detector("hands", kind)
+
+    def follow(product: Product, assembly: recording.Assembly) -> HandTracker:
+        drawn = configuration.bench
+        overhead = drawn.overhead.calibrated(true_calibration(assembly.world, "overhead", drawn.overhead))
+        bench = drawn.model_copy(update={"overhead": overhead})
+        tracker: HandTracker = Detectors(bench, product, perception).make("hands")
+        return tracker
+
+    return follow
 
 
 def _plates(asked: Data, _: Film | None) -> One:

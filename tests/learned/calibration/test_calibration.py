@@ -16,11 +16,11 @@ from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, M
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Pose
-from cell.lab.holes_and_parts import calibrated_bench, true_calibration
+from cell.lab.holes_and_parts import calibrated_bench
 from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, tray_off_m, trouble
 from learned.calibration.landmarks import PlateModel
 from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
-from sim.data.sight import true_camera
+from sim.data.sight import true_calibration, true_camera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
 from sim.scene.look import Look, MountError, Mounts

@@ -19,6 +19,7 @@ from cell.settings import WEIGHTS
 from cell.wiring.latency import note_scores
 from learned.actions.data import Segments
 from learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes
+from learned.hands.mediapipe.hands import FETCH, ON_THE_BENCH, model_folder, network_file
 from learned.inference.onnx_model import OnnxModel
 from learned.parts.data import Scene
 from learned.parts.model import pose_file
@@ -28,8 +29,8 @@ from learned.semantic.graph import Layout
 
 Scores = Mapping[str, float]
 HAND_DATA_S, HAND_EPOCH_S, HAND_VALIDATION = 1.02, 0.556, 0.04  # processor time of a recording, once; and a share
-ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1  # a recording; of the budget; a share
-VGG16_DATA = 0.3  # the same, where VGG16 is trained
+ACTION_S, ACTION_PHYSICS_S, ACTION_TRACKED_S = 3.0, 3.5, 30.0  # a recording; each frame drawn for a tracker
+ACTION_DATA, VGG16_DATA, ACTION_VALIDATION = 0.75, 0.3, 0.1  # of the budget; where VGG16 is trained; a share
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
 TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.75, 0.3, 0.018, 0.0021
@@ -265,16 +266,30 @@ def own_segments(segments: Segments) -> tuple[Segments, Segments]:
 
 
 def _data_share(asked: Training) -> float:
-    return ACTION_DATA if asked.kind in ("slim", "track") else VGG16_DATA
+    return ACTION_DATA if asked.kind in ("slim", "track") or asked.tracker else VGG16_DATA
+
+
+def _recording_s(one: Share) -> float:
+    """Processor time of a recording."""
+    return ACTION_TRACKED_S if one.tracker else ACTION_PHYSICS_S if one.physics else ACTION_S
 
 
 def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Path], Path]:
     """Folders of assemblies by the simulated person, to learn from and for the scores."""
-    shares = ACTIONS if asked.look is None else (Share(asked.look, 1.0, 0),)
-    each_s = sum(one.share * (ACTION_PHYSICS_S if one.physics else ACTION_S) for one in shares)
+    if asked.tracker and asked.look is None:
+        raise InputError("--tracker goes with --look: the looks that are made by default have trackers of their own")
+    shares: Sequence[Share] = ACTIONS
+    if asked.look is not None:
+        shares = [Share(asked.look, 1.0, 0, tracker=asked.tracker)]
+    if not network_file(model_folder(), "landmark", ON_THE_BENCH).is_file():
+        missing = [one for one in shares if one.tracker == "mediapipe"]
+        if len(missing) == len(shares):
+            raise InputError(f"--tracker mediapipe: its networks are not there; fetch them once with: {FETCH}")
+        console().print(f"no recordings with MediaPipe's hands: its networks come with: {FETCH}", highlight=False)
+        shares = [one for one in shares if one not in missing]
+    each_s = sum(one.share * _recording_s(one) for one in shares)
     count = max(4, int(_data_share(asked) * budget_s / each_s))
     flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
-    flags += (f"--tracker={asked.tracker}",) if asked.tracker else ()
     return made(
         asked,
         weights,

@@ -16,12 +16,22 @@ VALIDATION_SEED = 800_000
 
 @dataclass(frozen=True)
 class Share:
-    """Some of the recordings to learn from: of what look, which share of all, from which seed on."""
+    """Some of the recordings to learn from: of what look, which share of all, from which seed on.
+
+    Attributes:
+        tracker: sees the hand in them; None for the truth.
+    """
 
     look: str
     share: float
     first_seed: int
     physics: bool = False
+    tracker: str | None = None
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Words of `cell lab data` for such recordings."""
+        return (*["--physics"] * self.physics, *[f"--tracker={self.tracker}"] * bool(self.tracker))
 
 
 HANDS = (
@@ -32,12 +42,14 @@ HANDS = (
 )
 STILLS = (Share("wide", 0.55, 0), Share("varied", 0.3, 300_000), Share("nominal", 0.15, 500_000))
 ACTIONS = (
-    Share("people", 0.28, 0),
-    Share("varied", 0.20, 300_000),
-    Share("nominal", 0.10, 500_000),
-    Share("people", 0.25, 100_000, physics=True),
-    Share("varied", 0.12, 400_000, physics=True),
-    Share("nominal", 0.05, 450_000, physics=True),
+    Share("people", 0.26, 0),
+    Share("varied", 0.18, 300_000),
+    Share("nominal", 0.09, 500_000),
+    Share("people", 0.23, 100_000, physics=True),
+    Share("varied", 0.11, 400_000, physics=True),
+    Share("nominal", 0.04, 450_000, physics=True),
+    Share("bare", 0.05, 340_000, tracker="mediapipe"),
+    Share("bare", 0.04, 410_000, physics=True, tracker="mediapipe"),
 )
 
 
@@ -68,13 +80,15 @@ def made(
         of_share = max(1, round(one.share * count)) if not piece else round(one.share * count)
         for first in range(0, of_share, piece or of_share):
             end = min(first + (piece or of_share), of_share)
-            name = "-".join([Path(one.look).stem, *["physics"] * one.physics, *[f"{first:06d}"] * bool(piece)])
+            told = [*["physics"] * one.physics, *[one.tracker or ""] * bool(one.tracker)]
+            name = "-".join([Path(one.look).stem, *told, *[f"{first:06d}"] * bool(piece)])
             of_seeds = {"--look": one.look, "--seeds": f"{one.first_seed + first}:{one.first_seed + end}"}
             given = {**of_seeds, **(options or {}), "--config": asked.config}
-            wanted[weights.with_suffix(".data") / name] = given, (*flags, *["--physics"] * one.physics)
+            wanted[weights.with_suffix(".data") / name] = given, (*flags, *one.flags)
     scored = {unseen: _validation(asked, validation)} if validation else {}
     require_usable(*wanted, *scored)
-    for folder, (given, words) in {**{key: (one, tuple(flags)) for key, one in scored.items()}, **wanted}.items():
+    of_scores = (*flags, *[f"--tracker={asked.tracker}"] * bool(asked.tracker))
+    for folder, (given, words) in {**{key: (one, of_scores) for key, one in scored.items()}, **wanted}.items():
         make_data(what, folder, given, *words)
     return [*(asked.data or ()), *wanted], unseen
 

@@ -54,7 +54,7 @@ class Training:
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
     tracker: Annotated[
         str | None,
-        Option(help="Tracks with the errors of this tracker, such as mediapipe; true ones by default."),
+        Option(help="With --look: the hand as this tracker sees it, such as mediapipe; the truth by default."),
     ] = None
     budget: Annotated[str, Option(help="Processor time for data and training, like 90s, 30m or 2h.")] = ""
     epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default chosen for the network.")] = (

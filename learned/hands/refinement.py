@@ -86,7 +86,7 @@ def to_the_right_rad(wrist: Array, palm: Array) -> float:
 PATCH_MIDDLE = (PATCH_PX - 1) / 2
 # Share by which a size may err. Close-ups that tell it worse show hands that are covered, or too dark: their points are
 # no better than those read before, nor like what action detectors learned from; and most of what is no hand is so.
-UNCLEAR = 0.055
+UNCLEAR = 0.07
 DOUBTED = 0.9  # confidence of such readings at most: enough to go on following a hand, too little to begin
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cell.commands.main import main
 from cell.commands.training import networks
-from cell.commands.training.weights import seconds
+from cell.commands.training.shares import Share
+from cell.commands.training.weights import Training, seconds
 
 pytestmark = pytest.mark.torch
 
@@ -90,3 +92,45 @@ def test_a_budget_leaves_time_to_learn_parts_and_stacks(budget: str) -> None:
     assert centre >= 12
     assert stacked >= 9
     assert networks.part_epochs(1.0, images, 4 * images) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "fetched", "looks"),
+    [
+        ({}, True, {"people", "varied", "nominal", "bare"}),
+        ({}, False, {"people", "varied", "nominal"}),
+        ({"look": "bare", "tracker": "mediapipe"}, True, {"bare"}),
+    ],
+)
+def test_action_detectors_learn_from_mediapipe_s_tracks_where_its_networks_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: dict[str, str], fetched: bool, looks: set[str]
+) -> None:
+    wanted: list[Share] = []
+
+    def made(*given: Any, **_: object) -> object:
+        wanted.extend(given[3])
+        return [], tmp_path
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if fetched:
+        file = tmp_path / "cell" / "mediapipe" / "landmark_lite.onnx"
+        file.parent.mkdir(parents=True)
+        file.touch()
+    monkeypatch.setattr(networks, "made", made)
+    networks.recordings(Training(kind="slim", **words), tmp_path / "a.onnx", 600.0)  # type: ignore[arg-type]
+    assert {share.look for share in wanted} == looks
+    assert {share.tracker for share in wanted if share.look == "bare"} <= {"mediapipe"}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [("--tracker mediapipe", "--tracker goes with --look"), ("--tracker mediapipe --look bare", "make hands")],
+)
+def test_a_tracker_that_cannot_be_had_is_told_before_recordings_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, told: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    out = tmp_path / "actions.onnx"
+    assert main(["lab", "train", "actions", *words.split(), "--budget", "20s", "--out", str(out)]) == 2
+    assert told in capsys.readouterr().err
+    assert not out.exists()

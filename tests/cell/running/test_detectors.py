@@ -163,7 +163,7 @@ def test_every_shipped_card_tells_how_late_its_answers_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "floor_m", "wanted_m"), [("learned", 0.0, 0.0268), ("learned", 0.1, 0.1), ("classical", 0.0, 0.06)]
+    ("kind", "floor_m", "wanted_m"), [("learned", 0.0, 0.0235), ("learned", 0.1, 0.1), ("classical", 0.0, 0.06)]
 )
 def test_separation_counts_with_the_errors_of_the_chosen_hand_tracker(
     kind: str, floor_m: float, wanted_m: float

@@ -26,13 +26,19 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
         made[folder] = options | {"flags": flags}
 
     monkeypatch.setattr(shares, "make_data", make)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    network = tmp_path / "cell" / "mediapipe" / "landmark_lite.onnx"
+    network.parent.mkdir(parents=True)
+    network.touch()
     folders, validation = networks.recordings(Training(kind="slim"), tmp_path / "actions_slim.onnx", 4200.0)
-    counts = dict.fromkeys((False, True), 0)
+    count, by_physics, spent_s = 0, 0, 0.0
     for folder in folders:
-        counts["--physics" in made[folder]["flags"]] += len(seeds_of(made[folder]["--seeds"]))
+        recordings, flags = len(seeds_of(made[folder]["--seeds"])), made[folder]["flags"]
+        count, by_physics = count + recordings, by_physics + recordings * ("--physics" in flags)
+        each_s = networks.ACTION_PHYSICS_S if "--physics" in flags else networks.ACTION_S
+        spent_s += recordings * (networks.ACTION_TRACKED_S if "--tracker=mediapipe" in flags else each_s)
     assert len(set(folders)) == len(folders)
-    assert counts[True] / sum(counts.values()) == pytest.approx(0.42, abs=0.01)
-    spent_s = counts[False] * networks.ACTION_S + counts[True] * networks.ACTION_PHYSICS_S
+    assert by_physics / count == pytest.approx(0.42, abs=0.01)
     assert spent_s == pytest.approx(networks.ACTION_DATA * 4200, rel=0.02)
     assert {made[folder]["--steel-share"] for folder in folders} == {networks.STEEL_SHARE}
     assert 0 < networks.STEEL_SHARE < 1

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
-from learned.hands.data import HandRow, LabelledFrame
-from learned.hands.mediapipe.hands import MediaPipeHands
+from cell.pictures.compositor import Compositor
+from learned.hands.data import HandRow
 from learned.hands.reading import HandReader
 from learned.training.still_dataset import read_image
-from sim.data.folder import DataFolder
 
 NEARER = 2.5  # so much larger than to fill the image a photograph is shown, at most
 LAID_SHARE = 0.4  # of images in which pieces lie on a frame, where there are frames
@@ -74,40 +73,27 @@ def lay(
     return np.clip(image, 0, 255).astype(np.uint8), places
 
 
-def write_handless(
-    files: Sequence[Path],
-    teacher: MediaPipeHands,
-    tracker: HandReader,
-    setup: CameraSetup,
-    folder: DataFolder,
-    onto: Sequence[LabelledFrame],
-    copies: int,
-    seed: int,
-) -> int:
+def write_handless(files: Sequence[Path], tracker: HandReader, compositor: Compositor) -> int:
     """Rows of hands.jsonl; returns how many photographs were left out, because the teacher sees a hand there.
 
     Args:
         tracker: what it takes for a hand is named in the rows.
-        onto: frames of the bench; none for photographs alone.
-        copies: of each photograph, each another part of it.
     """
-    left_out = 0
+    setup, left_out = compositor.setup, 0
     for number, file in enumerate(files):
-        rng, photograph = np.random.default_rng([seed, 1, number]), read_image(file)
-        if teacher.picture(photograph):
+        rng, photograph = np.random.default_rng([compositor.seed, 1, number]), read_image(file)
+        if compositor.teacher.picture(photograph):
             left_out += 1
             continue
-        for copy in range(copies):
-            hands: Sequence[HandRow] = ()
-            if onto and rng.random() < LAID_SHARE:
-                frame = onto[int(rng.integers(len(onto)))]
-                hands = frame.row.hands
-                image, places = lay(photograph, read_image(frame.file), hands, setup, rng)
+        for copy in range(compositor.copies):
+            frame = compositor.frame(LAID_SHARE, rng)
+            hands = () if frame is None else frame.row.hands
+            if frame is None:
+                image, places = filling(photograph, setup, rng), list[tuple[float, float]]()
             else:
-                image, places = filling(photograph, setup, rng), []
+                image, places = lay(photograph, read_image(frame.file), hands, setup, rng)
             taken = [reading.centre_px for reading in tracker.read(image, ())]
             decoys = [*((float(x), float(y)) for x, y in taken), *places]
-            name = folder.image(f"images/without-{number:05d}-{copy}.jpg", image)
-            told = [one.model_dump(mode="json", exclude_unset=True) for one in hands]
-            folder.row("hands", {"file": name, "log": f"without-{number:05d}", "hands": told, "decoys_px": decoys})
+            log = f"without-{number:05d}"
+            compositor.write(f"{log}-{copy}", log, image, hands, decoys_px=decoys)
     return left_out

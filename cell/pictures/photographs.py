@@ -21,12 +21,12 @@ from cell.errors import InputError
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
+from cell.pictures.compositor import Compositor
 from cell.pictures.sources import PICTURES
-from learned.hands.data import HandRow, LabelledFrame
+from learned.hands.data import HandRow
 from learned.hands.mediapipe.hands import MediaPipeHands
 from learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
 from learned.training.still_dataset import read_image
-from sim.data.folder import DataFolder
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
 PALM_OUTLINE = (0, 1, 5, 9, 13, 17)
@@ -207,32 +207,17 @@ def _row(points: Array, left: bool, size: tuple[int, int]) -> HandRow:
     )
 
 
-def write_photographs(
-    files: Sequence[Path],
-    hands: MediaPipeHands,
-    setup: CameraSetup,
-    folder: DataFolder,
-    onto: Sequence[LabelledFrame],
-    copies: int,
-    seed: int,
-) -> int:
-    """Rows of hands.jsonl; returns how many photographs show a hand.
-
-    Args:
-        onto: frames of the bench; none for what lay behind each hand.
-        copies: of each hand, each in another place.
-    """
+def write_photographs(files: Sequence[Path], compositor: Compositor) -> int:
+    """Rows of hands.jsonl; returns how many photographs show a hand."""
     seen = 0
     for number, file in enumerate(files):
-        rng = np.random.default_rng([seed, number])
-        found = list(cut_hands(read_image(file), hands))
+        rng = np.random.default_rng([compositor.seed, number])
+        found = list(cut_hands(read_image(file), compositor.teacher))
         seen += bool(found)
         for which, hand in enumerate(found):
-            for copy in range(copies):
-                frame = onto[int(rng.integers(len(onto)))] if onto and rng.random() > BARE_SHARE else None
+            for copy in range(compositor.copies):
+                frame = compositor.frame(1 - BARE_SHARE, rng)
                 under = None if frame is None else (read_image(frame.file), frame.row.hands)
-                image, rows = compose(hand, under, setup, rng)
-                name = folder.image(f"images/{number:05d}-{which}-{copy}.jpg", image)
-                told = [one.model_dump(mode="json", exclude_unset=True) for one in rows]
-                folder.row("hands", {"file": name, "log": f"photograph-{number:05d}", "hands": told})
+                image, rows = compose(hand, under, compositor.setup, rng)
+                compositor.write(f"{number:05d}-{which}-{copy}", f"photograph-{number:05d}", image, rows)
     return seen

@@ -18,6 +18,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
 from cell.lab.hands import ONLY, evaluate_hands
+from cell.pictures.compositor import Compositor
 from cell.pictures.handless import write_handless
 from cell.pictures.photographs import photographs_of, write_photographs
 from cell.wiring.detectors import Detectors
@@ -61,15 +62,17 @@ def compose(
     frames = [one for folder in onto or () for one in frames_of(folder)]
     hands = MediaPipeHands(model_folder(), "full")
     with whole_folder(out) as partial:
-        folder = DataFolder(partial, f"cell lab data photographs {photographs or ''}".rstrip())
-        seen = write_photographs(files, hands, setup, folder, frames, copies, seed)
+        given = [*([] if photographs is None else [str(photographs)]), *(f"--without {one}" for one in without or ())]
+        folder = DataFolder(partial, " ".join(["cell lab data photographs", *given]))
+        compositor = Compositor(hands, setup, folder, frames, copies, seed)
+        seen = write_photographs(files, compositor)
         if files and not seen:
             raise InputError(f"{photographs}: MediaPipe finds no hand in {len(files)} photographs")
         told = {"photographs": len(files), "with hands": seen}
         if empty:
             weights = configuration.perception.with_detector("hands", "slim", None).weights("hands")
             tracker = SlimReader(setup, tuple(load_product(configuration).parts), weights)
-            left_out = write_handless(empty, hands, tracker, setup, folder, frames, copies, seed)
+            left_out = write_handless(empty, tracker, compositor)
             told |= {"without hands": len(empty) - left_out, "left out, as MediaPipe sees a hand": left_out}
         told["images"] = folder.counts["hands"]
         folder.close({name.replace(" ", "_"): count for name, count in told.items()})

@@ -13,6 +13,7 @@ from cell.commands.options import CONFIGURATION
 from cell.configuration import load_configuration
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
+from cell.pictures.compositor import Compositor
 from cell.pictures.handless import filling, lay, write_handless
 from learned.hands.data import HandRow, frames_of, load_hands
 from learned.hands.mediapipe.hands import Landmarks
@@ -67,7 +68,7 @@ def test_what_the_tracker_takes_for_a_hand_is_learned_as_none(tmp_path: Path) ->
     for number, file in enumerate(files):
         cv2.imwrite(str(file), photograph(number) // (1 if number else 20))
     folder = DataFolder(tmp_path / "data", "test")
-    left_out = write_handless(files, Teacher(), Tracker(), SETUP, folder, [], 2, 0)  # type: ignore[arg-type]
+    left_out = write_handless(files, Tracker(), Compositor(Teacher(), SETUP, folder, [], 2, 0))  # type: ignore[arg-type]
     assert left_out == 1
     rows = [one.row for one in frames_of(tmp_path / "data")]
     assert [(len(row.hands), row.decoys_px) for row in rows] == [(0, ((200.0, 100.0),))] * 4

@@ -13,7 +13,8 @@ from cell.configuration import load_configuration
 from cell.errors import InputError
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
-from cell.pictures.photographs import CutHand, compose, cut_hands, photographs_of
+from cell.pictures.compositor import Compositor
+from cell.pictures.photographs import CutHand, compose, cut_hands, photographs_of, write_photographs
 from learned.hands.data import HandRow, frames_of, load_hands
 from learned.hands.mediapipe.hands import Landmarks
 from learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
@@ -112,11 +113,11 @@ def test_what_the_new_hand_hides_of_another_shows_less() -> None:
 
 
 def test_rows_are_learned_from(tmp_path: Path) -> None:
+    points = landmarks(np.array([150.0, 200.0]), 0.3)
+    cv2.imwrite(str(tmp_path / "hand.png"), photograph(points)[..., ::-1])
     folder = DataFolder(tmp_path / "data", "test")
-    image, rows = compose(cut(), None, SETUP, np.random.default_rng(3))
-    name = folder.image("images/0.jpg", image)
-    told = [one.model_dump(mode="json", exclude_unset=True) for one in rows]
-    folder.row("hands", {"file": name, "log": "photograph-0", "hands": told})
+    compositor = Compositor(Teacher(points), SETUP, folder, [], 1, 3)  # type: ignore[arg-type]
+    assert write_photographs([tmp_path / "hand.png"], compositor) == 1
     assert len(frames_of(tmp_path / "data")) == 1
     data = load_hands([tmp_path / "data"], SETUP, ("o1",), 0)
     seen = np.flatnonzero(data.facts[:, 0] == 1)

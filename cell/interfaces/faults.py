@@ -2,56 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
 from cell.files.model import Disagreement, Model
-
-Signal = Literal[
-    "arm_lost",
-    "arm_not_plausible",
-    "arm_stale",
-    "arm_time_wrong",
-    "arm_off_path",
-    "arm_off_path_long",
-    "arm_not_obeying",
-    "arm_path_unknown",
-    "arm_protective_stop",
-    "arm_safeguard_stop",
-    "arm_emergency_stop",
-    "arm_fault",
-    "arm_not_controlled",
-    "arm_reduced",
-    "gripper_lost",
-    "gripper_stale",
-    "gripper_not_plausible",
-    "gripper_not_obeying",
-    "gripper_refuses",
-    "gripper_restarted_empty",
-    "gripper_restarted_holding",
-    "gripper_other_master",
-    "gripper_bus_errors",
-    "detector_lost",
-    "camera_lost",
-    "bench_stale",
-    "bench_in_the_future",
-    "camera_unhealthy",
-    "bench_not_seen",
-    "camera_moved",
-    "hand_unknown",
-    "hand_detector_blind",
-    "hand_cues_disagree",
-    "hand_near",
-    "hand_too_near",
-    "blind_area",
-    "tick_late",
-    "tick_very_late",
-    "command_contested",
-]
 
 
 class Sign(NamedTuple):
@@ -70,7 +28,7 @@ ARM_ANSWERS, ARM_MOVES = "the arm answers in every tick", "joints and `path_s` g
 STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
 FRAMES, HAND = "new frames, each with its own number and stamp", "a hand was seen, and left by an edge of the view"
 NOTHING = "nothing: it counts as absent until it is told"
-SIGNALS: dict[Signal, Sign] = {
+SIGNALS: Mapping[str, Sign] = {
     "arm_lost": Sign("the arm's state cannot be read, or the arm refuses a command", ARM_ANSWERS),
     "arm_not_plausible": Sign(
         "the arm's state has a value that is not finite, beyond its limits, or not six joints; or its joints move "
@@ -153,12 +111,15 @@ SIGNALS: dict[Signal, Sign] = {
     "tick_very_late": Sign("a tick began more than ten periods late", "the clock"),
     "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
-assert set(SIGNALS) == set(get_args(Signal))
-HAND_TOO_NEAR: Signal = "hand_too_near"
-OFF_PATH: Signal = "arm_off_path"
-OFF_PATH_LONG: Signal = "arm_off_path_long"
+HAND_TOO_NEAR, OFF_PATH, OFF_PATH_LONG = "hand_too_near", "arm_off_path", "arm_off_path_long"
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, no message is shown
 ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
+
+
+if TYPE_CHECKING:
+    Signal = str
+else:
+    Signal = Literal[tuple(SIGNALS)]
 
 
 class Action(IntEnum):

@@ -13,8 +13,11 @@ Example:
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # ONNX Runtime reads it when it is imported, and reports its use without
 
 if TYPE_CHECKING:
     from cell.errors import CellError, DeviceFault

@@ -33,7 +33,7 @@ from cell.settings import (
 )
 from sim.scene.look_range import look_range
 from sim.scene.person import load_person
-from skills.drivers.settings import SignalSettings
+from skills.drivers.settings import SignalSettings, UrSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
 from trees.node_library import USUAL_FOLDER
@@ -86,6 +86,12 @@ class Configuration(Model):
         """The module with digital signals, whose names tree files may use."""
         return self.devices.signals
 
+    @property
+    def timing_s(self) -> tuple[float, float]:
+        """Period of the control loop, and by how much the arm's joints trail their set points (0: not said)."""
+        arm = self.devices.arm
+        return 1.0 / self.controller.tick_hz, arm.lag_s if isinstance(arm, UrSettings) else 0.0
+
     @model_validator(mode="after")
     def _poses_are_in_range(self) -> Configuration:
         places = []
@@ -137,7 +143,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "planners": read.planners.model_copy(update=planners),
             "devices": read.devices.beside(folder),
             "page": read.page.model_copy(update=_tls(read.page, folder)),
-            "motion": read.motion.of(read.robot),
+            "motion": read.motion.of(read.robot, *read.timing_s),
             "log": log,
         }
     )
@@ -247,7 +253,9 @@ def load_faults(configuration: Configuration) -> FaultTable:
 
 def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:
     """Where a cell's table of faults or its separation does less than the shipped one."""
-    return weaker(table, load_yaml(DEFAULT_FAULTS, FaultTable)) + configuration.motion.separation.weaker
+    separation = configuration.motion.separation
+    less = separation.weaker(separation.least_reaction_s(*configuration.timing_s))
+    return weaker(table, load_yaml(DEFAULT_FAULTS, FaultTable)) + less
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
-LATE_S, VERY_LATE_S = 0.08, 0.40
+LATE, VERY_LATE = 2, 10  # periods of the control loop
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
 OTHER_MASTER = "another master commands the gripper"
@@ -266,6 +266,11 @@ def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
     return Detection(memory.hands.blind) if memory.hands.blind else None
 
 
+def tick_checks(tick_s: float) -> dict[str, Check]:
+    """Checks of a control loop with this period."""
+    return {"tick_late": _late(LATE * tick_s), "tick_very_late": _late(VERY_LATE * tick_s)}
+
+
 def _late(limit_s: float) -> Check:
     def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
         return (
@@ -317,7 +322,5 @@ CHECKS: Mapping[str, Check] = {
     "hand_unknown": _of_view(lambda view: _with("where the hand is, is not known:", view.hand_unknown)),
     "hand_detector_blind": _blind,
     "hand_cues_disagree": _of_view(lambda view: view.unexplained),
-    "tick_late": _late(LATE_S),
-    "tick_very_late": _late(VERY_LATE_S),
     "command_contested": _contested,
 }

@@ -14,7 +14,7 @@ from typing import Any
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks
+from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, tick_checks
 from cell.running.person_checks import person_checks
 from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from skills.motion.planner import MotionPlanner
@@ -116,7 +116,7 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     separation, robot = motion.separation, motion.settings.robot
     reaction_s, tool_m = separation.settings.reaction_s, motion.kinematics.position_m
     monitor = ArmMonitor(robot, reaction_s, limits, tool_m, separation.slow_share)
-    checks = {**CHECKS, **arm_checks(monitor), **person_checks(separation)}
+    checks = {**CHECKS, **arm_checks(monitor), **person_checks(separation), **tick_checks(motion.settings.tick_s)}
     return Supervisor(table, checks, motion.settings.speed_share)
 
 

@@ -250,7 +250,7 @@ class ArmMonitor:
         """Positions changed otherwise than the told speeds have it."""
         before = self._arm
         took_s = 0.0 if before is None else arm.time_s - before.time_s
-        if before is None or not 0 <= took_s <= LONGEST_S:
+        if before is None or not 0 <= took_s <= max(LONGEST_S, self._reaction_s):
             return ""
         if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
             return ""

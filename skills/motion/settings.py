@@ -29,6 +29,7 @@ Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
 JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
 
 
+LEAST_TICK_S = 0.04  # a faster loop is judged as one of 25 Hz: what else takes time does not get faster
 AT_LEAST = (  # as shipped, or it is unsafe
     *("hand_speed_m_s", "reaction_s", "hand_height_m", "hand_error_m", "intrusion_m", "hysteresis_m"),
 )
@@ -43,7 +44,8 @@ class SeparationSettings(Model):
         slow_m_s: reduced speed of the arm near a person (at most 0.25 m/s in ISO 10218-1). No limit of force: a contact
             at this speed may hurt.
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
-        reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
+        reaction_s: from an answer of the detectors to the first braking: a period of `controller.tick_hz`, the arm's
+            cycle, and what joints trail; worked out where it is left out, 0.078 s at 25 Hz and faster.
         hand_height_m: how high over the bench hand and forearm may be, where a tracker does not tell.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
@@ -62,6 +64,8 @@ class SeparationSettings(Model):
     hand_radius_m: ClassVar[float] = 0.06  # half the width of hand and forearm
     forearm_m: ClassVar[float] = 0.35  # length of a forearm that is not seen, behind the palm
     blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view
+    arm_cycle_s: ClassVar[float] = 0.008  # of a CB3 controller; an e-series has 0.002 s
+    trailing_s: ClassVar[float] = 0.030  # joints trail their set points by this much at least (docs/simulation.md)
 
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
@@ -73,14 +77,30 @@ class SeparationSettings(Model):
     intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
 
-    @property
-    def weaker(self) -> list[str]:
+    def reacting(self, tick_s: float, trailing_s: float) -> SeparationSettings:
+        """The same with the reaction that a control loop and an arm have, where none was chosen.
+
+        Args:
+            tick_s: period of the loop.
+            trailing_s: by how much the arm's joints trail their set points.
+        """
+        if "reaction_s" in self.model_fields_set:
+            return self
+        return self.model_copy(update={"reaction_s": self.least_reaction_s(tick_s, trailing_s)})
+
+    def least_reaction_s(self, tick_s: float, trailing_s: float) -> float:
+        """The shortest time from an answer to the first braking; see `reacting`."""
+        return max(tick_s, LEAST_TICK_S) + self.arm_cycle_s + max(trailing_s, self.trailing_s)
+
+    def weaker(self, least_reaction_s: float) -> list[str]:
         """Which values keep the arm less far from the person than the shipped ones do."""
         shipped = {name: field.default for name, field in type(self).model_fields.items()}
+        shipped["reaction_s"] = round(least_reaction_s, 6)
         less = [(name, "less") for name in AT_LEAST if getattr(self, name) < shipped[name]]
         more = [(name, "more") for name in AT_MOST if getattr(self, name) > shipped[name]]
         return [
             f"motion.separation.{name} {getattr(self, name):g} is {how} than {shipped[name]:g}"
+            + ", which controller.tick_hz and the arm need: leave it out" * (name == "reaction_s")
             for name, how in (*less, *more)
         ]
 
@@ -150,12 +170,23 @@ class MotionSettings(Model):
     speed_share: float = Field(default=1.0, ge=0.02, le=1)
     separation: SeparationSettings = SeparationSettings()
     _robot: RobotModel = PrivateAttr(default_factory=default_robot)
+    _tick_s: float = PrivateAttr(default=LEAST_TICK_S)
 
-    def of(self, robot: RobotModel) -> MotionSettings:
-        """The same for another robot than the UR10."""
-        settings = self.model_copy()
-        settings._robot = robot
+    def of(self, robot: RobotModel, tick_s: float = LEAST_TICK_S, trailing_s: float = 0.0) -> MotionSettings:
+        """The same for another robot than the UR10, and another control loop than one of 25 Hz.
+
+        Args:
+            tick_s: period of the loop.
+            trailing_s: by how much the arm's joints trail their set points, as its driver says.
+        """
+        settings = self.model_copy(update={"separation": self.separation.reacting(tick_s, trailing_s)})
+        settings._robot, settings._tick_s = robot, max(tick_s, LEAST_TICK_S)
         return settings
+
+    @property
+    def tick_s(self) -> float:
+        """Period of the control loop, at least that of 25 Hz."""
+        return self._tick_s
 
     @property
     def robot(self) -> RobotModel:

@@ -21,12 +21,12 @@ from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.running.device_writer import withhold
 from cell.running.fault_checks import CHECKS as OWN
-from cell.running.fault_checks import arm_checks
+from cell.running.fault_checks import arm_checks, tick_checks
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.cell.fakes import arm_monitor
 from tests.integration.cell_rig import motion_planner
 
-CHECKS = {**OWN, **arm_checks(arm_monitor())}
+CHECKS = {**OWN, **arm_checks(arm_monitor()), **tick_checks(0.04)}
 TABLE = load_faults(load_configuration())
 TICK_S = 0.04
 FOREARM_M = (0.5, 0.2)  # the arm passes over it at these joints

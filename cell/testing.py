@@ -25,7 +25,7 @@ from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.scene.parts import ScenePart
 from skills.motion.planner import MotionPlanner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 __all__ = ["Recorded", "ScenePart", "SimulatedCell", "simulated_cell"]

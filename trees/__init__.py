@@ -23,6 +23,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from trees.bench import TreeBench as Bench
     from trees.engine.choices import IfThenElse, TryCatch, WhileDoElse
     from trees.engine.controls import (
         AsyncFallback,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
         Timeout,
         WaitValueUpdate,
     )
+    from trees.engine.errors import NodeError
     from trees.engine.leaves import (
         AlwaysFailure,
         AlwaysSuccess,
@@ -62,12 +64,11 @@ if TYPE_CHECKING:
     from trees.engine.parallel import Parallel, ParallelAll
     from trees.engine.ports import InOutPort, InputPort, OutputPort
     from trees.engine.py_trees_adapter import PyTreesLeaf, as_py_trees
-    from trees.engine.status import NodeError, Status
+    from trees.engine.status import Status
     from trees.engine.traits import Traits
     from trees.engine.tree import Tree
-    from trees.files.loader import load_tree
+    from trees.loading import load_tree
     from trees.node_library import tree
-    from trees.testing import TreeBench as Bench
 
     Switch2 = Switch3 = Switch4 = Switch5 = Switch6 = Control
 
@@ -78,18 +79,19 @@ _ENGINE = {
     "SkipUnlessUpdated SubTree Timeout WaitValueUpdate",
     "leaves": "AlwaysFailure AlwaysSuccess Script ScriptCondition SetBlackboard Sleep UnsetBlackboard WasEntryUpdated",
     "loops": "LoopBool LoopDouble LoopInt LoopString Repeat RetryUntilSuccessful",
+    "errors": "NodeError",
     "node": "Control Decorator Node",
     "outside": "Outside",
     "parallel": "Parallel ParallelAll",
     "ports": "InOutPort InputPort OutputPort",
     "py_trees_adapter": "PyTreesLeaf as_py_trees",
-    "status": "NodeError Status",
+    "status": "Status",
     "traits": "Traits",
     "tree": "Tree",
 }
 _HOME = {name: (f"trees.engine.{module}", name) for module, names in _ENGINE.items() for name in names.split()} | {
-    "Bench": ("trees.testing", "TreeBench"),
-    "load_tree": ("trees.files.loader", "load_tree"),
+    "Bench": ("trees.bench", "TreeBench"),
+    "load_tree": ("trees.loading", "load_tree"),
     "tree": ("trees.node_library", "tree"),
 }
 # fmt: off

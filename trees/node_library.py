@@ -22,14 +22,14 @@ from cell.errors import InputError
 from cell.files.files import INSTALLED
 from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
-from trees.engine.decorators import SubTree
 from trees.engine.node import TreeNode
 from trees.engine.tree import Tree
-from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
+from trees.engine.vocabulary import Words
+from trees.files import loader
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
-from trees.files.parse.in_python import InPython, classes_of, in_python
+from trees.loading import input_errors
 from trees.nodes.poses import FRAMES, FramedPose
+from trees.vocabulary import Goal, Hole, OutputSignal, Part, Signal
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
 ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
@@ -118,16 +118,8 @@ def tree(
     Raises:
         InputError: everything that is wrong, each with its line of Python.
     """
-    source = in_python(root, name, trees)
-    return load_tree(source, knowing(source, registry or node_registry()), None, provided, beside)
-
-
-def knowing(source: InPython, registry: Registry) -> Registry:
-    """A registry with the classes that a tree in Python is made of."""
-    used = classes_of(source)
-    return registry.extended(
-        [node for tag, node in used.items() if node is not SubTree and registry.classes.get(tag) is not node]
-    )
+    with input_errors():
+        return loader.tree(root, name, trees, registry or node_registry(), provided, beside)
 
 
 def _things(product: Product | None) -> Words:

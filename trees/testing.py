@@ -14,18 +14,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
 from trees.engine.blackboard import Entry
+from trees.engine.clock import ManualClock
+from trees.engine.errors import TreeFileError
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry, is_leaf, tag_of
-from trees.files.loader import load_tree, unused_entries
+from trees.files.loader import knowing, load_tree, unused_entries
 from trees.files.parse.in_python import InPython, in_python
 from trees.files.parse.library import hint
-from trees.node_library import knowing, node_registry
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
@@ -46,7 +45,7 @@ class TreeBench:
         writes: by leaf, values of output ports that it writes when it succeeds.
         provided: entries of the main tree that are set before the first tick.
         services: what own controls and decorators work with; none by default.
-        registry: the nodes that the file may name; those of the cell by default.
+        registry: the nodes that the file may name; those of the language by default.
         beside: further tree files, and folders with them, whose trees the file may name.
         real: leaves that run as they are.
 
@@ -54,7 +53,7 @@ class TreeBench:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
 
     Raises:
-        InputError: `cell check` refuses the tree.
+        TreeFileError: `cell check` refuses the tree.
         ValueError: an answer or a write is for something that is no leaf.
     """
 
@@ -72,7 +71,7 @@ class TreeBench:
     ) -> None:
         source = in_python(path) if isinstance(path, TreeNode) else Path(path)
         real = tuple(real)
-        registry = (registry or node_registry()).extended(real)
+        registry = (registry or Registry()).extended(real)
         if isinstance(source, InPython):
             registry = knowing(source, registry)
         self.events: list[str] = []
@@ -85,7 +84,7 @@ class TreeBench:
         ]
         self.tree: Tree = load_tree(source, registry.extended(stand_ins), main, provided, beside)
         if problems := unused_entries({next(iter(self.tree.texts)): self.tree}):
-            raise InputError(*problems)
+            raise TreeFileError(*problems)
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cell.commands.options import NamesOption, WithOption, beside_config, own_files, registry_of
-from cell.errors import InputError, Problem
+from cell.errors import InputError
 from cell.files.packages import needed, version
+from trees.engine.errors import Problem
 from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.files.parse.library import Library, read_library

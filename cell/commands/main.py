@@ -14,6 +14,7 @@ import typer
 from cell.commands.options import with_ports
 from cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
 from cell.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from trees.engine.errors import TreeError
 
 OLD_COMMANDS = {
     "eval": "lab eval",
@@ -182,7 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
         if "run" in words[:2]:
             words = with_ports(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)
-    except (InputError, LogError, ModelError) as error:
+    except (InputError, LogError, ModelError, TreeError) as error:
         return _complain(str(error), BAD_INPUT)
     except DeviceFault as error:
         return _complain(str(error), SAFE_STOP)

@@ -28,6 +28,7 @@ from trees.files.check import Circumstances, findings
 from trees.files.parse.version3 import Converted
 from trees.files.parse.version3 import convert as to_version4
 from trees.files.parse.xml_file import read_xml
+from trees.loading import input_problem
 from trees.node_library import node_registry
 from trees.views.palette import groot_model, named, palette_list, palette_text
 
@@ -48,7 +49,8 @@ def check(
     config = None if no_config else config or beside_config(files)
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
-    problems, warnings, notes = findings(files, registry_of(config, nodes), known)
+    levels = findings(files, registry_of(config, nodes), known)
+    problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
     if config is not None:
         stuck, odd = bench_of(config)
         problems, warnings = [*problems, *stuck], [*warnings, *odd]
@@ -103,10 +105,10 @@ def _converted(path: Path) -> Converted:
     text, root, malformed = read_xml(path)
     found = root.get("BTCPP_format")
     if malformed:
-        raise InputError(*malformed)
+        raise InputError(*map(input_problem, malformed))
     if root.tag != "root" or found not in (None, "3"):
         what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
-        raise InputError(Problem(root.place_of("BTCPP_format"), what, "only files of version 3 are converted"))
+        raise InputError(f"{root.place_of('BTCPP_format')}: {what}; only files of version 3 are converted")
     return to_version4(path, text)
 
 

@@ -30,7 +30,7 @@ from cell.fleet.store import is_address
 from cell.interfaces.devices import ROLES
 from cell.recording.identity import code_version
 from cell.settings import LEARNED_KINDS, WEIGHTS
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 MOST_RUNS = 10_000_000

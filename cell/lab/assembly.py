@@ -21,7 +21,7 @@ from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")

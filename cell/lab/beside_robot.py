@@ -15,7 +15,7 @@ from sim.cell import SimCell
 from sim.data.recording import Assembly, Film, drawn_goal
 from sim.rendering.camera import SimCamera
 from skills.motion.planner import MotionPlanner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 

@@ -38,7 +38,7 @@ from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 HOLDING_STATES = ("lift", "carry", "lower")

@@ -29,7 +29,7 @@ from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 PAPER = {3: "AD .955, SG .938, SC .918"}  # Table 1, by the number of goals

@@ -18,7 +18,8 @@ from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
-from trees.files.loader import load_tree, unused_entries
+from trees.files.loader import unused_entries
+from trees.loading import input_problem, load_tree
 from trees.node_library import node_registry
 
 Pace = Literal["fast", "real"]
@@ -165,7 +166,7 @@ class RunOptions:
         registry = node_registry(product, self.nodes, configuration)
         tree = load_tree(self.tree, registry, None, self.entries, self.beside)
         if tree.unused:
-            raise InputError(*unused_entries({self.tree: tree}))
+            raise InputError(*map(input_problem, unused_entries({self.tree: tree})))
         return tree
 
 

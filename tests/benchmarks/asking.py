@@ -16,7 +16,7 @@ from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Recorded, motion_planner
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 

@@ -27,7 +27,7 @@ from trees.engine.node import RUNNING, Node
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 
 ROUNDS = 25
 ROUND_S = 0.02

@@ -50,7 +50,7 @@ from skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings,
 from skills.drivers.ur import UrArm
 from skills.motion.planner import MotionPlanner
 from tests.sim.twin.rig import own_host
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 PERIOD_S, LONGEST_S, MENDED_S = 0.008, 90.0, 1.5

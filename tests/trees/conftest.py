@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
+from trees.engine.errors import TreeFileError
 from trees.engine.node import Node
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.checks.structure import check_structure
-from trees.files.loader import build, load_tree
+from trees.files.loader import build
 from trees.files.parse.library import read_library
+from trees.loading import load_tree
 
 Load = Callable[..., Tree]
 
@@ -53,12 +54,12 @@ def load_whatever_is_reached(path: Path, registry: Registry) -> Tree:
     """A random tree, also where one of its children can never be reached, which `load_tree` refuses.
 
     Raises:
-        InputError: something else is wrong with it.
+        TreeFileError: something else is wrong with it.
     """
     library = read_library(path)
     problems = library.problems + check_structure(library, registry)
     if not problems:
         tree, problems = build(library, registry, library.main, {})
     if problems:
-        raise InputError(*problems)
+        raise TreeFileError(*problems)
     return tree

@@ -16,13 +16,12 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from cell.viewing.monitor import Monitor
 from tests import ROOT
 from trees.engine.blackboard import Scope
+from trees.engine.errors import NodeError, TreeFileError
 from trees.engine.script import ScriptError, parse_script
-from trees.engine.status import NodeError
 from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
@@ -106,7 +105,7 @@ class FileFuzz:
         known = Circumstances(stubs=registry is self._registries[1])
         if findings([self._file], registry, known).problems or known.stubs:
             return
-        with contextlib.suppress(InputError):
+        with contextlib.suppress(TreeFileError):
             load_tree(self._file, registry)
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from tests import ROOT
 from tests.trees.nodes.rig import HOLDING, seen_parts, services
-from trees.files.loader import load_tree
+from trees.bench import TreeBench
+from trees.loading import load_tree
 from trees.node_library import node_registry
 from trees.nodes.moving import MoveAside, PickPart
-from trees.testing import TreeBench
 
 TREE = ROOT / "trees" / "clear_and_grasp.xml"
 FOUND: dict[str, dict[str, Any]] = {

@@ -6,9 +6,9 @@ import pytest
 
 from tests import ROOT
 from tests.trees.nodes.rig import services
+from trees.bench import TreeBench
 from trees.engine.node import RUNNING
-from trees.engine.vocabulary import Part
-from trees.testing import TreeBench
+from trees.vocabulary import Part
 
 LEAST_S = 30.0  # a person who notices after 10 s on average has noticed by then, nearly always
 MISSING = {"AssemblyFinished": "F", "BracketTaken": "F", "HoldsNeededPart": "F", "FindPart": "F", "AskForHelp": "R"}

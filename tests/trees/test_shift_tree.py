@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tests import ROOT
-from trees.testing import TreeBench
+from trees.bench import TreeBench
 
 BEGUN = {
     "WaitForAction": "R",

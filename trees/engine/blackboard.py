@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from trees.engine.errors import NodeError
 from trees.engine.literals import LiteralError, a_type, converted, shown
-from trees.engine.status import NodeError
 
 UNSET: Any = object()
 # Values of these very types are read and written as they stand where no port asks for another.

@@ -7,11 +7,12 @@ from collections.abc import Sequence as Children
 from dataclasses import replace
 from typing import ClassVar
 
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Evaluated, Script
 from trees.engine.script import Script as Code
-from trees.engine.status import ANY, NEVER, NodeError, Results, Status
+from trees.engine.status import ANY, NEVER, Results, Status
 from trees.engine.traits import Traits
 from trees.engine.why import ALWAYS, Decision, History
 

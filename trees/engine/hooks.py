@@ -5,16 +5,15 @@ A breakpoint never holds up the loop: its node answers RUNNING until it is unloc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from enum import IntEnum
 from typing import Any
 
-from pydantic import Field
-
-from cell.files.model import Model
+from trees.engine.errors import NodeError
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, TreeNode
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 
 
@@ -32,7 +31,8 @@ class Position(IntEnum):
     POST = 1
 
 
-class Hook(Model):
+@dataclass(frozen=True)
+class Hook:
     """One hook, in the words of the protocol.
 
     Attributes:
@@ -40,7 +40,7 @@ class Hook(Model):
         desired_status: SUCCESS or FAILURE replaces the node's answer; anything else lets it answer by itself.
     """
 
-    uid: int = Field(ge=1)
+    uid: int
     enabled: bool = True
     mode: Mode = Mode.BREAKPOINT
     once: bool = False
@@ -51,19 +51,9 @@ class Hook(Model):
     def status(self) -> Status:
         return STATUS_WORDS.get(self.desired_status, Status.INVALID)
 
-
-class Which(Model, extra="ignore"):
-    """Which hook an order means."""
-
-    uid: int = Field(ge=1)
-    position: Position
-
-
-class Unlock(Which):
-    """Let a node go on that waits."""
-
-    desired_status: str
-    remove_when_done: bool
+    def plain(self) -> dict[str, Any]:
+        """The hook as plain data."""
+        return {**asdict(self), "mode": int(self.mode), "position": int(self.position)}
 
 
 class Hooks:
@@ -116,11 +106,11 @@ class Hooks:
     @property
     def enabled(self) -> list[dict[str, Any]]:
         """Hooks that act, as plain data."""
-        return [hook.model_dump(mode="json") for hook in self._hooks.values() if hook.enabled]
+        return [hook.plain() for hook in self._hooks.values() if hook.enabled]
 
     def disable(self) -> None:
         """Let all hooks rest; nodes that wait go on."""
-        self._hooks = {key: hook.model_copy(update={"enabled": False}) for key, hook in self._hooks.items()}
+        self._hooks = {key: replace(hook, enabled=False) for key, hook in self._hooks.items()}
 
     def unlock(self, uid: int, position: Position, answer: Status, remove: bool) -> None:
         """Let a node that waits at a breakpoint go on.
@@ -136,7 +126,7 @@ class Hooks:
             raise ValueError(f"node {uid} does not wait at a breakpoint")
         self._unlocked[key] = answer
         if remove:
-            self._hooks[key] = self._hooks[key].model_copy(update={"once": True})
+            self._hooks[key] = replace(self._hooks[key], once=True)
 
     @property
     def act(self) -> bool:
@@ -149,7 +139,7 @@ class Hooks:
 
     def dump(self) -> list[dict[str, Any]]:
         """All hooks as plain data."""
-        return [hook.model_dump(mode="json") for hook in self._hooks.values()]
+        return [hook.plain() for hook in self._hooks.values()]
 
     def at(self, node: TreeNode, position: Position, answer: Status) -> Status | None:
         """What a hook answers in a node's place, or None.
@@ -242,20 +232,54 @@ def _answer(node: TreeNode, status: Status) -> Status:
     return status
 
 
-def _unlock(hooks: Hooks, order: Any) -> None:
-    wanted = Unlock.model_validate(order)
-    hooks.unlock(wanted.uid, wanted.position, STATUS_WORDS[wanted.desired_status], wanted.remove_when_done)
+_PLACE: Mapping[str, type] = {"uid": int, "position": int}
+_UNLOCK: Mapping[str, type] = {**_PLACE, "desired_status": str, "remove_when_done": bool}
+_HOOK: Mapping[str, type] = {**_PLACE, "enabled": bool, "mode": int, "once": bool, "desired_status": str}
 
 
-def _insert(hooks: Hooks, order: Any) -> None:
+def _read(order: object, types: Mapping[str, type], required: Iterable[str]) -> dict[str, Any]:
+    """The fields of an order.
+
+    Raises:
+        ValueError: the order is no mapping, or a field is missing or of another type.
+    """
+    if not isinstance(order, Mapping):
+        raise ValueError("an order about hooks is an object with fields")
+    if missing := [name for name in required if name not in order]:
+        raise ValueError(f"the order lacks {', '.join(missing)}")
+    fields = {name: order[name] for name in types if name in order}
+    for name, value in fields.items():
+        if type(value) is not types[name]:
+            raise ValueError(f"{name} is {value!r}; it must be of type {types[name].__name__}")
+    if fields["uid"] < 1:
+        raise ValueError(f"uid is {fields['uid']}; uids count from 1")
+    enums: Mapping[str, type[IntEnum]] = {"mode": Mode, "position": Position}
+    return fields | {name: enums[name](fields[name]) for name in enums.keys() & fields}
+
+
+def _hook(order: object) -> Hook:
+    fields = _read(order, _HOOK, ("uid",))
+    if unknown := set(order) - set(fields) if isinstance(order, Mapping) else ():
+        raise ValueError(f"a hook has no field {', '.join(map(str, unknown))}; its fields are {', '.join(_HOOK)}")
+    return Hook(**fields)
+
+
+def _unlock(hooks: Hooks, order: object) -> None:
+    fields = _read(order, _UNLOCK, _UNLOCK)
+    if (status := STATUS_WORDS.get(fields["desired_status"])) is None:
+        raise ValueError(f"desired_status is {fields['desired_status']!r}; legal are {', '.join(STATUS_WORDS)}")
+    hooks.unlock(fields["uid"], fields["position"], status, fields["remove_when_done"])
+
+
+def _insert(hooks: Hooks, order: object) -> None:
     """One hook, or a list of them; all are understood before the first is taken."""
-    for hook in [Hook.model_validate(one) for one in (order if isinstance(order, list) else [order])]:
+    for hook in [_hook(each) for each in (order if isinstance(order, list) else [order])]:
         hooks.insert(hook)
 
 
-def _remove(hooks: Hooks, order: Any) -> None:
-    wanted = Which.model_validate(order)
-    hooks.remove(wanted.uid, wanted.position)
+def _remove(hooks: Hooks, order: object) -> None:
+    fields = _read(order, _PLACE, _PLACE)
+    hooks.remove(fields["uid"], fields["position"])
 
 
 # Orders about hooks by their letters in Groot2's protocol.

@@ -15,15 +15,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, final
 
-from cell.interfaces.clock import Clock, ManualClock
-from cell.interfaces.notes import Journal
+from trees.engine.clock import Clock, Journal, ManualClock
+from trees.engine.errors import NodeError
 from trees.engine.ports import Port
 from trees.engine.status import FAILURE as FAILURE
 from trees.engine.status import IDLE as IDLE
 from trees.engine.status import RUNNING as RUNNING
 from trees.engine.status import SKIPPED as SKIPPED
 from trees.engine.status import SUCCESS as SUCCESS
-from trees.engine.status import NodeError as NodeError  # node modules import it from here
 from trees.engine.status import Status
 from trees.engine.traits import Traits, refuse_former, refuse_own
 from trees.engine.why import VERBS, Decision, History

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any
 
+from trees.engine.errors import NodeError
 from trees.engine.literals import INT_LIMIT, number_in, shown, type_name
-from trees.engine.status import NodeError
 
 # Numbers this close are equal: the library compares with the precision of a float.
 EPSILON = 2.0**-23

@@ -11,7 +11,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from trees.engine.node import SUCCESS, Node, NodeError
+from trees.engine.errors import NodeError
+from trees.engine.node import SUCCESS, Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 

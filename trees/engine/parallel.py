@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from trees.engine.errors import NodeError
 from trees.engine.literals import number_in
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
-from trees.engine.status import ANY, NEVER, NodeError, Status
+from trees.engine.status import ANY, NEVER, Status
 from trees.engine.traits import Traits
 from trees.engine.why import VERBS, Decision, History
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import Any, Generic, TypeVar, cast, overload
 
 from trees.engine.blackboard import PLAIN, UNSET, Entry
-from trees.engine.status import NodeError
+from trees.engine.errors import NodeError
 from trees.engine.vocabulary import Words, misnomer
 
 T = TypeVar("T")

@@ -19,9 +19,9 @@ from textwrap import shorten
 from typing import Any, NamedTuple
 
 from trees.engine.blackboard import UNSET, Entry, Scope
+from trees.engine.errors import NodeError
 from trees.engine.literals import INT_LIMIT, shown
 from trees.engine.operators import COMPARISONS, OPERATORS, number_of, truth, unary
-from trees.engine.status import NodeError
 
 DEPTH_LIMIT = 30
 # More than anybody reads; a hostile file could hold a million.

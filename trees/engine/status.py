@@ -1,17 +1,8 @@
-"""The statuses of a node, and the error that makes it fail."""
+"""The statuses of a node."""
 
 from __future__ import annotations
 
 from enum import Enum
-
-from cell.errors import CellError
-
-
-class NodeError(CellError):
-    """A node cannot do its work in this tick: it fails, and this is its feedback message.
-
-    Examples: an input port reads an entry that nothing has written yet, a script divides by zero.
-    """
 
 
 class Status(Enum):

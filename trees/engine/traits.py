@@ -6,13 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from cell.errors import CellError
+from trees.engine.errors import TraitError
 from trees.engine.ports import Port
 from trees.engine.status import ANY, EITHER, Results
-
-
-class TraitError(CellError, TypeError):
-    """A class says what it is in a way that nothing reads."""
 
 
 def _none_before(child: int) -> range:  # noqa: ARG001

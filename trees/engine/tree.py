@@ -8,10 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from cell.errors import Place
-from cell.interfaces.clock import Clock
-from cell.interfaces.notes import Journal
 from trees.engine.blackboard import Scope
+from trees.engine.clock import Clock, Journal
+from trees.engine.errors import Place
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
 from trees.engine.outside import LoggedAnswers
 from trees.engine.status import Status

@@ -24,41 +24,6 @@ class Word(str):
         return value
 
 
-class Part(Word):
-    """A part type of the product."""
-
-    __slots__ = ()
-    missing: ClassVar[str] = "the product has no part type"
-
-
-class Hole(Word):
-    """A position of the product, where a part belongs."""
-
-    __slots__ = ()
-    missing: ClassVar[str] = "the product has no position"
-
-
-class Goal(Word):
-    """A goal of the product: which part belongs where."""
-
-    __slots__ = ()
-    missing: ClassVar[str] = "the product has no goal"
-
-
-class Signal(Word):
-    """A digital signal of the bench: an input or an output."""
-
-    __slots__ = ()
-    missing: ClassVar[str] = "the bench has no signal"
-
-
-class OutputSignal(Signal):
-    """A digital signal of the bench that can be set."""
-
-    __slots__ = ()
-    missing: ClassVar[str] = "the bench has no output signal"
-
-
 def is_word(kind: Any) -> bool:
     """Whether a port of this type takes only names of the configuration."""
     return isinstance(kind, type) and issubclass(kind, Word)

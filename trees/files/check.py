@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cell.errors import Problem
+from trees.engine.errors import Problem
 from trees.engine.node import FAILURE, Control, Node, TreeNode
 from trees.engine.ports import Port
 from trees.engine.status import Status

@@ -7,16 +7,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cell.errors import InputError, Place, Problem
 from trees.engine.blackboard import Scope
-from trees.engine.node import Runtime
+from trees.engine.decorators import SubTree
+from trees.engine.errors import Place, Problem, TreeFileError
+from trees.engine.node import Runtime, TreeNode
 from trees.engine.tree import Tree
 from trees.files.build.builder import Builder
 from trees.files.build.registry import Registry
 from trees.files.checks.dataflow import check_dataflow, check_order
 from trees.files.checks.reach import check_claims, check_reach
 from trees.files.checks.structure import check_structure, count_levels
-from trees.files.parse.in_python import InPython
+from trees.files.parse.in_python import InPython, classes_of, in_python
 from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, read_library
 
 # Python frames that a level of a tree takes at most in a tick, and those that its callers may need.
@@ -40,7 +41,7 @@ def load_tree(
         beside: further files, and folders with them, whose trees the file may name.
 
     Raises:
-        InputError: everything that is wrong, each with its place.
+        TreeFileError: everything that is wrong, each with its place.
     """
     library = read_library(path, beside)
     if main is not None:
@@ -55,13 +56,46 @@ def load_tree(
         )
         if not problems and not library.incomplete:
             problems.append(Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}"))
-        raise InputError(*in_order(problems))
+        raise TreeFileError(*in_order(problems))
     if library.incomplete:
-        raise InputError(*in_order(problems))
+        raise TreeFileError(*in_order(problems))
     tree, between = build(library, registry, library.main, provided or {})
     if problems or between:
-        raise InputError(*in_order([*problems, *between]))
+        raise TreeFileError(*in_order([*problems, *between]))
     return tree
+
+
+def tree(
+    root: TreeNode,
+    name: str = "Main",
+    trees: Mapping[str, TreeNode] | None = None,
+    registry: Registry | None = None,
+    provided: Mapping[str, Any] | None = None,
+    beside: Iterable[Path] = (),
+) -> Tree:
+    """A tree that is written in Python, checked as if it stood in a file.
+
+    Args:
+        root: its topmost node; as all nodes it only says what is wanted, and may be used again.
+        name: of the tree.
+        trees: further trees by name, for SubTrees: `SubTree(ID="Fetch", part="o1")`.
+        registry: the nodes that files may name; those of the language by default.
+        provided: entries of the main tree that are set before the first tick.
+        beside: tree files, and folders with them, whose trees may be called, too.
+
+    Raises:
+        TreeFileError: everything that is wrong, each with its line of Python.
+    """
+    source = in_python(root, name, trees)
+    return load_tree(source, knowing(source, registry or Registry()), None, provided, beside)
+
+
+def knowing(source: InPython, registry: Registry) -> Registry:
+    """A registry with the classes that a tree in Python is made of."""
+    used = classes_of(source)
+    return registry.extended(
+        [node for tag, node in used.items() if node is not SubTree and registry.classes.get(tag) is not node]
+    )
 
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:

@@ -13,11 +13,11 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Hole, Part
 from trees.nodes.people import distance_m, hole_on_bench_m
 from trees.nodes.planning import judge, note_verdict
 from trees.nodes.services import CellNode, Services
 from trees.nodes.skill_node import HELD
+from trees.vocabulary import Hole, Part
 
 CLEAR_M = 0.35  # a hand that is farther from the way than this does not slow the arm there
 TELLS_S = 3.0  # a robot that fetches nothing for so long says why

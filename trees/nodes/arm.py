@@ -16,9 +16,10 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
 from trees.engine.node import SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others
 from trees.nodes.poses import (

@@ -8,10 +8,11 @@ from dataclasses import replace
 from cell.files.words.message import Message
 from cell.interfaces.memory import without
 from cell.interfaces.perception import PartDetection, PartsView
+from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError, Status
-from trees.engine.vocabulary import Part
+from trees.engine.status import Status
 from trees.nodes.services import CellNode
+from trees.vocabulary import Part
 
 LOST_S = 0.4  # a frame that has not come by then is asked for again: cameras lose some
 

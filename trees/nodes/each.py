@@ -8,10 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 from cell.interfaces.perception import PartsView
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InputPort, OutputPort, Port, further_of
-from trees.engine.status import NodeError, Status
-from trees.engine.vocabulary import Hole, Part
+from trees.engine.status import Status
+from trees.vocabulary import Hole, Part
 
 
 class ForEach(Decorator):

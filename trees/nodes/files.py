@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cell.interfaces.notes import Journal
-from trees.engine.status import NodeError
+from trees.engine.errors import NodeError
 
 SIZE_LIMIT = 100_000  # characters: it goes into the log
 

@@ -15,11 +15,11 @@ from learned.classical.foresight import foreseen
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Hole, Part
 from trees.nodes.people import hole_on_bench_m
 from trees.nodes.planning import judge
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
+from trees.vocabulary import Hole, Part
 
 OVER_M = 0.20  # the tool over the bracket's upper side, beside it
 FARTHEST_M = 0.45  # of the fingertips from a hole: a hand that is farther away goes anywhere

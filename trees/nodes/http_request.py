@@ -6,7 +6,8 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
-from trees.engine.node import SUCCESS, NodeError
+from trees.engine.errors import NodeError
+from trees.engine.node import SUCCESS
 from trees.engine.outside import LENGTH_LIMIT, Outside, when_cancelled
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status

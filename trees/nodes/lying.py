@@ -12,12 +12,13 @@ from cell.files.words.message import Message
 from cell.interfaces.memory import more, without
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError, Status
-from trees.engine.vocabulary import Part
+from trees.engine.status import Status
 from trees.nodes.clutter import lies_on_its_side
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import HELD, SkillNode
+from trees.vocabulary import Part
 
 
 class FindLying(CellNode):

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from trees.engine.blackboard import UNSET
+from trees.engine.errors import NodeError
 from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.each import rows_of
 from trees.nodes.poses import FARTHEST_M, FramedPose

@@ -12,8 +12,9 @@ from cell.interfaces.memory import NEVER_S, more
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others, seen_part
 from trees.nodes.services import CellNode

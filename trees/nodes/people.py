@@ -14,11 +14,11 @@ from cell.interfaces.planning import AssemblyState
 from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
 from trees.engine.status import Status
-from trees.engine.vocabulary import Hole
 from trees.nodes.clutter import seen_part
 from trees.nodes.poses import FramedPose, world_pose
 from trees.nodes.services import CellNode, Services
 from trees.nodes.watching import SeenAction
+from trees.vocabulary import Hole
 
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished

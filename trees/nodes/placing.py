@@ -11,9 +11,9 @@ from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import Status
-from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
+from trees.vocabulary import Hole, Part
 
 TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 

@@ -7,10 +7,10 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Hole, Part
 from trees.engine.why import Decision, History
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
+from trees.vocabulary import Hole, Part
 
 
 class InferGoal(CellNode):

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from cell.interfaces.pose import Pose
+from trees.engine.errors import NodeError
 from trees.engine.literals import number_in
-from trees.engine.status import NodeError
 from trees.nodes.services import Services
 
 WORLD, TRAY, BRACKET, TOOL = "world", "tray", "bracket", "tool"

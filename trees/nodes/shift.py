@@ -7,9 +7,10 @@ from cell.files.words.message import Message
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from enum import Enum
 
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
+from trees.vocabulary import OutputSignal, Signal
 
 KNOWN_WITHIN_S = 1.0  # a module that was just started has not told its inputs yet
 

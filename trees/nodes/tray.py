@@ -8,14 +8,15 @@ from dataclasses import replace
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Part
 from trees.nodes.poses import FramedPose, near_bracket, world_pose
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import HELD, SkillNode
+from trees.vocabulary import Part
 
 
 class ChoosePart(CellNode):

@@ -12,8 +12,8 @@ from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Goal, Hole
 from trees.nodes.services import CellNode
+from trees.vocabulary import Goal, Hole
 
 EMPTY = "empty"
 

@@ -13,7 +13,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Literal
 
-from cell.errors import Place
+from trees.engine.errors import Place
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port

@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterable, Iterator
 from difflib import get_close_matches
 from xml.sax.saxutils import quoteattr
 
-from cell.errors import InputError
 from trees.engine.blackboard import UNSET
+from trees.engine.errors import TreeFileError
 from trees.engine.literals import type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
@@ -23,7 +23,7 @@ def named(registry: Registry, text: str) -> tuple[str, ...]:
     """The node of this name, or all whose name or meaning has this text.
 
     Raises:
-        InputError: there is none; the message says which names are like it.
+        TreeFileError: there is none; the message says which names are like it.
     """
     if text in registry.classes:
         return (text,)
@@ -32,7 +32,7 @@ def named(registry: Registry, text: str) -> tuple[str, ...]:
     if not found:
         near = get_close_matches(text, registry.classes, 5, 0.5)
         legal = f"near to it: {', '.join(near)}" if near else ""
-        raise InputError("; ".join(filter(None, (f"there is no node {text!r}", legal, registry.remark))))
+        raise TreeFileError("; ".join(filter(None, (f"there is no node {text!r}", legal, registry.remark))))
     return found
 
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-from cell.errors import InputError
 from trees.engine.decorators import SubTree
+from trees.engine.errors import TreeFileError
 from trees.files.build.registry import Registry
 from trees.files.parse.xml_file import Element, node_tag
 from trees.views.show import connections, read_checked, reading_order
@@ -80,7 +80,7 @@ def picture(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> str:
         beside: further files, and folders with them, whose trees it may name.
 
     Raises:
-        InputError: everything that is wrong with the file.
+        TreeFileError: everything that is wrong with the file.
     """
     library = read_checked(path, registry, beside)
 
@@ -151,10 +151,10 @@ def to_png(svg: str) -> bytes:
     """A picture in pixels.
 
     Raises:
-        InputError: no font is installed, so the boxes would be empty.
+        TreeFileError: no font is installed, so the boxes would be empty.
     """
     if not draws_text():
-        raise InputError(f"no font is installed for pictures; apt-get install -y {FONT_PACKAGE}, or use --svg")
+        raise TreeFileError(f"no font is installed for pictures; apt-get install -y {FONT_PACKAGE}, or use --svg")
     return _rendered(svg)
 
 

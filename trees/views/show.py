@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from cell.errors import InputError
+from trees.engine.errors import TreeFileError
 from trees.files.build.registry import Registry
 from trees.files.checks.structure import check_structure
 from trees.files.loader import in_order
@@ -20,7 +20,7 @@ def show_file(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> st
         beside: further files, and folders with them, whose trees it may name.
 
     Raises:
-        InputError: everything that is wrong with the file.
+        TreeFileError: everything that is wrong with the file.
     """
     library = read_checked(path, registry, beside)
     return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in reading_order(library)) + "\n"
@@ -30,11 +30,11 @@ def read_checked(path: Path, registry: Registry, beside: Iterable[Path] = ()) ->
     """The trees of a file, free of mistakes in their structure.
 
     Raises:
-        InputError: everything that is wrong.
+        TreeFileError: everything that is wrong.
     """
     library = read_library(path, beside)
     if problems := library.problems + check_structure(library, registry):
-        raise InputError(*in_order(problems))
+        raise TreeFileError(*in_order(problems))
     return library
 
 

@@ -19,7 +19,7 @@ from cell.wiring.services import Planners, load_planners
 from learned.inference.onnx_model import digest_of
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 PLANNERS = ("semantic", "grasp")

@@ -33,7 +33,7 @@ MORE = """<root BTCPP_format="4">
 </root>
 """
 NODE = '''from trees import InputPort, Node, Status
-from trees.engine.vocabulary import Hole, Part
+from trees.vocabulary import Hole, Part
 
 
 class Greet(Node):

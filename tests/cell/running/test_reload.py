@@ -31,7 +31,7 @@ from trees.engine.node import Node
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 from trees.nodes.skill_node import SkillNode
 

@@ -34,7 +34,7 @@ from trees.engine.ports import InputPort
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 from trees.views.groot2 import tree_xml
 

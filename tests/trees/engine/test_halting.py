@@ -11,7 +11,8 @@ import pytest
 
 from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load, load_whatever_is_reached
-from trees.engine.node import Node, NodeError
+from trees.engine.errors import NodeError
+from trees.engine.node import Node
 from trees.engine.status import Status
 from trees.files.build.registry import Registry
 

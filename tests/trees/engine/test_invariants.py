@@ -16,10 +16,11 @@ import pytest
 
 from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load
+from trees.engine.errors import NodeError, TraitError
 from trees.engine.hooks import Hook, Hooks, Mode, Position
-from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator, Node, NodeError, TreeNode
+from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator, Node, TreeNode
 from trees.engine.status import Status
-from trees.engine.traits import TraitError, Traits
+from trees.engine.traits import Traits
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.checks.guarding import check_guards

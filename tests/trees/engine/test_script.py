@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from trees.engine.blackboard import Scope
+from trees.engine.errors import NodeError
 from trees.engine.script import ScriptError, parse_script
-from trees.engine.status import NodeError
 
 ENUMS = {"RED": 1, "BLUE": 2}
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import pytest
 
 from trees.engine.controls import ReactiveSequence, SequenceWithMemory
+from trees.engine.errors import TraitError
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
 from trees.engine.status import Status
-from trees.engine.traits import TraitError, Traits
+from trees.engine.traits import Traits
 from trees.nodes.placing import PlacePart
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cell.interfaces.clock import ManualClock
-from trees.engine.hooks import Hook, Hooks
+from trees.engine.hooks import Hook, Hooks, Mode
 from trees.engine.node import Control, Node
 from trees.engine.ports import InputPort
 from trees.engine.status import Status
@@ -198,7 +198,7 @@ def test_what_would_have_changed_it_is_told(tmp_path: Path) -> None:
 
 def test_a_monitor_that_answered_in_a_nodes_place_is_named(tmp_path: Path) -> None:
     tree, clock = loaded(tmp_path, '<Sleep msec="60"/>')
-    Hooks(tree, lambda _: None).insert(Hook.model_validate({"uid": 2, "mode": 1, "desired_status": "FAILURE"}))
+    Hooks(tree, lambda _: None).insert(Hook(2, mode=Mode.REPLACE, desired_status="FAILURE"))
     assert ended(tree, clock) is Status.FAILURE
     assert str(tree.why()) == "Sleep (m.xml:3): a monitor answered FAILURE in its place"
 

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from trees.engine.controls import ReactiveSequence
+from trees.engine.errors import TreeFileError
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status
 from trees.engine.traits import Traits
-from trees.engine.vocabulary import Hole, Part
 from trees.files.build.registry import Registry
 from trees.files.check import check, findings
 from trees.files.loader import load_tree
+from trees.vocabulary import Hole, Part
 
 Write = Callable[..., Path]
 
@@ -274,7 +274,7 @@ def test_all_mistakes_are_reported_at_once_and_in_order(write: Write) -> None:
     nodes = '<Sequence><Oops/><Go speed="x"/><Sequence/><Script code="="/></Sequence>'
     problems = check([write(MAIN.format(nodes))], REGISTRY)
     assert [problem.what.split()[0] for problem in problems] == ["there", "Go", "'x'", "Sequence", "bad"]
-    with pytest.raises(InputError) as raised:
+    with pytest.raises(TreeFileError) as raised:
         load_tree(problems[0].place.file, REGISTRY)
     assert list(raised.value.problems) == problems
 
@@ -353,7 +353,7 @@ def test_order_is_checked_through_subtrees_and_when_loading(write: Write) -> Non
     (problem,) = check([path], REGISTRY)
     assert (problem.place.line, problem.place.column) == (3, 30)
     assert f"port 'place' of See at {path}:2:35 is the first to write it" in str(problem)
-    with pytest.raises(InputError, match="before anything has written it"):
+    with pytest.raises(TreeFileError, match="before anything has written it"):
         load_tree(path, REGISTRY)
 
 
@@ -375,7 +375,7 @@ def test_what_may_be_written_before_is_no_mistake(write: Write, nodes: str) -> N
 
 def test_a_child_that_is_never_ticked_is_refused_when_loading(write: Write) -> None:
     path = write('<BehaviorTree ID="M"><Fallback><AlwaysSuccess/><Allow/></Fallback></BehaviorTree>')
-    with pytest.raises(InputError, match="Allow is never ticked"):
+    with pytest.raises(TreeFileError, match="Allow is never ticked"):
         load_tree(path, REGISTRY)
 
 
@@ -418,7 +418,7 @@ def test_a_subtree_needs_the_guard_wherever_it_is_called(write: Write) -> None:
     )
     (problem,) = check([path], REGISTRY)
     assert (problem.place.line, problem.place.column) == (2, 24)
-    with pytest.raises(InputError, match="without a guard"):
+    with pytest.raises(TreeFileError, match="without a guard"):
         load_tree(path, REGISTRY)
 
 
@@ -459,7 +459,7 @@ def test_what_groot2_adds_when_it_saves_is_no_mistake(write: Write) -> None:
 def test_a_file_for_inclusion_needs_no_main_tree(write: Write) -> None:
     path = write(MAIN.format("<AlwaysSuccess/>"))
     assert check([path], REGISTRY) == []
-    with pytest.raises(InputError, match="the file does not say which BehaviorTree to run"):
+    with pytest.raises(TreeFileError, match="the file does not say which BehaviorTree to run"):
         load_tree(path, REGISTRY)
 
 

@@ -9,10 +9,10 @@ from typing import ClassVar
 
 import pytest
 
-from cell.errors import Problem
 from cell.interfaces.clock import ManualClock
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.blackboard import UNSET
+from trees.engine.errors import Problem
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import Status

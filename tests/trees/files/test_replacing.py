@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
+from trees.bench import TreeBench
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
-from trees.testing import TreeBench, assert_ticks
+from trees.testing import assert_ticks
 
 RETRY = """<root BTCPP_format="4" main_tree_to_execute="FetchOne"><include path="{shipped}"/>
   <BehaviorTree ID="PickPart" _replaces="true">

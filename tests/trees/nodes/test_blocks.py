@@ -16,8 +16,9 @@ from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
-from trees.engine.status import NodeError, Status
-from trees.files.loader import load_tree
+from trees.engine.errors import NodeError
+from trees.engine.status import Status
+from trees.loading import load_tree
 from trees.node_library import node_registry
 from trees.nodes.each import rows_of
 from trees.nodes.files import LoggedFiles, WorkingFolder

@@ -25,7 +25,8 @@ from tests.trees.nodes.rig import (
     seen_parts,
     services,
 )
-from trees.engine.status import NodeError, Status
+from trees.engine.errors import NodeError
+from trees.engine.status import Status
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, DecodeGuidance, InferGoal

@@ -24,7 +24,7 @@ from skills.motion.planner import at_height
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
 from trees.engine.status import Status
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 TICK_S = 0.04

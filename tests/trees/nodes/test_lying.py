@@ -16,7 +16,8 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.motion.planner import MotionPlanner
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
-from trees.engine.status import NodeError, Status
+from trees.engine.errors import NodeError
+from trees.engine.status import Status
 from trees.nodes.ahead import HoldsNeededPart
 from trees.nodes.clutter import LookAtTray, lies_on_its_side
 from trees.nodes.lying import FindLying, SetUpright

@@ -13,6 +13,7 @@ from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from trees.bench import TreeBench
 from trees.engine.status import Status
 from trees.nodes.asking import AskWhichGoal
 from trees.nodes.corrections import (
@@ -26,7 +27,7 @@ from trees.nodes.corrections import (
 from trees.nodes.mistakes import Mistake, reason_of
 from trees.nodes.services import Services
 from trees.nodes.watching import ReconcileGraph
-from trees.testing import TreeBench, alone
+from trees.testing import alone
 
 G1 = PRODUCT.goal_placements("g1")
 P1, P2 = list(G1)[:2]

@@ -15,12 +15,13 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, SURE, see, services
+from trees.bench import TreeBench
 from trees.engine.status import Status
 from trees.nodes.arm import FeelFingers
 from trees.nodes.moving import ReturnToTray
 from trees.nodes.placing import AwaitLetGo, PlacedInVain, PlacePart, RecordPlacement, VerifyPlacement
 from trees.nodes.services import Services
-from trees.testing import TreeBench, alone
+from trees.testing import alone
 
 
 class Lowering:

@@ -19,12 +19,14 @@ from cell.interfaces.pose import Pose
 from skills.motion.planner import MotionPlanner
 from skills.move_to import FollowPlan
 from tests.trees.nodes.rig import BENCH, CONFIGURATION, PRODUCT, services
-from trees.engine.status import NodeError, Status
-from trees.files.loader import load_tree
+from trees.bench import TreeBench
+from trees.engine.errors import NodeError
+from trees.engine.status import Status
+from trees.loading import load_tree
 from trees.node_library import node_registry
 from trees.nodes.ported.moveit_pro import PlannedMove
 from trees.nodes.poses import FramedPose
-from trees.testing import TreeBench, alone, assert_ticks
+from trees.testing import alone, assert_ticks
 
 Write = Callable[[str], Path]
 PERIOD_S = 0.04

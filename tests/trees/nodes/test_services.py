@@ -21,14 +21,14 @@ from cell.recording.rotation import Snapshot
 from cell.recording.schemas import json_bytes, plain
 from cell.wiring.reload import take_over
 from tests.trees.nodes.rig import PRODUCT, seen_parts, services
+from trees.bench import TreeBench
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
 from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
-from trees.testing import TreeBench
 from trees.views.groot2 import blackboards
 
 WHOLE = '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{}</BehaviorTree>{}</root>'

@@ -14,7 +14,8 @@ from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from tests.trees.nodes.rig import ScriptedGrasps, seen_parts, services
-from trees.engine.status import NodeError, Status
+from trees.engine.errors import NodeError
+from trees.engine.status import Status
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart
 from trees.nodes.lying import FindLying
 from trees.nodes.moving import MoveAside

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cell.errors import Place
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.decorators import ScriptConditions, SubTree
+from trees.engine.errors import Place
 from trees.engine.literals import constant, from_text
 from trees.engine.node import FAILURE, Control, Decorator, Runtime, TreeNode
 from trees.engine.ports import Port

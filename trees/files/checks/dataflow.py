@@ -7,8 +7,8 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from cell.errors import Problem
 from trees.engine.blackboard import UNSET, Entry, Scope
+from trees.engine.errors import Problem
 from trees.engine.literals import LiteralError, converted, has_literals, type_name
 from trees.engine.node import TreeNode
 from trees.engine.vocabulary import Words, is_word, misnomer

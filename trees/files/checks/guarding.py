@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import accumulate
 
-from cell.errors import Problem
 from trees.engine.choices import TryCatch
 from trees.engine.controls import ReactiveSequence
 from trees.engine.decorators import SubTree
+from trees.engine.errors import Problem
 from trees.engine.literals import FALSE_WORDS
 from trees.engine.node import SUCCESS, TreeNode
 from trees.engine.status import ANY

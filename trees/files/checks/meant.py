@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
-from cell.errors import Place, Problem
+from trees.engine.errors import Place, Problem
 from trees.engine.node import TreeNode
 from trees.files.build.builder import Builder, Use
 from trees.files.checks.dataflow import Order

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cell.errors import Problem
 from trees.engine.decorators import SubTree
+from trees.engine.errors import Problem
 from trees.engine.node import FAILURE, SKIPPED, SUCCESS
 from trees.engine.status import ANY, EITHER, Results
 from trees.files.build.registry import Registry

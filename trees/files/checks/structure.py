@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from cell.errors import Place, Problem
 from trees.engine.blackboard import Scope
+from trees.engine.errors import Place, Problem
 from trees.engine.literals import LiteralError, from_text, has_literals, type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port

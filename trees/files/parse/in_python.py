@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from cell.errors import Place
+from trees.engine.errors import Place
 from trees.engine.literals import to_text
 from trees.engine.node import TreeNode
 from trees.engine.ports import ports_of

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.errors import InputError, Place, Problem
+from trees.engine.errors import Place, Problem, TreeFileError
 from trees.engine.literals import TRUE_WORDS
 from trees.files.parse.in_python import InPython
 from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
@@ -128,7 +128,7 @@ def _read(library: Library, source: Path | InPython, included_at: Place | None) 
     path = source if isinstance(source, Path) else source.path
     try:
         text, root, malformed = read_xml(path, _opened(library, source))
-    except InputError as error:
+    except TreeFileError as error:
         library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]
         if included_at is not None:

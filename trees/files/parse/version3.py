@@ -10,7 +10,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.errors import Place, Problem
+from trees.engine.errors import Place, Problem
 from trees.engine.literals import TRUE_WORDS, number_in
 from trees.files.parse.xml_file import CONDITIONS, EXPLICIT, FORMAT, SCRIPTS_AFTER, entry_name
 

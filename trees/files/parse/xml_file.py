@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.parsers import expat
 from xml.parsers.expat import errors
 
-from cell.errors import InputError, Place, Problem
+from trees.engine.errors import Place, Problem, TreeFileError
 from trees.engine.literals import TRUE_WORDS
 
 SIZE_LIMIT_BYTES = 1_000_000
@@ -95,7 +95,7 @@ def read_xml(path: Path, opened: str | None = None) -> tuple[str, Element, list[
         opened: the text that an editor has open, which counts instead of the file's.
 
     Raises:
-        InputError: the file cannot be read, holds no element, or is refused: too large, too deep, with a DTD or
+        TreeFileError: the file cannot be read, holds no element, or is refused: too large, too deep, with a DTD or
             entities.
     """
     data = _read(path) if opened is None else opened.encode(errors="replace")
@@ -103,7 +103,7 @@ def read_xml(path: Path, opened: str | None = None) -> tuple[str, Element, list[
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(Problem(Place(path, line), "this is not UTF-8 text", "save the file as UTF-8")) from None
+        raise TreeFileError(Problem(Place(path, line), "this is not UTF-8 text", "save the file as UTF-8")) from None
     reader = _Reader(path, text)
     return text, reader.read(), reader.problems
 
@@ -112,14 +112,14 @@ def _read(path: Path) -> bytes:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(Problem(Place(path), "this is not a file", "give the path of a tree file"))
+            raise TreeFileError(Problem(Place(path), "this is not a file", "give the path of a tree file"))
         if status.st_size > SIZE_LIMIT_BYTES:
-            raise InputError(
+            raise TreeFileError(
                 Problem(Place(path), f"{status.st_size} bytes are too many", f"at most {SIZE_LIMIT_BYTES}")
             )
         return path.read_bytes()
     except OSError as error:
-        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
+        raise TreeFileError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
 
 
 class _Reader:
@@ -147,7 +147,7 @@ class _Reader:
             for element in self._open:
                 element.broken = True
         if self._root is None:
-            raise InputError(*self.problems)
+            raise TreeFileError(*self.problems)
         return self._root
 
     def _malformed(self, error: expat.ExpatError) -> Problem:
@@ -168,10 +168,10 @@ class _Reader:
     def _start(self, tag: str, pairs: list[str]) -> None:
         element = Element(tag, self._here())
         if len(self._open) >= DEPTH_LIMIT:
-            raise InputError(Problem(element.place, f"elements nest deeper than {DEPTH_LIMIT}", "use fewer levels"))
+            raise TreeFileError(Problem(element.place, f"elements nest deeper than {DEPTH_LIMIT}", "use fewer levels"))
         self._count += 1
         if self._count > ELEMENT_LIMIT:
-            raise InputError(Problem(element.place, f"there are more than {ELEMENT_LIMIT} elements", "use SubTrees"))
+            raise TreeFileError(Problem(element.place, f"there are more than {ELEMENT_LIMIT} elements", "use SubTrees"))
         element.attributes = self._attributes(element.place, pairs)
         if self._open:
             self._open[-1].children.append(element)
@@ -192,7 +192,7 @@ class _Reader:
     def _doctype(self, *_: object) -> None:
         head = self._data[: self._data.index(b"<!DOCTYPE")].decode()
         place = _after(Place(self._path, 1, 1), head)
-        raise InputError(Problem(place, "a document type or entities are refused", "remove the <!DOCTYPE ...>"))
+        raise TreeFileError(Problem(place, "a document type or entities are refused", "remove the <!DOCTYPE ...>"))
 
     def _here(self) -> Place:
         return Place(self._path, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
@@ -200,10 +200,12 @@ class _Reader:
     def _attributes(self, start: Place, pairs: list[str]) -> dict[str, Attribute]:
         """Scans the tag's source, which expat has found well-formed, for where its attributes stand."""
         if len(pairs) > 2 * ATTRIBUTE_LIMIT:
-            raise InputError(Problem(start, f"{len(pairs) // 2} attributes are too many", f"at most {ATTRIBUTE_LIMIT}"))
+            raise TreeFileError(
+                Problem(start, f"{len(pairs) // 2} attributes are too many", f"at most {ATTRIBUTE_LIMIT}")
+            )
         self._attribute_count += len(pairs) // 2
         if self._attribute_count > ATTRIBUTES_LIMIT:
-            raise InputError(Problem(start, f"there are more than {ATTRIBUTES_LIMIT} attributes", "use SubTrees"))
+            raise TreeFileError(Problem(start, f"there are more than {ATTRIBUTES_LIMIT} attributes", "use SubTrees"))
         attributes = {}
         position = self._parser.CurrentByteIndex
         tag = _TAG.match(self._data, position)

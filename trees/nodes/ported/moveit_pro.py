@@ -17,9 +17,10 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.operator import Answer
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.asking import Asks
 from trees.nodes.each import ForEach as Each

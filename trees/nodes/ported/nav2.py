@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator
 from trees.engine.ports import InputPort
-from trees.engine.status import NodeError, Status
+from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.poses import tool_speed_m_s
 from trees.nodes.services import Services

@@ -31,7 +31,7 @@ from tests import ROOT
 from tests.trees.nodes.rig import BENCH, CONFIGURATION, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT
 from trees.engine.node import StatusChange
 from trees.engine.status import Status
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 MODEL = CellModel(PRODUCT, BENCH, MotionPlanner(PRODUCT, BENCH, CONFIGURATION.motion))

@@ -13,7 +13,7 @@ from cell.watching.observer import SentCommand, TickRecord
 from tests import ROOT
 from tests.cell.viewing.page.rig import MODEL
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
-from trees.files.loader import load_tree
+from trees.loading import load_tree
 from trees.node_library import node_registry
 
 HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))

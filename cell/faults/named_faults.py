@@ -80,7 +80,13 @@ FAULTS: dict[str, FaultKind] = {
         ("arm.mode:foreign:protective_stop", "arm.stop:foreign", *STANDS),
         acknowledged=True,
     ),
-    "arm_safeguard": _passes("the safeguard opens and closes", "arm.mode:foreign:safeguard_stop", *STANDS),
+    "arm_safeguard": FaultKind(
+        "the safeguard opens and closes, then it is acknowledged",
+        RECOVERS,
+        ("arm.mode:foreign:safeguard_stop", *STANDS),
+        lasts_s=PASSES_S,
+        acknowledged=True,
+    ),
     "arm_emergency": FaultKind(
         "an emergency stop is pressed, until it is acknowledged",
         RECOVERS,

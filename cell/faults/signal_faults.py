@@ -33,7 +33,7 @@ LATE_S = 0.2  # how late or early, where nothing else is said
 SCALE = 1.3
 RAMP_S = 0.3  # in which a wrong path leaves the right one: servos cannot jump
 KEPT = 64  # values
-MODES = tuple(mode for mode in get_args(ArmMode) if mode != "normal")
+MODES = tuple(mode for mode in get_args(ArmMode) if mode not in ("normal", "safeguard_closed"))
 GROUPS: Mapping[str, tuple[str, ...]] = {  # several fields of one state
     "state": ("positions_rad", "velocities_rad_s", "moving", "mode", "path_s"),
     "answer": ("positions_rad", "velocities_rad_s", "moving", "mode", "path_s", "time_s"),

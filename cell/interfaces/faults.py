@@ -49,7 +49,9 @@ SIGNALS: Mapping[str, Sign] = {
     ),
     "arm_path_unknown": Sign("the arm moves and does not tell `path_s`: share is computed", "`path_s` is told"),
     "arm_protective_stop": Sign("the arm stopped by itself because it was held back", ARM_ANSWERS),
-    "arm_safeguard_stop": Sign("the arm's safeguard input is open", ARM_ANSWERS),
+    "arm_safeguard_stop": Sign(
+        "the arm's safeguard input is open; it is acknowledged once it is closed, when nobody is inside", ARM_ANSWERS
+    ),
     "arm_emergency_stop": Sign("an emergency stop is pressed", ARM_ANSWERS),
     "arm_fault": Sign("the arm reports a fault", ARM_ANSWERS),
     "arm_not_controlled": Sign(
@@ -112,6 +114,7 @@ SIGNALS: Mapping[str, Sign] = {
     "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
 HAND_TOO_NEAR, OFF_PATH, OFF_PATH_LONG = "hand_too_near", "arm_off_path", "arm_off_path_long"
+SAFEGUARD = "arm_safeguard_stop"
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, no message is shown
 ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
 
@@ -145,6 +148,8 @@ class Fault(Model):
         share: largest share of speed of a `slow`; what a check itself finds may be less.
         stop_s, stop_m: of `arm_not_obeying`: how long a held arm may take to stand, and how far its tool may go
             meanwhile; None for no limit but the braking that is worked out.
+        because: of `arm_safeguard_stop` that clears itself: what sees who is inside. Behind a gate somebody may stand
+            when it closes; a scanner that sees the whole space needs no acknowledgement.
     """
 
     signal: Signal
@@ -156,6 +161,15 @@ class Fault(Model):
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
     stop_s: float | None = Field(default=None, gt=0, le=10, allow_inf_nan=False)
     stop_m: float | None = Field(default=None, gt=0, le=5, allow_inf_nan=False)
+    because: str | None = Field(default=None, max_length=300)
+
+    @model_validator(mode="after")
+    def _because_of_a_safeguard(self) -> Fault:
+        if self.because is not None and (self.signal, self.clear) != (SAFEGUARD, "itself"):
+            raise ValueError(f"because belongs to {SAFEGUARD} with clear: itself")
+        if self.because is not None and not self.because.strip():
+            raise ValueError("because is empty: it says what sees who is inside")
+        return self
 
     @property
     def does(self) -> Action:
@@ -205,7 +219,7 @@ def _weaker(row: Fault, floor: Fault) -> Iterator[str]:
         return
     longer = ["delay_s"]
     if row.does is not Action.STOP:
-        if CLEARS.index(row.clear) < CLEARS.index(floor.clear):
+        if CLEARS.index(row.clear) < CLEARS.index(floor.clear) and row.because is None:
             yield f"clear {row.clear} is easier than {floor.clear}"
         if row.clear_s < floor.clear_s:
             yield f"clear_s {row.clear_s:g} is shorter than {floor.clear_s:g}"
@@ -226,12 +240,14 @@ class Judgement:
         share: of the speed along the path, 0 to 1; 0 holds the arm on its path.
         reasons: (signal, words for an operator) of all that acts, the gravest first.
         held_by: signals that hold the arm; empty where it is not held, and where the run is stopped.
+        brings_back: a safeguard closed, and its row does not wait for a person: the arm is to be brought back.
     """
 
     action: Action = Action.RUN
     share: float = 1.0
     reasons: tuple[tuple[str, str], ...] = ()
     held_by: tuple[str, ...] = ()
+    brings_back: bool = False
 
     @property
     def new_path(self) -> bool:

@@ -26,11 +26,13 @@ ArmMode = Literal[
     "protective_stop",
     "recovery",
     "safeguard_stop",
+    "safeguard_closed",
     "emergency_stop",
     "violation",
     "fault",
     "not_controlled",
-]  # the safety status of the arm's controller; the last one takes no commands, for whatever reason
+]  # the safety status of the arm's controller; `safeguard_closed`: it could go on, and waits to be acknowledged;
+# `not_controlled`: it takes no commands, for whatever reason
 LETS_GO: tuple[ArmMode, ...] = ("protective_stop", "recovery", "emergency_stop", "not_controlled")  # of its trajectory
 NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
 

@@ -136,11 +136,13 @@ class DeviceActor:
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
         """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up.
 
+        An arm whose safeguard closed is brought back unasked where its row has chosen that.
         What moves waits until that person lets the cell go on, too: a gripper that restarted empty is activated then.
         """
+        if seen.acknowledged or judgement.brings_back:
+            self._command("arm", self._devices.arm.acknowledge)
         if not seen.acknowledged:
             return
-        self._command("arm", self._devices.arm.acknowledge)
         if judgement.gives_path_up(acknowledged=seen.acknowledged):
             self._command("arm", self._devices.arm.stop)
         restarted = any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated

@@ -37,12 +37,14 @@ class Detection:
         share: largest share of speed where the fault's action is to slow down.
         leaving: share of speed at which the arm may go on although the fault's action is to hold; 0 for standing still.
         vain: it was acknowledged too often already: where it would wait for a person again, the run stops.
+        early: to acknowledge it does not count yet, as what it is about goes on.
     """
 
     reason: str
     share: float = 1.0
     leaving: float = 0.0
     vain: bool = False
+    early: bool = False
 
 
 class Memory:
@@ -107,6 +109,12 @@ def _mode(text: str, *modes: ArmMode) -> Check:
         return Detection(seen.arm.reason or text) if seen.arm.mode in modes else None
 
     return check
+
+
+def _safeguard(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    if seen.arm.mode not in ("safeguard_stop", "safeguard_closed"):
+        return None
+    return Detection(seen.arm.reason or "safeguard stop of the arm", early=seen.arm.mode == "safeguard_stop")
 
 
 def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
@@ -296,7 +304,7 @@ CHECKS: Mapping[str, Check] = {
     "arm_off_path": _off_path,
     "arm_off_path_long": _off_path,
     "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),
-    "arm_safeguard_stop": _mode("safeguard stop of the arm", "safeguard_stop"),
+    "arm_safeguard_stop": _safeguard,
     "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
     "arm_not_controlled": _mode("the arm takes no commands", "not_controlled"),
     "arm_fault": _mode("the arm reports a fault", "violation", "fault"),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.interfaces.command import Command
-from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
+from cell.interfaces.faults import SAFEGUARD, Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
 from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, tick_checks
 from cell.running.person_checks import person_checks
@@ -106,7 +106,12 @@ class Supervisor:
         found.sort(key=lambda entry: -entry[0])
         reasons = tuple((signal, reason) for _, signal, reason in found)
         held_by = tuple(signal for action, signal, _ in found if action is worst is Action.HOLD)
-        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons, held_by)
+        closed = observation.arm.mode == "safeguard_closed"
+        unasked = closed and any(
+            fault.signal == SAFEGUARD and fault.clear == "itself" and state.active_s is not None and not state.expired
+            for fault, _, state in self._rows
+        )
+        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons, held_by, unasked)
 
 
 def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
@@ -122,13 +127,14 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
 
 def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:
     now_s = seen.time_s
-    if seen.acknowledged:
+    acknowledged = seen.acknowledged and not (detection is not None and detection.early)
+    if acknowledged:
         state.acknowledged_s = now_s
     if detection is not None:
         state.since_s = now_s if state.since_s is None else state.since_s
         state.last_s, state.detection = now_s, detection
         if state.active_s is None and now_s - state.since_s >= fault.delay_s:
-            state.active_s, state.acknowledged_s = now_s, now_s if seen.acknowledged else -math.inf
+            state.active_s, state.acknowledged_s = now_s, now_s if acknowledged else -math.inf
     else:
         state.since_s = None
         if state.active_s is not None and _clears(fault, state, seen):

@@ -174,8 +174,8 @@ class UrArm:
             self._path = None
 
     def acknowledge(self) -> None:
-        """Begin to bring an arm back that stopped; its mode stays until that is done."""
-        if self._stopped is not None:
+        """Begin to bring an arm back that stopped, but for an open safeguard; its mode stays until that is done."""
+        if self._stopped is not None and self._stopped[0] != "safeguard_stop":
             self._bring_back()
 
     def carry(self, held: bool) -> None:
@@ -214,7 +214,7 @@ class UrArm:
         if self._stopped is None:
             return MODES.get(sample.safety_mode, "fault"), ""
         if self._stopped[0] == "safeguard_stop" and sample.safety_mode in (1, 2):
-            self._bring_back()
+            self._stopped = "safeguard_closed", "the safeguard is closed again"
         return self._stopped
 
     def _why_stopped(self, sample: Sample) -> tuple[ArmMode, str] | None:

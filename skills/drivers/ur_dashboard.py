@@ -86,6 +86,8 @@ def bring_back(host: str, slower: float, limit_s: float = 30.0) -> None:
             mode = dashboard.ask("robotmode").partition(": ")[2]
             if "EMERGENCY" in safety:
                 raise DeviceFault("arm", "an emergency stop is still pressed: release it, then acknowledge")
+            if "SAFEGUARD" in safety:
+                raise DeviceFault("arm", "the safeguard is open: close it, then acknowledge")
             if safety in ("VIOLATION", "FAULT"):
                 raise DeviceFault("arm", f"the controller says {safety}: clear it at the pendant")
             if safety == "PROTECTIVE_STOP":

@@ -18,7 +18,7 @@ from cell.interfaces.perception import Action, BenchView, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.robot import default_robot
 from cell.running.controller import Controller
-from cell.running.fault_checks import CHECKS, arm_checks
+from cell.running.fault_checks import CHECKS, arm_checks, tick_checks
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
@@ -233,7 +233,7 @@ class Rig:
             settings or ControllerSettings(),
             Supervisor(
                 [fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
-                {**CHECKS, **arm_checks(arm_monitor())},
+                {**CHECKS, **arm_checks(arm_monitor()), **tick_checks(0.04)},
             ),
             [self.observer, *observers],
             self.operator,

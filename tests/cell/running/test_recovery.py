@@ -9,9 +9,10 @@ import pytest
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
+from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.operator import OperatorOrder
-from cell.running.device_writer import GripperHold
+from cell.running.device_writer import DeviceActor, GripperHold
 from tests.cell.fakes import PARKED, FakeGripper, Rig
 from trees.engine.status import Status
 
@@ -218,3 +219,12 @@ def test_what_waits_for_a_person_is_an_alarm_on_the_panel_until_somebody_acknowl
     assert alarm.endswith("acknowledge it when it may go on")
     assert gone == ""
     assert any(text.endswith("acknowledge it when it may go on") for text in rig.observer.messages)
+
+
+@pytest.mark.parametrize("unasked", [False, True])
+def test_an_arm_whose_safeguard_closed_is_brought_back_unasked_only_where_its_row_says_so(unasked: bool) -> None:
+    rig, refused = Rig(), list[object]()
+    actor = DeviceActor(rig.devices, rig.operator, lambda *what: refused.append(what))
+    actor.act(Command(), rig.controller.observe(), Judgement(Action.HOLD, 0.0, brings_back=unasked))
+    assert ("acknowledge" in rig.arm.calls) == unasked
+    assert not refused

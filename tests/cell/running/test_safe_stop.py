@@ -13,6 +13,7 @@ import pytest
 
 from cell.errors import DeviceFault
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.operator import OperatorOrder
 from cell.running import controller as controller_module
 from cell.running.safe_stop import condition
 from cell.watching.observer import Outcome, TickRecord
@@ -236,6 +237,9 @@ def test_a_hold_makes_nobody_move_and_a_paused_node_goes_on() -> None:
             rig.arm.mode = "safeguard_stop"
         if tick == 10:
             rig.arm.mode = "normal"
+            rig.operator.put(OperatorOrder("acknowledge"))
+        if tick == 11:
+            rig.operator.put(OperatorOrder("resume"))
         return Status.SUCCESS if tick == 40 else Status.RUNNING
 
     outcome, tree = rig.run(act)

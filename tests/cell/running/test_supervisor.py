@@ -160,7 +160,8 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
     for tick in range(2, 3 + waits):
         supervisor.judge(replace(SPOILS[signal](sound(tick)), acknowledged=tick == 2 + waits))
     gone = math.ceil(round(fault.clear_s / TICK_S, 6))
-    later = [supervisor.judge(sound(tick)) for tick in range(3 + waits, 3 + waits + gone + 2)]
+    over = [replace(sound(tick), acknowledged=tick == 3 + waits) for tick in range(3 + waits, 3 + waits + gone + 2)]
+    later = [supervisor.judge(seen) for seen in over]
     acts = [signal in dict(judgement.reasons) for judgement in later]
     if fault.clear == "never":
         assert all(acts)
@@ -444,12 +445,67 @@ def changed(signal: str, **values: object) -> FaultTable:
         ("bench_stale", {"clear_s": 0.1}, "clear_s 0.1 is shorter than 0.5"),
         ("arm_reduced", {"share": 0.5}, "share 0.5 is more than 0.25"),
         ("arm_not_obeying", {"stop_m": 1.0}, "stop_m 1 is more than 0.6"),
+        ("arm_safeguard_stop", {"clear": "itself"}, "clear itself is easier than person"),
+        ("arm_safeguard_stop", {"clear": "itself", "because": "a scanner sees who is inside"}, ""),
         ("arm_reduced", {"action": "hold"}, ""),
         ("bench_stale", {"action": "stop", "clear": "never", "clear_s": 0.0, "stop_after_s": None}, ""),
     ],
 )
 def test_a_milder_row_is_weaker_and_a_graver_one_is_not(signal: str, values: dict[str, object], told: str) -> None:
     assert weaker(changed(signal, **values), TABLE) == ([f"{signal}: {told}"] if told else [])
+
+
+def safeguarded(*, clear: str = "person", because: str | None = None) -> Supervisor:
+    row = {"signal": "arm_safeguard_stop", "action": "hold", "clear": clear, "clear_s": 0.5, "because": because}
+    return Supervisor([Fault.model_validate(row)], CHECKS)
+
+
+def held_ticks(supervisor: Supervisor, modes: str, acknowledged: set[int]) -> str:
+    """H where the arm is held, for each letter of modes: open, closed, normal."""
+    names = {"o": "safeguard_stop", "c": "safeguard_closed", "n": "normal"}
+    found = ""
+    for tick, letter in enumerate(modes):
+        seen = replace(arm(mode=names[letter])(sound(tick)), acknowledged=tick in acknowledged)
+        found += "H" if supervisor.judge(seen).action is Action.HOLD else "-"
+    return found
+
+
+def test_a_safeguard_that_closed_waits_for_a_person_however_long() -> None:
+    assert held_ticks(safeguarded(), "nnooooo" + "n" * 200, set()) == "--" + "H" * 205
+
+
+@pytest.mark.parametrize("closed", ["", "ccccc"])
+def test_a_safeguard_is_acknowledged_once_it_is_closed_and_not_before(closed: str) -> None:
+    modes = "ooooo" + closed + "n" * 40
+    early, later = set(range(5)), 4 + len(closed) or 5
+    assert set(held_ticks(safeguarded(), modes, early)) == {"H"}
+    assert held_ticks(safeguarded(), modes, {later + 1}).count("-") > 20
+
+
+def test_a_safeguard_that_clears_itself_brings_the_arm_back_once_it_is_closed() -> None:
+    supervisor = safeguarded(clear="itself", because="a scanner sees who is inside")
+    brought = []
+    for tick, mode in enumerate(["normal", "safeguard_stop", "safeguard_closed", "normal"]):
+        brought.append(supervisor.judge(arm(mode=mode)(sound(tick))).brings_back)
+    assert brought == [False, False, True, False]
+    waits = safeguarded()
+    assert not waits.judge(arm(mode="safeguard_closed")(sound(0))).brings_back
+
+
+@pytest.mark.parametrize(
+    ("row", "complaint"),
+    [
+        ("{signal: arm_lost, action: stop, clear: never, because: why}", "because belongs to arm_safeguard_stop"),
+        ("{signal: arm_safeguard_stop, action: hold, clear: person, because: why}", "because belongs to"),
+        ("{signal: arm_safeguard_stop, action: hold, clear: itself, because: '  '}", "because is empty"),
+    ],
+)
+def test_because_is_said_of_a_safeguard_that_clears_itself_alone(tmp_path, row: str, complaint: str) -> None:  # type: ignore[no-untyped-def]
+    file = tmp_path / "faults.yaml"
+    file.write_text(f"faults:\n  - {row}\n")
+    with pytest.raises(InputError, match=complaint) as caught:
+        load_yaml(file, FaultTable)
+    assert f"{file}:2" in str(caught.value)
 
 
 OVER_RAD = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)  # over the bracket

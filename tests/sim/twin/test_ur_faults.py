@@ -97,7 +97,7 @@ def test_an_acknowledgement_that_comes_too_early_says_what_to_do(ur: Bench, twin
     ur.until(lambda state: state.mode == "normal", 20.0)
 
 
-def test_a_safeguard_that_closes_again_lets_the_arm_go_on_along_its_path(ur: Bench, twin: Twin) -> None:
+def test_a_safeguard_that_closed_lets_the_arm_go_on_along_its_path_once_somebody_said_so(ur: Bench, twin: Twin) -> None:
     path = ur.half_way()
     twin.fault("safeguard")
     ur.until(lambda state: state.mode == "safeguard_stop")
@@ -105,7 +105,15 @@ def test_a_safeguard_that_closes_again_lets_the_arm_go_on_along_its_path(ur: Ben
     stands = ur.tick()
     assert stands.path_s is not None
     assert np.abs(np.array(stands.positions_rad) - path.at(stands.path_s)).max() < 0.006
+    ur.arm.acknowledge()  # still open: it does not count
     twin.fault("safeguard_closed")
+    ur.until(lambda state: state.mode == "safeguard_closed")
+    here = ur.at_rad
+    for _ in range(50):  # somebody may be inside
+        waits = ur.tick()
+    assert (waits.mode, waits.moving) == ("safeguard_closed", True)
+    assert np.abs(ur.at_rad - here).max() < MOVED_RAD
+    ur.arm.acknowledge()
     states = ur.until(lambda state: state.mode == "normal" and not state.moving, 20.0)
     assert all(state.moving for state in states[:-1])
     assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006

@@ -46,6 +46,7 @@ class Signals(Protocol):
 
 
 ROLES = ("arm", "gripper", "overhead", "wrist", "panel", "signals")  # of the devices of a cell
+STALE_ARM_S = 0.06  # older states are not of now: a tick and a half, two in a row are missing
 KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
 
 

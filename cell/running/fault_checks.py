@@ -10,6 +10,7 @@ import numpy as np
 
 from cell.files.words.message import Message
 from cell.interfaces.command import Command, JointTrajectory
+from cell.interfaces.devices import STALE_ARM_S
 from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import LETS_GO, ArmMode, Observation
 from cell.interfaces.perception import BenchView
@@ -17,7 +18,6 @@ from cell.running.gripper_checks import GripperMemory, refusal_words, stale_word
 from cell.running.hand_checks import HandMemory
 from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
 
-STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
 LATE, VERY_LATE = 2, 10  # periods of the control loop

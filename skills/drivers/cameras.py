@@ -23,6 +23,7 @@ from skills.drivers.settings import DRIVERS, CameraDriverSettings, FileSettings,
 
 OPEN_MS, READ_MS = 3000, 500  # after which a stream that is silent is given up; OpenCV waits 30 s by itself
 RETRY_S = 0.2  # after which a camera that is gone is opened again
+CLOSES_S = 2.0  # in which a camera that is let go of has done so; a driver may wait for an image that never comes
 AT_ONCE_SHARE = 0.25  # of a period: a frame that comes sooner after the one before waited in a buffer
 LOOKED_S, OLD_S, SLOW, DARK = 2.0, 0.2, 0.8, 8.0  # of `examine`: how long; share of the rate; mean grey level
 GRANTED = 0.02  # share by which a granted setting may differ from what was asked for
@@ -79,8 +80,8 @@ class GrabbingCamera:
         self._came_s, self._trouble, self._sequence = clock.now_s(), "no frame yet", -1
         try:
             self._source: Source | None = open_source(self._setup)
-        except OSError as error:
-            raise self._fault(f"cannot be opened: {error}") from error
+        except (OSError, cv2.error) as error:
+            raise self._fault(f"cannot be opened: {_words(error)}") from error
         self._thread = threading.Thread(target=self._run, name=f"camera {role}", daemon=True)
         self._thread.start()
 
@@ -101,9 +102,9 @@ class GrabbingCamera:
         return self._handed
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Let go of the camera, within two seconds; one that waits for an image is let go of when it comes."""
         self._closed.set()
-        self._thread.join()
+        self._thread.join(CLOSES_S)
 
     def _fault(self, what: str) -> DeviceFault:
         return DeviceFault(f"camera {self._name}", what)
@@ -112,12 +113,19 @@ class GrabbingCamera:
         while not self._closed.is_set():
             try:
                 self._grab()
-            except OSError as error:
-                with self._lock:
-                    self._trouble = str(error)
-                self._let_go()
+            except Exception as error:  # whatever a driver raises: it is told, and the camera opened again
+                self._lost(error)
                 self._closed.wait(RETRY_S)
         self._let_go()
+
+    def _lost(self, error: Exception) -> None:
+        with self._lock:
+            self._trouble = _words(error)
+        try:
+            self._let_go()
+        except Exception as other:
+            with self._lock:
+                self._trouble += f"; {_words(other)}"
 
     def _grab(self) -> None:
         if self._source is None:
@@ -142,9 +150,15 @@ class GrabbingCamera:
             self._came_s, self._trouble = now_s, ""
 
     def _let_go(self) -> None:
-        if self._source is not None:
-            self._source.close()
-            self._source = None
+        source, self._source = self._source, None
+        if source is not None:
+            source.close()
+
+
+def _words(error: Exception) -> str:
+    """What a driver raised, on one line: an OSError says all in its words, others in their type, too."""
+    told = " ".join(str(error).split())
+    return told if isinstance(error, OSError) and told else f"{type(error).__name__}: {told}"
 
 
 class _Capture:
@@ -165,6 +179,8 @@ class _Capture:
         there, image = self.capture.read()
         if not there or image is None:
             raise OSError("it sends no more images")
+        if image.ndim != 3 or image.shape[2] != 3 or not image.size:
+            raise OSError(f"it sends no colour images: their shape is {image.shape}, not (height, width, 3)")
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), self._ago_s()
 
     def close(self) -> None:

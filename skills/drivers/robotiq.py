@@ -35,6 +35,7 @@ PERIOD_S = 0.02  # between exchanges; the gripper takes 200 a second at most
 ANSWER_S = 0.05  # in which an answer comes, or is lost
 KEEP_ALIVE_S = 0.2  # the gripper faults after 1 s without a command
 RETRY_S = 0.1  # after which a wire is opened again
+CLOSES_S = 2.0  # in which it is let go of; an operating system may hold a port for longer
 END_COUNTS = 2  # so near their end, fingers that say that they met something have met each other
 COMMAND_REGISTER, STATUS_REGISTER, REGISTERS = 0x03E8, 0x07D0, 3
 ADOPTED_COUNT = 48  # force (60 N) and speed with which an adopted gripper goes on; its status does not tell
@@ -212,10 +213,10 @@ class RegisterGripper:
         self._wake.set()
 
     def close(self) -> None:
-        """Let go of the wire; the gripper keeps what it holds."""
+        """Let go of the wire, within two seconds; the gripper keeps what it holds."""
         self._closed.set()
         self._wake.set()
-        self._thread.join()
+        self._thread.join(CLOSES_S)
 
     def _opening_m(self, position: int) -> float:
         open_count, closed_count = self.ends
@@ -235,7 +236,7 @@ class RegisterGripper:
             try:
                 self._exchange()
                 failures = 0
-            except WIRE_ERRORS as error:
+            except Exception as error:  # whatever a wire raises, such as termios.error: told, and it is opened again
                 failures += 1
                 with self._lock:
                     self._trouble = str(error) or type(error).__name__
@@ -294,9 +295,10 @@ class RegisterGripper:
         self._request = REQUESTS[self._steps[0]] if self._steps else self._request
 
     def _let_go(self) -> None:
-        if self._wire is not None:
-            self._wire.close()
-            self._wire = None
+        wire, self._wire = self._wire, None
+        if wire is not None:
+            with suppress(*WIRE_ERRORS):  # it broke: there is nothing left to close
+                wire.close()
 
 
 class ModbusGripper(RegisterGripper):

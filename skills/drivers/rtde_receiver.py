@@ -9,9 +9,12 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +29,7 @@ OUTPUTS = (
     *("speed_scaling", "target_speed_fraction"),
 )
 ANSWER_S, AGAIN_S = 2.0, 0.2
+HEAD_BYTES, LEAST_WAIT_S = 3, 0.001
 KEPT = 4096
 SHIFTED_S, SHIFTED_FOR_S = 0.05, 0.1  # samples that are so late for so long: the controller's clock lost time
 
@@ -60,33 +64,47 @@ class RtdeConnection:
         version: of the controller: major, minor, bugfix, build.
 
     Raises:
-        OSError: nobody is there, or it hung up.
+        OSError: nobody is there, it hung up, or what it sends is no RTDE.
         DeviceFault: it does not know what is asked for.
     """
 
     def __init__(self, host: str, outputs: Sequence[str], rate_hz: float | None = None, limit_s: float = 2.0) -> None:
+        self._limit_s, self._came = limit_s, b""
         self.socket = socket.create_connection((host, PORT), limit_s)
-        self.socket.settimeout(limit_s)
-        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._came = b""
-        if not self.asked("V", struct.pack(">H", 2))[0]:
+        try:
+            self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            types = self._begun(host, outputs, rate_hz)
+        except BaseException:
+            self.close()
+            raise
+        self.widths = [int(FORMS[kind][:-1] or 1) for kind in types]
+        self._form = struct.Struct(">" + "".join(FORMS[kind] for kind in types))
+
+    def _begun(self, host: str, outputs: Sequence[str], rate_hz: float | None) -> list[str]:
+        """The outputs' types, once it has begun to tell them."""
+        if not _unpacked(struct.Struct(">?"), self.asked("V", struct.pack(">H", 2)))[0]:
             raise DeviceFault("arm", f"{host}: its RTDE is older than protocol version 2")
-        self.version = struct.unpack(">4I", self.asked("v", b""))
+        self.version = _unpacked(struct.Struct(">4I"), self.asked("v", b""))
         rate = float((500 if self.version[0] >= 5 else 125) if rate_hz is None else rate_hz)
-        types = self.asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())[1:].decode().split(",")
+        answer = self.asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())
+        types = answer[1:].decode(errors="replace").split(",")
+        if len(types) != len(outputs):
+            raise ConnectionError(f"it answers {len(types)} types to {len(outputs)} outputs that were asked for")
         unknown = [name for name, kind in zip(outputs, types, strict=True) if kind not in FORMS]
         if unknown:
             raise DeviceFault("arm", f"{host}: its RTDE does not tell {', '.join(unknown)}")
-        self.widths = [int(FORMS[kind][:-1] or 1) for kind in types]
-        self._form = struct.Struct(">" + "".join(FORMS[kind] for kind in types))
-        self.asked("S", b"")
+        if not _unpacked(struct.Struct(">?"), self.asked("S", b""))[0]:
+            raise ConnectionError("it does not begin to send what was asked for")
+        return types
 
     def receive(self) -> tuple[float, ...]:
         """The next sample's values, one after the other; raises OSError."""
-        return self._form.unpack(self._next("U")[1:])
+        return _unpacked(self._form, self._next("U")[1:])
 
     def close(self) -> None:
-        """Hang up."""
+        """Hang up; who waits for a package wakes up."""
+        with suppress(OSError):  # the other end hung up before
+            self.socket.shutdown(socket.SHUT_RDWR)
         self.socket.close()
 
     def asked(self, kind: str, body: bytes) -> bytes:
@@ -95,17 +113,33 @@ class RtdeConnection:
         return self._next(kind)
 
     def _next(self, wanted: str) -> bytes:
-        """The next package of a kind; text messages of the controller are passed over."""
-        while True:
-            while len(self._came) < 3 or len(self._came) < struct.unpack(">H", self._came[:2])[0]:
-                part = self.socket.recv(65536)
-                if not part:
-                    raise ConnectionResetError("it hung up")
-                self._came += part
-            size, kind = struct.unpack(">HB", self._came[:3])
-            body, self._came = self._came[3:size], self._came[size:]
+        """The next package of a kind, within the limit; text messages of the controller are passed over."""
+        until_s = time.monotonic() + self._limit_s
+        while time.monotonic() <= until_s:
+            size, kind = struct.unpack(">HB", self._peeked(HEAD_BYTES, until_s))
+            if size < HEAD_BYTES:
+                raise ConnectionError(f"it sent a package of {size} bytes, the least is {HEAD_BYTES}")
+            body, self._came = self._peeked(size, until_s)[HEAD_BYTES:], self._came[size:]
             if chr(kind) == wanted:
                 return body
+        raise TimeoutError(f"no package {wanted!r} came within {self._limit_s:g} s")
+
+    def _peeked(self, count: int, until_s: float) -> bytes:
+        """The next bytes, which stay where they are."""
+        while len(self._came) < count:
+            self.socket.settimeout(max(LEAST_WAIT_S, until_s - time.monotonic()))
+            part = self.socket.recv(65536)
+            if not part:
+                raise ConnectionResetError("it hung up")
+            self._came += part
+        return self._came[:count]
+
+
+def _unpacked(form: struct.Struct, body: bytes) -> tuple[Any, ...]:
+    """Values of a package's body; raises ConnectionError for one of another size."""
+    if len(body) != form.size:
+        raise ConnectionError(f"it sent {len(body)} bytes of data where {form.size} belong")
+    return form.unpack(body)
 
 
 class RtdeReceiver:

@@ -21,6 +21,7 @@ import numpy as np
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.devices import STALE_ARM_S
 from cell.interfaces.observation import ArmMode, ArmState, JointSamples
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
@@ -36,7 +37,6 @@ if find_spec("rtde_control") is None:  # which the process that streams imports
     raise ModuleNotFoundError("no ur-rtde is installed", name="rtde_control")
 
 SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
-LOST_S = 0.5  # an arm that tells nothing for this long is lost; before that its state is old
 OPENING_S, LEAVING_S = 10.0, 3.0
 SETTLED_RAD_S, SETTLES_S = 0.01, 0.5  # an arm whose set points stand has come to rest when it is so slow, or then
 PROJECTED_S, UNSURE_RAD = 0.02, 0.002  # how far time and joints may err where a sample's place on the path is told
@@ -141,12 +141,11 @@ class UrArm:
             raise
 
     def state(self) -> ArmState:
-        """Joints of the newest sample, which is old where none comes; DeviceFault after half a second of silence."""
+        """Joints of the newest sample; where none comes it is old, and `reason` says why."""
         sample = self._receiver.newest
-        age_s = self._clock.now_s() - sample.time_s
-        if age_s > LOST_S:
-            raise DeviceFault("arm", f"it told nothing for {age_s:.2f} s: {self._receiver.trouble or 'no sample came'}")
         mode, reason = self._mode(sample)
+        if not reason and self._clock.now_s() - sample.time_s > STALE_ARM_S:
+            reason = self._receiver.trouble or "no sample came"
         moving, path_s = self._followed(sample)
         positions, speeds = tuple(sample.positions_rad.tolist()), tuple(sample.velocities_rad_s.tolist())
         return ArmState(sample.time_s, positions, speeds, moving, mode, path_s, reason)

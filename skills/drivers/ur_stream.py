@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
-from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,11 @@ def serve(
         upper: use registers 24 to 47, as somebody else owns the lower ones.
     """
     channel: Channel[Any] = Channel(connection, ToStream)
+    with Path(os.devnull).open(
+        "w"
+    ) as nobody:  # what the client tells the terminal is told to it by `Lost`, in our words
+        os.dup2(nobody.fileno(), 1)
+        os.dup2(nobody.fileno(), 2)
     try:
         control = _connected(host, rate_hz, upper)
         control.setTcp(list(tcp))
@@ -115,11 +121,13 @@ def serve(
         channel.send(Lost(str(error)), LISTENS_S)
         return
     stream = _Stream(control, channel, 1 / rate_hz, slower, lookahead_s, gain)
-    stream.run()
-    with suppress(RuntimeError):
+    try:
+        stream.run()
         control.servoStop(BRAKING_RAD_S2)
         control.stopScript()
         control.disconnect()
+    except RuntimeError as error:  # the link is gone, and with it the program: the controller's watchdog stops the arm
+        stream.say(Lost(f"the controller takes no set points: {error}"))
 
 
 def _connected(host: str, rate_hz: float, upper: bool) -> Any:
@@ -150,8 +158,12 @@ class _Stream:
         self._leaving, self._untold = False, 0
 
     def run(self) -> None:
-        """Until it is to leave and the arm stands, or the controller is lost."""
-        if not self._say(Ready()):
+        """Until it is to leave and the arm stands.
+
+        Raises:
+            RuntimeError: the controller is lost.
+        """
+        if not self.say(Ready()):
             return
         due_s, rest_s = time.monotonic(), 0.0
         while rest_s < LEAVE_S:
@@ -159,12 +171,13 @@ class _Stream:
             if self._path is not None:
                 self._advance(self._path)
                 if not self._control.servoJ(self._target.tolist(), *self._servo):
-                    self._say(Lost("the controller's program does not run any more"))
-                    return
+                    raise RuntimeError("its program does not run any more")
             elif self._leaving:
                 return
             else:
                 self._control.kickWatchdog()
+            if not self._control.isConnected():  # else the client goes on to say that it sends
+                raise RuntimeError("it hung up")
             standing = self._path is None or not self._path.moving
             rest_s = rest_s + self._period_s if self._leaving and standing else 0.0
             due_s = self._slept(due_s)
@@ -177,7 +190,7 @@ class _Stream:
         target, self._untold = there + self._beside * left, self._untold + 1
         if self._untold >= STANDING_CYCLES or not np.array_equal(target, self._target):
             self._untold = 0
-            self._say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))
+            self.say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))
         self._target = target
 
     def _slept(self, due_s: float) -> float:
@@ -219,7 +232,7 @@ class _Stream:
         if self._path is not None:
             self._path.stop()
 
-    def _say(self, message: Message) -> bool:
+    def say(self, message: Message) -> bool:
         """Whether somebody listens; who does not is gone."""
         try:
             if not self._leaving:

@@ -150,6 +150,71 @@ def test_frames_that_waited_in_a_buffer_are_not_taken_for_new_ones(monkeypatch: 
     camera.close()
 
 
+class Spoiled:
+    """Sends one good image, then what a driver may raise; opened again, it is sound."""
+
+    spoils: ClassVar[list[Exception]] = []
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def grab(self) -> tuple[Any, float]:
+        time.sleep(PERIOD_S)
+        self._count += 1
+        if self._count > 1 and self.spoils:
+            raise self.spoils[0]
+        return numbered(self._count), 0.0
+
+    def close(self) -> None:
+        if self.spoils:
+            raise RuntimeError(f"cannot stop after {self.spoils.pop()}")
+
+
+@pytest.mark.parametrize("spoils", [cv2.error("grey image"), RuntimeError("no frame"), ValueError("odd\nshape")])
+def test_a_thread_that_meets_anything_says_so_and_opens_the_camera_again(spoils: Exception) -> None:
+    Spoiled.spoils = [spoils]
+    settings, clock = StreamSettings(url="http://nobody/", lost_s=0.1), WallClock()
+    camera = cameras.GrabbingCamera(settings, clock, small_bench(), "overhead", lambda _: Spoiled())
+    bench = camera_contract.Bench(camera, clock, SIZE)
+    told = bench.lost()
+    assert f"{type(spoils).__name__}: {' '.join(str(spoils).split())}; RuntimeError: cannot stop" in told
+    clock.sleep_until(clock.now_s() + 0.3)
+    assert len(bench.frames(3)) == 3
+    camera.close()
+
+
+@pytest.mark.parametrize("image", [np.zeros(SIZE[::-1], np.uint8), np.zeros((0, 0, 3), np.uint8)])
+def test_a_grey_or_empty_image_is_told_in_words(monkeypatch: pytest.MonkeyPatch, image: Any) -> None:
+    capture = SimpleNamespace(isOpened=lambda: True, read=lambda: (True, image), release=lambda: None)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: capture)
+    settings, clock = StreamSettings(url="http://nobody/", lost_s=0.1), WallClock()
+    camera = StreamCamera(settings, clock, small_bench(), "overhead")
+    told = camera_contract.Bench(camera, clock, SIZE).lost()
+    assert f"it sends no colour images: their shape is {image.shape}" in told
+    camera.close()
+
+
+def test_a_camera_that_waits_for_an_image_is_closed_within_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting, closed = threading.Event(), threading.Event()
+
+    class Silent:
+        def grab(self) -> tuple[Any, None]:
+            waiting.wait(20)
+            raise OSError("over")
+
+        def close(self) -> None:
+            closed.set()
+
+    monkeypatch.setattr(cameras, "CLOSES_S", 0.1)
+    settings = StreamSettings(url="http://nobody/")
+    camera = cameras.GrabbingCamera(settings, WallClock(), small_bench(), "overhead", lambda _: Silent())
+    began_s = time.monotonic()
+    camera.close()
+    assert time.monotonic() - began_s < 5
+    waiting.set()
+    assert closed.wait(5), "it is let go of when its driver returns"
+
+
 def test_the_delay_that_was_measured_is_taken_off_the_stamp(shooting: Shooting) -> None:
     with streamed(shooting, delay_s=0.5) as bench:
         frame = bench.frames(1)[0]

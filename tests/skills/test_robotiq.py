@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import termios
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 from pymodbus.client import ModbusSerialClient
 
 from cell.errors import DeviceFault
+from cell.interfaces.clock import WallClock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import GripperState, ObjectStatus
 from sim.twin.gripper import CLOSED_COUNT, OPEN_COUNT, ModbusTwin, Registers, UrcapTwin
@@ -236,3 +239,57 @@ def test_pymodbus_reads_and_writes_the_twin(adapter: Rig) -> None:
         assert fault_echo == 0x0010
     client.close()  # type: ignore[no-untyped-call]
     adapter.gripper = adapter.open()
+
+
+def test_a_wire_that_hangs_is_let_go_of_within_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting, closed = threading.Event(), threading.Event()
+
+    class Hanging:
+        def read(self) -> bytes:
+            waiting.wait(20)
+            raise OSError("over")
+
+        def write(self, command: bytes) -> None:
+            """Nobody writes."""
+
+        def close(self) -> None:
+            closed.set()
+
+    monkeypatch.setattr(robotiq, "CLOSES_S", 0.1)
+    gripper = RegisterGripper(RobotiqModbusSettings(port="nowhere"), WallClock(), Hanging)
+    began_s = time.monotonic()
+    gripper.close()
+    assert time.monotonic() - began_s < 5
+    waiting.set()
+    assert closed.wait(5)
+
+
+def test_a_wire_that_raises_anything_is_opened_again_and_says_why() -> None:
+    opened: list[int] = []
+
+    class Odd:
+        def read(self) -> bytes:
+            if len(opened) < 3:
+                raise termios.error(5, "Input/output error")
+            return bytes((0x31, 0, 0, 0, 3, 0))
+
+        def write(self, command: bytes) -> None:
+            """Taken."""
+
+        def close(self) -> None:
+            raise OSError("it is gone")
+
+    def open_odd() -> Odd:
+        opened.append(1)
+        return Odd()
+
+    clock = WallClock()
+    gripper = RegisterGripper(RobotiqModbusSettings(port="nowhere"), clock, open_odd)
+    told: set[str] = set()
+    until_s = clock.now_s() + 10
+    while not gripper.exchanges and clock.now_s() < until_s:
+        told.add(gripper._trouble)
+        clock.sleep_until(clock.now_s() + 0.01)
+    assert gripper.state().activated
+    assert any("Input/output error" in text for text in told)
+    gripper.close()

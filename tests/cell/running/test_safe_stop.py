@@ -261,18 +261,24 @@ EMPTY = replace(KNOWN, object_status=ObjectStatus.AT_POSITION)
     [
         (KNOWN, "o1", "the gripper holds o1"),
         (EMPTY, "o1", "the gripper holds nothing"),
-        (EMPTY, None, "the gripper holds nothing"),
+        (EMPTY, "", "the gripper holds nothing"),
         (replace(EMPTY, time_s=0.8), "o1", "nothing is known of the gripper; it may hold o1"),
-        (replace(EMPTY, time_s=0.8), None, "nothing is known of the gripper"),
+        (replace(EMPTY, time_s=0.8), "", "nothing is known of the gripper; it may hold a part"),
         (replace(EMPTY, echoed=False), "o1", "nothing is known of the gripper; it may hold o1"),
         (replace(EMPTY, activated=False), "o1", "nothing is known of the gripper; it may hold o1"),
-        (replace(EMPTY, activated=False), None, "nothing is known of the gripper"),
+        (replace(EMPTY, activated=False), "", "nothing is known of the gripper; it may hold a part"),
         (replace(EMPTY, object_status=ObjectStatus.MOVING), "o1", "nothing is known of the gripper; it may hold o1"),
         (replace(KNOWN, time_s=float("nan")), "o1", "nothing is known of the gripper; it may hold o1"),
     ],
 )
 def test_the_last_line_never_says_that_the_gripper_is_empty_where_that_is_not_known(
-    gripper: GripperState, part: str | None, told: str
+    gripper: GripperState, part: str, told: str
 ) -> None:
     seen = Observation(25, 1.0, ArmState(1.0, (0.0,) * 6, (0.0,) * 6, False), gripper)
     assert condition(seen, part) == f"the arm stands, {told}"
+
+
+@pytest.mark.parametrize("time_s", [0.9, 1.2, float("nan")])
+def test_the_last_line_never_says_that_the_arm_stands_where_its_state_is_not_of_now(time_s: float) -> None:
+    seen = Observation(25, 1.0, ArmState(time_s, (0.0,) * 6, (0.0,) * 6, False), KNOWN)
+    assert condition(seen, "o1") == "the arm is not known to stand, the gripper holds o1"

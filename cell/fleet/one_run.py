@@ -7,8 +7,10 @@ import io
 import os
 import pickle
 import queue
+import select
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -28,6 +30,10 @@ Row = dict[str, Any]
 T = TypeVar("T")
 RUNS_A_PROCESS = 100  # then it is begun anew, so that nothing grows
 TRIES = 2  # a run that kills its process is tried once more
+IDLE_S = 60.0  # a process that was asked and used no processor for this long is stopped, or waits for ever
+GLANCE_S = 0.5  # between looks at it
+LEAVES_S = 5.0  # in which one ends that is asked no more
+LENGTH = struct.Struct(">Q")  # before each answer
 SERVE = "from cell.fleet.one_run import serve; serve({answers})"
 _folder: str | None = None  # of the run that goes on in this process
 _lock = threading.Lock()
@@ -49,38 +55,82 @@ class _Child:
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(program, stdin=subprocess.PIPE, pass_fds=(writes,), env=environment)
         os.close(writes)
-        self._answers = os.fdopen(reads, "rb")
+        assert self._process.stdin is not None
+        self._calls, self._answers = self._process.stdin, os.fdopen(reads, "rb", 0)
+        os.set_blocking(self._calls.fileno(), False)
         self.calls = 0
+        self._worked_s, self._idle_since_s = -1.0, 0.0
 
     def call(self, work: Callable[..., T], *arguments: Any) -> T:
         """What it answers.
 
         Raises:
-            ChildDied: it ended meanwhile; says how.
+            ChildDied: it ended meanwhile, or hung and was ended; says how.
         """
         self.calls += 1
-        assert self._process.stdin is not None
+        self._worked_s = -1.0
         try:
-            pickle.dump((work, arguments), self._process.stdin)
-            self._process.stdin.flush()
-            answer, error = pickle.load(self._answers)
+            self._send(pickle.dumps((work, arguments)))
+            (size,) = LENGTH.unpack(self._received(LENGTH.size))
+            answer, error = pickle.loads(self._received(size))
+        except TimeoutError:
+            self._process.kill()
+            self.close()
+            idle = f"the run's process (pid {self._process.pid}) did nothing for {IDLE_S:g} s and was ended"
+            raise ChildDied(f"{idle}: somebody stopped it, or it waited for something that never came") from None
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
             status = self._process.wait()
             ended = f"by {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
             self.close()
-            raise ChildDied(f"the run's process ended {ended}") from None
+            raise ChildDied(f"the run's process (pid {self._process.pid}) ended {ended}") from None
         if error is not None:
             raise error
         found: T = answer
         return found
 
     def close(self) -> None:
-        """Let it end."""
-        assert self._process.stdin is not None
+        """Let it end, by force where it does not."""
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._calls.close()
         self._answers.close()
-        self._process.wait()
+        try:
+            self._process.wait(LEAVES_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _send(self, data: bytes) -> None:
+        left = memoryview(data)
+        while left:
+            self._await([], [self._calls])
+            left = left[os.write(self._calls.fileno(), left[: select.PIPE_BUF]) :]
+
+    def _received(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            self._await([self._answers], [])
+            part = self._answers.read(count - len(data))
+            if not part:
+                raise EOFError
+            data += part
+        return data
+
+    def _await(self, reads: list[Any], writes: list[Any]) -> None:
+        """Until a pipe is ready; TimeoutError where the process uses no processor meanwhile."""
+        while not any(select.select(reads, writes, [], GLANCE_S)):
+            worked_s, now_s = self._processor_s(), time.monotonic()
+            if worked_s != self._worked_s:
+                self._worked_s, self._idle_since_s = worked_s, now_s
+            elif now_s - self._idle_since_s > IDLE_S:
+                raise TimeoutError
+
+    def _processor_s(self) -> float:
+        """What it has used so far, by all of its threads."""
+        try:
+            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return time.monotonic()  # nobody counts here, or it has ended: the pipe tells
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 _child: _Child | None = None
@@ -150,7 +200,7 @@ def serve(answers: int) -> None:
             pickle.loads(content)
         except Exception:  # an answer that cannot be sent, or not be read there
             content = pickle.dumps((None, CellError(f"{type(answer[1] or answer[0]).__name__}: {answer[1]}")))
-        told.write(content)
+        told.write(LENGTH.pack(len(content)) + content)
         told.flush()
         if isinstance(call, Exception):  # nobody reads further calls: the next one gets a new process
             return

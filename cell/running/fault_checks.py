@@ -24,6 +24,7 @@ LATE, VERY_LATE = 2, 10  # periods of the control loop
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
 OTHER_MASTER = "another master commands the gripper"
+OF_OVERHEAD = ("camera overhead", "detector overhead")
 VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
 SERVO_LAGS_S = np.array([0.0, 0.008, 0.016])  # an arm trails its trajectory by at most the last
 
@@ -234,7 +235,8 @@ def _restarted(how: str, words: str) -> Check:
 
 def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     if seen.bench is None:
-        return Detection("no view of the bench yet")
+        why = [trouble.reason for trouble in seen.troubles if trouble.device in OF_OVERHEAD]
+        return Detection("; ".join([*why, "no view of the bench yet"]))
     age_s = seen.time_s - seen.bench.time_s
     return (
         Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))

@@ -107,9 +107,7 @@ def serve(
         upper: use registers 24 to 47, as somebody else owns the lower ones.
     """
     channel: Channel[Any] = Channel(connection, ToStream)
-    with Path(os.devnull).open(
-        "w"
-    ) as nobody:  # what the client tells the terminal is told to it by `Lost`, in our words
+    with Path(os.devnull).open("w") as nobody:  # what the client tells the terminal, `Lost` says
         os.dup2(nobody.fileno(), 1)
         os.dup2(nobody.fileno(), 2)
     try:

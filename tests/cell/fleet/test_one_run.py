@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
+import time
 from types import ModuleType
 from typing import Any
 
@@ -12,7 +14,7 @@ import pytest
 
 from cell.errors import CellError
 from cell.fleet import one_run
-from cell.fleet.one_run import in_child
+from cell.fleet.one_run import ChildDied, in_child
 from tests.cell.fleet import working
 
 
@@ -40,6 +42,35 @@ def test_an_error_that_cannot_be_made_again_is_told_in_words_and_the_next_call_i
     with pytest.raises(CellError, match="Awkward: the run: it is odd"):
         in_child(working.awkward)
     assert next_call_is_answered()
+
+
+def test_a_process_that_is_stopped_is_known_named_and_its_worker_freed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_run, "IDLE_S", 1.0)
+    stopped: list[int] = []
+
+    def stop() -> None:
+        child = one_run._child
+        assert child is not None
+        stopped.append(child._process.pid)
+        os.kill(child._process.pid, signal.SIGSTOP)
+
+    assert in_child(os.getpid)
+    for work, given in ((os.getpid, b""), (len, b"a call that fills its pipe" * 100_000)):
+        stop()
+        assert in_child(work, *([given] if given else [])) in (one_run._child._process.pid, len(given))  # type: ignore[union-attr]
+        assert one_run._child._process.pid != stopped[-1]  # type: ignore[union-attr]
+
+
+def test_one_that_waits_for_ever_is_a_row_that_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_run, "IDLE_S", 0.5)
+    with pytest.raises(ChildDied, match=r"the run's process \(pid \d+\) did nothing for 0\.5 s and was ended"):
+        in_child(time.sleep, 3600)
+    assert next_call_is_answered()
+
+
+def test_one_that_works_is_not_ended_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_run, "IDLE_S", 1.5)
+    assert in_child(working.busy, 4.0) >= 4.0
 
 
 def next_call_is_answered() -> bool:

@@ -50,3 +50,11 @@ def row(task: Task) -> dict[str, object]:
 def run_row(seed: int) -> dict[str, object]:
     time.sleep(0.05)
     return {"key": str(seed), "seed": seed, "end": "finished", "took_s": 0.05}
+
+
+def busy(for_s: float) -> float:
+    """Works for so long; returns how long that was."""
+    began_s = time.monotonic()
+    while time.monotonic() - began_s < for_s:
+        sum(range(1000))
+    return time.monotonic() - began_s

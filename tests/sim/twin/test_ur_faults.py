@@ -144,7 +144,7 @@ def test_samples_that_come_late_are_old_and_none_is_lost(ur: Bench, twin: Twin) 
 def test_an_arm_that_tells_nothing_has_an_old_state_with_a_reason_until_it_tells_again(ur: Bench, twin: Twin) -> None:
     twin.fault("rtde_silent")
     old = ur.until(lambda state: ur.clock.now_s() - state.time_s > 1.0, 3.0)
-    assert {state.reason for state in old[-10:]} == {"no sample came"}
+    assert all(state.reason for state in old[-10:])
     ur.until(lambda state: ur.clock.now_s() - state.time_s < 0.1, 3.0)
 
 

@@ -47,7 +47,9 @@ SIGNALS: Mapping[str, Sign] = {
         "the arm goes on faster than it may after reaction and braking, does not stand when it must, or does not go on",
         ARM_MOVES,
     ),
-    "arm_path_unknown": Sign("the arm moves and does not tell `path_s`: share is computed", "`path_s` is told"),
+    "arm_path_unknown": Sign(
+        "the arm moves and does not tell `path_s`, or is not there: share is computed", "`path_s` is told"
+    ),
     "arm_protective_stop": Sign("the arm stopped by itself because it was held back", ARM_ANSWERS),
     "arm_safeguard_stop": Sign(
         "the arm's safeguard input is open; it is acknowledged once it is closed, when nobody is inside", ARM_ANSWERS
@@ -90,6 +92,11 @@ SIGNALS: Mapping[str, Sign] = {
     ),
     "camera_moved": Sign(
         "a camera sees holes or tray more than 10 mm off, at the start or once a minute", "holes and tray are found"
+    ),
+    "hand_not_plausible": Sign(
+        "the answer about an overhead image has a hand that cannot be: a number that is not finite, a place, height or "
+        "speed that no hand in view has, a box outside of the image, or a stamp of its own that is older or later",
+        "every hand is where the camera looks, in the frame that was answered",
     ),
     "hand_unknown": Sign("the hand vanished inside the view without leaving by its edge", HAND),
     "hand_detector_blind": Sign(

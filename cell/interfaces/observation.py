@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -10,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.bench import JOINTS
 from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
@@ -61,8 +63,16 @@ class ArmState:
 
     @property
     def stands(self) -> bool:
-        """No joint moves; a speed that is not a number is not slow."""
-        return all(abs(speed) < STANDING_RAD_S for speed in self.velocities_rad_s)
+        """No joint moves; a speed that is not a number is not slow, nor is one that is missing."""
+        speeds = self.velocities_rad_s
+        return len(speeds) == len(JOINTS) and all(abs(speed) < STANDING_RAD_S for speed in speeds)
+
+    @property
+    def joints_rad(self) -> tuple[float, ...] | None:
+        """The positions (6,); None where they are not six finite numbers, or were measured at no time."""
+        positions = self.positions_rad
+        known = len(positions) == len(JOINTS) and all(map(math.isfinite, (*positions, self.time_s)))
+        return positions if known else None
 
 
 @dataclass(frozen=True, eq=False)

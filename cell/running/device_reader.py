@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
@@ -45,13 +44,15 @@ class RobotPoseHistory:
 
     def keep(self, arm: ArmState, gripper: GripperState) -> None:
         """One more state as measured."""
-        known = len(arm.positions_rad) == 6 and all(map(math.isfinite, arm.positions_rad))
-        if known and (not self._states or arm.time_s > self._states[-1][0]):
-            self._states.append((arm.time_s, arm.positions_rad, gripper.holding))
+        joints = arm.joints_rad
+        if joints is not None and (not self._states or arm.time_s > self._states[-1][0]):
+            self._states.append((arm.time_s, joints, gripper.holding))
 
     def sampled(self, samples: JointSamples) -> None:
-        """What was measured between the last states."""
-        self._samples.append(samples)
+        """What was measured between the last states; it is left out where it is not finite, or goes back in time."""
+        rows = np.column_stack([samples.times_s, samples.positions_rad])
+        if np.isfinite(rows).all() and (np.diff(rows[:, 0]) > 0).all():
+            self._samples.append(samples)
 
     def tool_at(self, time_s: float) -> Pose | None:
         """world_from_tool at a time, between measurements; None where the arm was not measured about then."""

@@ -17,9 +17,8 @@ from cell.interfaces.perception import BenchView
 from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
 from cell.running.hand_checks import HandMemory
 from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
+from skills.motion.known_bench import FUTURE_S, STALE_S
 
-STALE_BENCH_S = 0.35  # three frames are missing
-FUTURE_S = 0.05
 LATE, VERY_LATE = 2, 10  # periods of the control loop
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
@@ -146,7 +145,7 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
 
     def path_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         path = memory.trajectory
-        if path is None or seen.arm.path_s is not None or not seen.arm.moving:
+        if path is None or not seen.arm.moving or (seen.arm.path_s is not None and not _why_off_path(seen, path)):
             return None
         if slow[0][0] is not path:
             slow[0] = path, monitor.slow_share(path)
@@ -181,7 +180,7 @@ def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None
 
 def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     path_s = seen.arm.path_s
-    if sent is None or len(seen.arm.positions_rad) != 6:
+    if sent is None or seen.arm.joints_rad is None:
         return ""
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
@@ -200,7 +199,7 @@ def _far_rad(sent: JointTrajectory) -> float:
 
 def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
     """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
-    if seen.arm.moving or not seen.arm.stands or len(seen.arm.positions_rad) != 6:
+    if seen.arm.moving or not seen.arm.stands or seen.arm.joints_rad is None:
         return False
     return _missed_rad(seen, sent) <= _near_rad(sent)
 
@@ -240,7 +239,7 @@ def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     age_s = seen.time_s - seen.bench.time_s
     return (
         Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
-        if not age_s <= STALE_BENCH_S
+        if not age_s <= STALE_S
         else None
     )
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
+from contextlib import suppress
 
 import numpy as np
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.running.fault_checks import Check, Detection, Memory
-from skills.motion.near_hand import hands_of, separation_of
+from skills.motion.known_bench import Implausible, KnownBench
+from skills.motion.near_hand import separation_of
 from skills.motion.person_space import HANDS
-from skills.motion.separation import Following, Separation, SeparationMonitor
+from skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
 
 LATELY_S = 0.3  # a hold for a near hand lasts as long as the fastest motion of this time asks for
 
@@ -24,6 +25,10 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         if known[0][0] != seen.tick:
             known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
         return known[0][1]
+
+    def not_plausible(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        words = "" if seen.bench is None else monitor.persons.view_range.doubt(seen.bench, seen.time_s)
+        return Detection(words) if words else None
 
     def near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         found = separation(seen, memory)
@@ -41,28 +46,29 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         least_m, slack_m = found.least_m, monitor.settings.hysteresis_m
         if memory.too_near:
             least_m = max(least_m for _, least_m in memory.leasts_m) + slack_m
-        memory.too_near = found.distance_m < least_m
+        memory.too_near = not found.distance_m >= least_m
         if not memory.too_near:
             return None
-        if found.distance_m < found.least_m + slack_m:  # else only a motion before asks for more room
+        if not found.distance_m >= found.least_m + slack_m:  # else only a motion before asks for more room
             memory.leaving = found.leaving
         words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.leaving > 0)
-        return Detection(words, leaving=memory.leaving)
+        return Detection("it is not known how near a hand is" if found is UNKNOWN else words, leaving=memory.leaving)
 
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
-        joints = seen.arm.positions_rad
-        if len(hands_of(seen)) >= HANDS or len(joints) != 6 or not all(map(math.isfinite, joints)):
-            return None
-        if not monitor.out_of_view(np.array(joints)):
+        view, joints = seen.bench, seen.arm.joints_rad
+        with suppress(Implausible):
+            if view is not None and KnownBench(monitor.persons.view_range, view, seen.time_s).count >= HANDS:
+                return None
+        if joints is not None and not monitor.out_of_view(np.array(joints)):
             return None
         return Detection("slower, as the camera does not see who comes here", monitor.settings.blind_share)
 
-    return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
+    return {"hand_not_plausible": not_plausible, "hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 
 
 def _followed(seen: Observation, memory: Memory) -> Following | None:
     """The trajectory that the arm follows, and how far along it is."""
     path_s = seen.arm.path_s
-    if memory.trajectory is None or path_s is None or not seen.arm.moving:
+    if memory.trajectory is None or path_s is None or (not seen.arm.moving and seen.arm.stands):
         return None
     return memory.trajectory, path_s

@@ -95,7 +95,7 @@ class Supervisor:
         found: list[tuple[Action, str, str]] = []
         if observation.operator.pause == "now":  # no fault, and so in no table
             found.append((Action.HOLD, PAUSED, "paused by the operator"))
-        share = min(self._share, observation.operator.speed)  # what is seen may only take from it
+        share = min(self._share, _share(observation.operator.speed))  # what is seen may only take from it
         for fault, _, state in self._rows:
             if state.active_s is None:
                 continue
@@ -149,9 +149,14 @@ def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
     """What a row does that acts, and the share of speed that it leaves."""
     if state.expired:
         return Action.STOP, 0.0
-    if fault.does is Action.HOLD and state.detection.leaving > 0:
-        return Action.SLOW, state.detection.leaving
-    return fault.does, min(fault.share, state.detection.share) if fault.does is Action.SLOW else 1.0
+    if fault.does is Action.HOLD and (leaving := _share(state.detection.leaving)) > 0:
+        return Action.SLOW, leaving
+    return fault.does, min(fault.share, _share(state.detection.share)) if fault.does is Action.SLOW else 1.0
+
+
+def _share(value: float) -> float:
+    """A share of speed; none where the value is not one, as NaN."""
+    return value if 0 <= value <= 1 else 0.0
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:

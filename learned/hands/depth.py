@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.reading import Reading
+from learned.hands.reading import Reading, over_table
 
 PALM_PX, TIP_PX = 4, 2  # half the width of a window around a point
 LEAST_KNOWN = 0.25  # of a window's pixels
@@ -29,13 +29,13 @@ def heights_by_depth(frame: Frame, view: View, reading: Reading, guess_m: tuple[
     if frame.depth_mm is None:
         return guess_m
     seen = height_at(frame.depth_mm, view, reading.points_px["palm"], PALM_PX)
-    if seen is None or abs(seen - UNDER_SKIN_M - palm_m) > BELIEVED_M:
+    if seen is None or not abs(seen - UNDER_SKIN_M - palm_m) <= BELIEVED_M:
         return guess_m
-    palm = max(0.0, seen - UNDER_SKIN_M)
+    palm = over_table(seen - UNDER_SKIN_M)
     tips = palm + tips_m - palm_m
     found = [height_at(frame.depth_mm, view, reading.points_px[name], TIP_PX) for name in ("thumb", "index")]
     near = [one - UNDER_NAIL_M for one in found if one is not None and abs(one - UNDER_NAIL_M - tips) < TIPS_BELIEVED_M]
-    return palm, max(0.0, float(np.mean(near)) if near else tips)
+    return palm, over_table(float(np.mean(near)) if near else tips)
 
 
 def height_at(depth_mm: NDArray[np.uint16], view: View, pixel: Array, half_px: int) -> float | None:

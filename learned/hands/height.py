@@ -14,7 +14,7 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.reading import ApparentSize, Reading
+from learned.hands.reading import ApparentSize, Reading, over_table
 
 LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its mean absolute error
 # The network's errors of the size differ too little: the true ones grow with their square, and are the same here.
@@ -68,7 +68,7 @@ def heights_m(reading: Reading, view: View, length: PalmLength) -> tuple[float, 
     by_size_sd = far_m * math.hypot(_angle_sd(reading.size), math.sqrt(length.variance))
     height_m, sd = _mean((palm_m, palm_sd), (by_size_m, by_size_sd))
     tips, _ = _mean((tips_m, tips_sd), (height_m + tips_m - palm_m, math.hypot(sd, BEND_M)))
-    return max(0.0, height_m), max(0.0, tips)
+    return over_table(height_m), over_table(tips)
 
 
 def _around_sds(size: ApparentSize) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.hands.height import PalmLength
-from learned.hands.reading import ApparentSize, Reading
+from learned.hands.reading import ApparentSize, Reading, over_table
 from learned.hands.refinement import Refinement
 from learned.hands.regions import POINTS, Image, Regions, planes
 from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
@@ -161,7 +161,7 @@ class SlimReader:
             acting=float(answer["acting"]),
             points_px=points,
             box_px=(left, top, right, bottom),
-            heights_m=(max(0.0, float(answer["heights_m"][0])), max(0.0, float(answer["heights_m"][1]))),
+            heights_m=(over_table(float(answer["heights_m"][0])), over_table(float(answer["heights_m"][1]))),
             held_part=None if kind == 0 else self._types[kind - 1],
             size=ApparentSize(
                 float(answer["log_angle"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -52,6 +53,11 @@ class Reading:
     def centre_px(self) -> Array:
         """Where a region around the hand is centred."""
         return centre_of(self.points_px["palm"], self.points_px["pinch"])
+
+
+def over_table(height_m: float) -> float:
+    """A height that is not below the table; one that is no number stays none, as it must not become the table's."""
+    return height_m if math.isnan(height_m) else max(0.0, height_m)
 
 
 class RegionReader(Protocol):

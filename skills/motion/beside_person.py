@@ -30,8 +30,7 @@ class BesidePerson:
         """
         self._separation, self._kinematics = separation, kinematics
         self._speeds_rad_s = np.array(speeds_rad_s)
-        (person,) = (one for one in separation.persons.of((), (), SEEN_S) if not one.waited_for)
-        self._person = person
+        self._person = separation.persons.behind(separation.persons.edge, SEEN_S)
 
     def soonest(self, start_rad: Array, goal_rad: Array) -> list[Array]:
         """Ways (k, 6) between two postures, straight between their rows; the one that takes the least time first."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 
 from cell.interfaces.observation import Observation
-from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array, Pose
+from skills.motion.known_bench import Implausible, KnownBench
 from skills.motion.planner import Load, MotionPlanner, Plan
-from skills.motion.separation import Following, Separation, SeparationMonitor
+from skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
 from skills.motion.trajectory import joined
 
 BACK_M = (0.08, 0.16, 0.24)  # the tool is drawn back so far, before it turns away
@@ -21,24 +22,24 @@ RISES_M = (0.0, 0.08)  # and lifted so far before that
 def separation_of(
     monitor: SeparationMonitor, seen: Observation, ahead: Following | None, joints_rad: Array | None = None
 ) -> Separation | None:
-    """From every hand that is seen, and from where others may be; None without a view of the bench, or joints.
+    """From every hand that is seen, and from where others may be; None without a view of the bench.
+
+    Where hands, joints or the place on the path are no sound numbers, it is `UNKNOWN`, which holds the arm.
 
     Args:
         ahead: the trajectory that the arm follows or would follow, and how far along it the arm is.
         joints_rad: (6,) where the arm would stand; as measured by default.
     """
-    joints = np.array(seen.arm.positions_rad) if joints_rad is None else joints_rad
-    if seen.bench is None or joints.shape != (6,) or not np.isfinite(joints).all():
-        return None
-    persons = monitor.persons.of(hands_of(seen), seen.bench.left_by, max(0.0, seen.time_s - seen.bench.time_s))
-    return monitor.judge(joints, persons, seen.gripper.holding, ahead)
-
-
-def hands_of(seen: Observation) -> list[HandSample]:
-    """All hands that are seen."""
+    joints = seen.arm.joints_rad if joints_rad is None else joints_rad
     if seen.bench is None:
-        return []
-    return [hand for hand in (seen.bench.hand, *seen.bench.other_hands) if hand is not None]
+        return None
+    if joints is None or not (ahead is None or 0 <= ahead[1] < math.inf):
+        return UNKNOWN
+    try:
+        persons = monitor.persons.of(KnownBench(monitor.persons.view_range, seen.bench, seen.time_s))
+    except Implausible:
+        return UNKNOWN
+    return monitor.judge(np.array(joints), persons, seen.gripper.holding, ahead)
 
 
 def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
@@ -47,6 +48,8 @@ def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_ra
     Turned about the arm's base, the tool often comes nearer to the person first: then it is drawn back before.
     """
     reason = "no way leads away from the hand"
+    if separation_of(planner.separation, seen, None) is UNKNOWN:
+        return reason
     for path in _ways(planner, seen, start_rad, goal_rad, load):
         if isinstance(path, str):
             continue
@@ -61,7 +64,7 @@ def _ways(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad:
     yield planner.near_move(start_rad, goal_rad, load)
     tool = planner.kinematics.forward(start_rad)
     here = np.array(tool.position_m[:2])
-    back = [-here, *(here - np.array(hand.fingertips_m) for hand in hands_of(seen))]
+    back = [-here, *(here - np.array(hand.fingertips_m) for hand in (seen.bench.hands if seen.bench else ()))]
     for rise_m, back_m, along in product(RISES_M, BACK_M, back):
         x, y = here + along * (back_m / max(float(np.linalg.norm(along)), 1e-9))
         z = tool.position_m[2] + rise_m

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,9 +11,9 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Array
+from skills.motion.known_bench import EDGES, KnownBench, ViewRange
 from skills.motion.settings import SeparationSettings
 
-EDGES: tuple[Edge, ...] = ("left", "top", "right", "bottom")
 EDGE_PX = 6  # a box this near to the image's edge touches it
 HANDS = 2  # of the person; those that are not seen may come over the person's edge
 HAND_LENGTH_M = 0.12
@@ -83,18 +82,19 @@ class PersonSpace:
     """Seen from the overhead camera.
 
     Attributes:
+        view_range: what a tracker can tell of hands.
         beyond: all places beyond an edge of the view that a hand can be at.
         edge: the edge behind which the person stands: x points towards the person.
     """
 
     def __init__(self, bench: Bench, settings: SeparationSettings) -> None:
-        self._settings = settings
+        self._settings, self.view_range = settings, ViewRange(bench)
         self._camera, self._world_from_camera = bench.overhead.model, bench.overhead.mount.pose
         self._eye = np.array(bench.overhead.mount.position_m)
         self.beyond = {edge: self._outside(edge) for edge in EDGES}
         self.edge: Edge = max(EDGES, key=self._towards_person)
 
-    def of(self, hands: Sequence[HandSample], left_by: Sequence[Edge], age_s: float) -> list[Person]:
+    def of(self, known: KnownBench) -> list[Person]:
         """Every hand that is seen, and as many beyond the edges as may be there.
 
         A hand that left by an edge may come back anywhere there. Behind the edge where the person stands a hand may
@@ -103,12 +103,15 @@ class PersonSpace:
         """
         speed_m_s = self._settings.hand_speed_m_s
         persons = [
-            Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2) for hand in hands
+            Person(self.wall(hand), known.age_of_s(hand), speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2)
+            for hand in known.hands
         ]
-        edges = {*left_by, self.edge} if len(hands) < HANDS else {*left_by}
-        return persons + [
-            Person(self.beyond[one], age_s, speed_m_s, waited_for=one != self.edge) for one in EDGES if one in edges
-        ]
+        edges = {*known.left_by, self.edge} if known.count < HANDS else {*known.left_by}
+        return persons + [self.behind(edge, known.age_s) for edge in EDGES if edge in edges]
+
+    def behind(self, edge: Edge, age_s: float) -> Person:
+        """Whoever may be beyond an edge of the view, of which so old a frame is known."""
+        return Person(self.beyond[edge], age_s, self._settings.hand_speed_m_s, waited_for=edge != self.edge)
 
     def wall(self, hand: HandSample) -> coal.Convex:
         """A wall over the bench, from the fingertips over the palm along the forearm; C is 0, as the tips are seen."""
@@ -122,7 +125,7 @@ class PersonSpace:
         end = tips + (length_m + settings.forearm_m) * along
         corners = np.array([start - across, start + across, end + across, end - across])
         if hand.height_m is not None:
-            return _prism(corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0) + KNUCKLES_M)
+            return _prism(corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0, 0.0) + KNUCKLES_M)
         return _prism(
             self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
         )

@@ -42,8 +42,8 @@ def retreat_share(
     rooms_m = np.minimum(outline.rooms(placed, person, holding, clear_m).distances_m, clear_m)
     nearer_m = np.maximum.accumulate(rooms_m, axis=0) - rooms_m
     gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + SWAY_M)
-    if nearer_m.max() > SWAY_M or not gains:
+    if not (gains and nearer_m.max() <= SWAY_M):
         return 0.0
     corners_m = outline.corners_m(placed[1 : SOON + 2])
     fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / STEP_S
-    return min(1.0, speed_m_s / max(fastest_m_s, 1e-9))
+    return min(speed_m_s / max(fastest_m_s, 1e-9), 1.0)

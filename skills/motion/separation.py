@@ -8,6 +8,7 @@ there: for that, the arm's braking is played through along its path. It is no sa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -60,6 +61,15 @@ class Separation:
     nearest: str = ""
     leaving: float = 0.0
 
+    @property
+    def spare_m(self) -> float:
+        """How much of the distance is not needed; minus infinity where that is unknown."""
+        spare_m = self.distance_m - self.least_m
+        return -math.inf if math.isnan(spare_m) else spare_m
+
+
+UNKNOWN = Separation(math.nan, 0.0, 0.0)  # it is not known who is where: the arm stands
+
 
 class SeparationMonitor:
     """Geometry of arm and person; the same question has the same answer.
@@ -104,7 +114,7 @@ class SeparationMonitor:
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
         corners_m = turned(self.outline.corners_m(placed))
         known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]
-        worst, leaving = Separation(np.inf, 1.0, 0.0), 1.0
+        found, leaving = [Separation(np.inf, 1.0, 0.0)], 1.0
         for person, rooms in ((one, of) for one, of in known if one.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
             least_left_m = rooms.least_m[0] - person.most_m_s(takes_s, self._mean_over_s) * takes_s
@@ -120,12 +130,11 @@ class SeparationMonitor:
                 self.protective_m(float(coming_m_s[link]), person.age_s),
             )
             clear_m = least_m + self.settings.hysteresis_m
-            if room_m < clear_m:
+            if not room_m >= clear_m:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
-            if room_m - least_m < worst.distance_m - worst.least_m:
-                worst = Separation(room_m, 1.0, least_m, self.outline.names[link])
+            found.append(Separation(room_m, 1.0, least_m, self.outline.names[link]))
         share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
-        return replace(worst, share=share, leaving=leaving)
+        return replace(min(found, key=lambda one: one.spare_m), share=share, leaving=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.
@@ -151,7 +160,7 @@ class SeparationMonitor:
         fastest_m_s = self._speeds_m_s(turned(self.outline.corners_m(self.outline.placed(path.along(times_s))))).max(
             initial=0.0
         )
-        return self.settings.slow_m_s / max(float(fastest_m_s), self.settings.slow_m_s)
+        return self.settings.slow_m_s / float(np.maximum(fastest_m_s, self.settings.slow_m_s))
 
     def _speeds_m_s(self, corners_m: Array) -> Array:
         """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L)."""
@@ -169,8 +178,8 @@ class SeparationMonitor:
         """
         between, slow_m_s = self._speeds_m_s(corners_m), self.settings.slow_m_s
         speeds_m_s = np.maximum(between[:-1], between[1:])
-        if (least := slow_m_s / max(float(speeds_m_s.max()), slow_m_s)) >= 1:
-            return 1.0
+        if not (least := slow_m_s / float(np.maximum(speeds_m_s.max(), slow_m_s))) < 1:
+            return least  # 1, or NaN: no share is known to be slow
         shares: Array = np.linspace(least, 1.0, SHARES)
         arrivals = [_Arrival(*one, self._off_m, self.settings) for one in known]
         braking = self._braking(path_rad)
@@ -181,7 +190,7 @@ class SeparationMonitor:
                 soonest: Array = np.full(needed_s.shape, np.inf)
                 for arrival in arrivals:
                     soonest = np.minimum(soonest, arrival.arrives_s(needed_s, most))
-                refused = (soonest < until_s).any(axis=(1, 2))
+                refused = ~(soonest >= until_s).all(axis=(1, 2))
                 until_s = until_s[: int(refused.argmax()) + 1] if refused.any() else until_s
             if refused.any():
                 return float(shares[len(until_s) - 1])
@@ -223,7 +232,7 @@ class SeparationMonitor:
         until_s: Array = np.full((len(shares), *speeds_m_s.shape), -np.inf)
         if played:
             place = np.array(pieces)
-            fast = speeds_m_s[place] * np.array(played)[..., np.newaxis] > self.settings.slow_m_s + TINY
+            fast = ~(speeds_m_s[place] * np.array(played)[..., np.newaxis] <= self.settings.slow_m_s + TINY)
             step, share, link = np.nonzero(fast)  # of several steps in one piece the last counts
             until_s[share, place[step, share], link] = np.array(times_s)[step]
         return until_s
@@ -235,7 +244,7 @@ class SeparationMonitor:
             return 0.0
         leaving_m_s = self.settings.leaving_m_s
         hand_m_s = person.most_m_s(self._takes_s(person.age_s, leaving_m_s), self._mean_over_s)
-        if room_m < self.protective_m(hand_m_s, person.age_s, leaves=True):
+        if not room_m >= self.protective_m(hand_m_s, person.age_s, leaves=True):
             return 0.0
         return retreat_share(self.outline, joints_rad, ahead, person.body, clear_m, leaving_m_s, holding=holding)
 
@@ -244,7 +253,7 @@ class SeparationMonitor:
         pinocchio.forwardKinematics(self._model, self._data, joints_rad)
         x, y, z = self._data.oMi[self._model.njoints - 1].translation
         height_m = BLIND_HEIGHT_M
-        if z > height_m + TOOL_LENGTH_M:
+        if z > height_m + TOOL_LENGTH_M:  # of NaN it is not known
             return False
         points = self._camera_from_world.transform(np.array([[x, y, 0.0], [x, y, height_m]]))
         pixels = points @ self._camera.matrix.T
@@ -288,7 +297,7 @@ class _Arrival:
             most: so many, the likeliest, are measured; None for all.
         """
         urgent_s = self._least_s - needed_s
-        asked = urgent_s < 0
+        asked = ~(urgent_s >= 0)
         if most is not None and asked.sum() > most:
             asked = urgent_s <= np.partition(urgent_s, most, axis=None)[most]
         self._asked |= asked

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
-from skills.motion.person_space import EDGES, Person
+from skills.motion.known_bench import EDGES
+from skills.motion.person_space import Person
 from skills.motion.planner import Load
 from skills.motion.separation import Following, Separation
 from skills.motion.trajectory import joined, joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
+from tests.skills.test_separation import persons
 
 PLANNER = motion_planner()
 MONITOR = PLANNER.separation
@@ -110,15 +112,15 @@ def test_a_hand_that_could_be_there_meanwhile_holds_the_arm(speed: float, headin
 def test_unknown_is_never_good() -> None:
     """A hand whose speed is not known yet, and a hand that left the view."""
     assert judged(beside(0.045, None), AWAY).leaving == 0
-    for edge, person in zip(EDGES, MONITOR.persons.of((), EDGES, AGE_S), strict=True):
-        found = MONITOR.judge(OVER_P2_RAD, [person], False, (AWAY, 0.0))
+    for edge in EDGES:
+        found = MONITOR.judge(OVER_P2_RAD, [MONITOR.persons.behind(edge, AGE_S)], False, (AWAY, 0.0))
         assert found.leaving == (found.distance_m >= found.least_m + S.hysteresis_m), edge
 
 
 def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
     behind = hand(tool[0] - 0.10, tool[1] - 0.20)  # on the way to the parking place
-    near, far, behind_it = MONITOR.persons.of((beside(0.045), hand(3.0, 2.0), behind), (), AGE_S)
+    near, far, behind_it = persons([beside(0.045), hand(1.25, -0.6), behind], (), AGE_S)
 
     def leaving(*persons: Person) -> float:
         return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).leaving

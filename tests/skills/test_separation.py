@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import coal
@@ -13,13 +14,14 @@ from hypothesis import strategies as st
 
 from cell.interfaces.bench import Obstacle
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.perception import Edge, HandSample
+from cell.interfaces.perception import Action, BenchView, Edge, HandSample
 from cell.interfaces.pose import Pose
 from learned.classical.track_health import motion_of
 from skills.motion import arm_outline
 from skills.motion.arm_outline import HELD_RADIUS_M
 from skills.motion.collision import CollisionChecker
-from skills.motion.person_space import EDGES, Person, PersonSpace
+from skills.motion.known_bench import EDGES, KnownBench
+from skills.motion.person_space import Person, PersonSpace
 from skills.motion.planner import MotionPlanner
 from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
 from skills.motion.trajectory import joint_move
@@ -43,13 +45,17 @@ def hand(x_m: float, y_m: float, velocity: tuple[float, float] | None = (0.0, 0.
 def judge(
     joints: np.ndarray, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
 ) -> Separation:
-    (person,) = MONITOR.persons.of([hand, hand], (), age_s)[:1]
+    person = persons([hand], (), age_s)[0]
     return MONITOR.judge(joints, [person], holding, ahead)
 
 
+def persons(hands: Sequence[HandSample], left_by: Sequence[Edge], age_s: float) -> list[Person]:
+    view = BenchView(0, 0.0, None, {}, Action("idle", 1.0), other_hands=tuple(hands), left_by=tuple(left_by))
+    return MONITOR.persons.of(KnownBench(MONITOR.persons.view_range, view, age_s))
+
+
 def judge_beyond(edge: Edge, ahead: Following) -> Separation:
-    person = next(one for one in MONITOR.persons.of((), (edge,), 0.15) if one.body is MONITOR.persons.beyond[edge])
-    return MONITOR.judge(PARK, [person], False, ahead)
+    return MONITOR.judge(PARK, [MONITOR.persons.behind(edge, 0.15)], False, ahead)
 
 
 def speed_towards_person(speed_m_s: float) -> tuple[float, float]:
@@ -281,15 +287,15 @@ def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     beyond = {edge: judge_beyond(edge, ahead) for edge in EDGES}
     assert beyond["left"].distance_m < beyond["left"].least_m
     assert beyond[PersonSpace(BENCH, S).edge].distance_m == np.inf
-    both = MONITOR.judge(PARK, MONITOR.persons.of((), EDGES, 0.15), False, ahead)
+    both = MONITOR.judge(PARK, persons((), EDGES, 0.15), False, ahead)
     assert both.share == min(one.share for one in beyond.values())
 
 
 def test_a_hand_that_is_not_seen_may_come_over_the_persons_edge_whatever_else_is_seen() -> None:
-    space, one = MONITOR.persons, hand(3.0, 2.0)
-    for seen in ((), (one,)):
-        assert space.beyond[space.edge] in [person.body for person in space.of(seen, (), 0.1)]
-    assert len(space.of((one, one), (), 0.1)) == 2, "both hands are seen"
+    space, one, other = MONITOR.persons, hand(1.2, 0.4), hand(1.2, 0.3)
+    for seen in ((), (one,), (one, one)):  # a hand that is told twice is one
+        assert space.beyond[space.edge] in [person.body for person in persons(seen, (), 0.1)]
+    assert len(persons((one, other), (), 0.1)) == 2, "both hands are seen"
 
 
 @given(st.floats(0.0, S.hand_height_m), st.floats(-0.3, 0.5), st.floats(0.5, 1.1))
@@ -355,17 +361,17 @@ def test_what_is_not_measured_would_change_nothing(
     x_m: float, y_m: float, speed_m_s: float, path_s: float, holding: bool
 ) -> None:
     seen, ahead = hand(x_m, y_m, speed_towards_person(speed_m_s)), (ACROSS, path_s)
-    persons = MONITOR.persons.of([seen], (), 0.1)
-    found = MONITOR.judge(ACROSS.at(path_s), persons, holding, ahead)
+    known = persons([seen], (), 0.1)
+    found = MONITOR.judge(ACROSS.at(path_s), known, holding, ahead)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(arm_outline, "bounds_m", lambda corners_m, _: np.full(corners_m.shape[2:], -9.0))
-        assert MONITOR.judge(ACROSS.at(path_s), persons, holding, ahead) == found
+        assert MONITOR.judge(ACROSS.at(path_s), known, holding, ahead) == found
 
 
 def test_no_distance_is_below_its_bound() -> None:
     rng = np.random.default_rng(5)
     placed = MONITOR.outline.placed(rng.uniform(-2.0, 2.0, (30, 6)))
-    for person in MONITOR.persons.of([hand(0.6, 0.1), hand(0.9, -0.2)], EDGES, 0.1):
+    for person in persons([hand(0.6, 0.1), hand(0.9, -0.2)], EDGES, 0.1):
         rooms = MONITOR.outline.rooms(placed, person.body, True)
         assert (rooms.distances_m >= rooms.least_m).all()
 

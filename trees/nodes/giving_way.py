@@ -109,6 +109,6 @@ class GiveWay(SkillNode):
 
     def _left(self, seen: Observation) -> bool:
         """Whether no hand is near the place any more where the arm stood."""
-        if seen.bench is None or seen.bench.hand_unknown or seen.time_s - seen.bench.time_s > STALE_S:
+        if seen.bench is None or seen.bench.hand_unknown or not seen.time_s - seen.bench.time_s <= STALE_S:
             return False
         return self._room_m(seen, self._held_rad) >= self.near_m.get()

@@ -118,7 +118,7 @@ class HandWatch(CellNode):
 
     def update(self) -> Status:
         view = self.now.observation.bench
-        if view is None or self.now.observation.time_s - view.time_s > self.stale_s.get():
+        if view is None or not self.now.observation.time_s - view.time_s <= self.stale_s.get():
             self.feedback_message = "no fresh view of the bench"
             return Status.RUNNING
         if view.hand is None:
@@ -126,8 +126,7 @@ class HandWatch(CellNode):
         name, target_m = self.target()
         way = beginning(np.array(self.services.tool_on_bench_m()), target_m, self.way_m.get())
         soon = moved(view.hand, self.lookahead_s.get())
-        nearest_m = min(distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m))
-        if nearest_m >= self.distance_m.get():
+        if all(distance_m(point, *way) >= self.distance_m.get() for point in (soon.fingertips_m, soon.palm_m)):
             return Status.SUCCESS
         self.feedback_message = Message("the hand is near the way to {name}", name=name)
         self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))

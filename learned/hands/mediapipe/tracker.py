@@ -31,7 +31,7 @@ from learned.hands.mediapipe.hands import (
 )
 from learned.hands.mediapipe.hands import Landmarks as Hand
 from learned.hands.model import NEAR_PX, SlimReader
-from learned.hands.reading import Reading, RegionReader
+from learned.hands.reading import Reading, RegionReader, over_table
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
 
@@ -120,7 +120,7 @@ class MediaPipeReader:
         pixels = sum(float(np.linalg.norm(hand.points_px[a] - hand.points_px[b])) for a, b in bones)
         depth_m = self._setup.focal_px * metres / max(pixels, 1e-6)
         by_size = self._setup.mount.position_m[2] - depth_m
-        return max(0.0, USUAL_M + BELIEVED * (by_size - USUAL_M))
+        return over_table(USUAL_M + BELIEVED * (by_size - USUAL_M))
 
 
 def _completed(found: Reading, closer: RegionReader, image: Image) -> Reading:

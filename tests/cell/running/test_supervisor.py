@@ -22,6 +22,7 @@ from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.running.device_writer import withhold
 from cell.running.fault_checks import CHECKS as OWN
 from cell.running.fault_checks import arm_checks, tick_checks
+from cell.running.person_checks import person_checks
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.cell.fakes import arm_monitor
 from tests.integration.cell_rig import motion_planner
@@ -55,7 +56,9 @@ def gripper(**changes: object) -> Spoil:
 def view(**changes: object) -> Spoil:
     def spoil(seen: Observation) -> Observation:
         assert seen.bench is not None
-        return replace(seen, bench=replace(seen.bench, **changes))  # type: ignore[arg-type]
+        bench = replace(seen.bench, **changes)  # type: ignore[arg-type]
+        hand = bench.hand and replace(bench.hand, time_s=bench.time_s)
+        return replace(seen, bench=replace(bench, hand=hand))
 
     return spoil
 
@@ -95,6 +98,7 @@ SPOILS: dict[str, Spoil] = {
     "bench_not_seen": view(unseen="the bench is not seen"),
     "hand_unknown": view(hand_unknown="it vanished"),
     "hand_cues_disagree": view(unexplained="something reaches into the view"),
+    "hand_not_plausible": view(hand=HandSample(0.0, (0, 0, 9, 9), (math.nan, 0.0), (1.2, 0.4))),
     "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),
     "tick_very_late": lambda seen: replace(seen, late_s=0.5),
@@ -171,7 +175,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 
 def test_every_signal_has_a_check_and_a_test() -> None:
-    assert set(CHECKS) | {"hand_near", "hand_too_near", "blind_area"} == set(SIGNALS)
+    assert set(CHECKS) | set(person_checks(motion_planner().separation)) == set(SIGNALS)
     assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME, *OF_HANDS} == set(SIGNALS)
 
 

@@ -79,7 +79,9 @@ class World:
         moving = self.path is not None and self.path_s < self.path.duration_s
         path_s = None if self.path is None else self.path_s
         arm = ArmState(self.time_s, tuple(self.joints), tuple(self.speeds), moving, path_s=path_s)
-        view = BenchView(self.tick, self.time_s, self.hand(self), {}, Action("idle", 1.0), hand_unknown=self.unknown)
+        hand = self.hand(self)
+        hand = hand and replace(hand, time_s=self.time_s)
+        view = BenchView(self.tick, self.time_s, hand, {}, Action("idle", 1.0), hand_unknown=self.unknown)
         gripper = replace(GRIPPER, time_s=self.time_s)
         return Observation(self.tick, self.time_s, arm, gripper, view, work_s=self.worked_s)
 

@@ -22,13 +22,14 @@ import sys
 import tempfile
 import threading
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import for_shift
+from cell.configuration import Configuration, for_shift
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
 from cell.wiring.detectors import detectors_of
@@ -83,7 +84,7 @@ class Trial:
             PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered, detect=detect
         )
         self._moment = Moment(cell, wanted_state, max(self.brackets, 1) * len(PRODUCT.positions), chance)
-        devices = without_pixels(cell, configuration, PRODUCT) if self.bare else cell.devices
+        address = self.folder / "world.sock"
         show = cell.devices.panel.show
 
         def shown(display: Display) -> None:
@@ -91,17 +92,7 @@ class Trial:
             show(display)
 
         cell.devices.panel.show = shown  # type: ignore[method-assign]
-        address = self.folder / "world.sock"
-        period_s = simulation.physics.control_period_s
-        server = WorldServer(
-            devices,
-            CarriedBuses(configuration.devices.virtual_channels),
-            address,
-            period_s,
-            identity(PRODUCT),
-            Drawn(self.seed, wanted),
-            watch=self._watch,
-        )
+        server = served(cell, configuration, address, Drawn(self.seed, wanted), self._watch)
         lines: list[dict[str, Any]] = []
         controllers = threading.Thread(target=self._controllers, args=(address, lines, server), daemon=True)
         controllers.start()
@@ -127,19 +118,7 @@ class Trial:
             server.end()
 
     def _control(self, address: Path, log: Path, more: tuple[str, ...]) -> dict[str, Any]:
-        command = [
-            sys.executable,
-            "-m",
-            "cell",
-            "lab",
-            "run",
-            "--world",
-            str(address),
-            "--log",
-            str(log),
-            "--json",
-            *more,
-        ]
+        command = [*controller(address, log), *more]
         if self.brackets:
             command += ["--shift", str(self.brackets)]
         with (self.folder / f"{log.stem}.err").open("w") as errors:
@@ -213,6 +192,21 @@ class Trial:
             "sim_time_s": told.get("sim_time_s"),
             "exit": told.get("exit"),
         }
+
+
+def served(
+    cell: SimCell, configuration: Configuration, address: Path, drawn: Drawn, watch: Callable[[float], None]
+) -> WorldServer:
+    """A server of this cell; of one that renders nothing, hands, holes and parts come from the truth."""
+    devices = cell.devices if cell.sight is None else without_pixels(cell, configuration, PRODUCT)
+    buses = CarriedBuses(configuration.devices.virtual_channels)
+    period_s = configuration.devices.simulation.physics.control_period_s
+    return WorldServer(devices, buses, address, period_s, identity(PRODUCT), drawn, watch=watch)
+
+
+def controller(address: Path, log: Path) -> list[str]:
+    """The command of a controller for the world at an address."""
+    return [sys.executable, "-m", "cell", "lab", "run", "--world", str(address), "--log", str(log), "--json"]
 
 
 def main() -> None:

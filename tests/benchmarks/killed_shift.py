@@ -230,10 +230,8 @@ def held(process: int) -> dict[str, float]:
 
 def table(folder: Path, shift: KilledShift, sums: dict[str, Any]) -> str:
     """A row for each controller: ticks from its log, memory and handles from the minutes."""
-    lines = [
-        "| controller | killed while it | ticks | late | median ms | longest ms | MB | handles | threads | resumed in s |"
-    ]
-    lines.append("|---|---|---|---|---|---|---|---|---|---|")
+    heads = "controller", "killed while it", "ticks", "late", "median ms", "longest ms", "MB", "handles", "threads"
+    lines = [f"| {' | '.join((*heads, 'resumed in s'))} |", "|---" * (len(heads) + 1) + "|"]
     for number in range(len(shift.runs)):
         told, rows = of_log(folder / f"part{number:02d}.mcap"), [r for r in shift.minutes if r["controller"] == number]
         spans = [span(rows, f"controller_{name}") for name in ("rss_mb", "handles", "threads")]

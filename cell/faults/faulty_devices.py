@@ -1,11 +1,11 @@
-"""Devices, a panel and a CAN bus with faults: they answer as broken ones would. Nothing of a controller knows of it."""
+"""Devices, detectors, a panel and a CAN bus with faults: they answer as broken ones would; no controller knows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import can
 import numpy as np
@@ -17,11 +17,14 @@ from cell.interfaces.devices import Arm, Camera
 from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.operator import OperatorOrder, OrderKind
+from cell.running.inference import Executor
 
 AGAIN_S = 0.2  # after which a repeated order comes once more, and a foreign frame
 STATUS, FRAMES = "GripperStatus", "frames"
 FLIPS: dict[OrderKind, OrderKind] = {"pause": "resume", "resume": "pause"}
 Value = TypeVar("Value")
+Job = TypeVar("Job")
+View = TypeVar("View")
 
 
 class Injected(Protocol):
@@ -191,6 +194,48 @@ class FaultyPanel:
             yield from (_pressed(FLIPS.get(order.kind, order.kind)) for order in orders)
         elif fault.kind != "lost":
             yield from orders * (2 if fault.kind == "repeated" else 1)
+
+
+class FaultyDetector(Generic[Job, View]):
+    """A detector with faults in its answers. Implements `Executor`.
+
+    Args:
+        whole, single: by what names faults call its answer, and what is in it.
+    """
+
+    def __init__(self, detector: Executor[Job, View], injection: Injected, whole: str, single: Sequence[str]) -> None:
+        self._detector, self._injection, self._whole, self._single = detector, injection, whole, single
+        self.submit, self.close = detector.submit, detector.close
+
+    def poll(self) -> View | None:
+        """The answer as the faults have it."""
+        true, now_s = self._detector.poll(), self._injection.now_s()
+        view: Any = true
+        for fault in self._injection.on(self._whole):
+            if view is None or (fault.signal, fault.kind) == ("answer", "lost"):
+                view = None
+            elif fault.signal == "answer":
+                view = fault.told(view, now_s)
+            elif fault.signal == "view":
+                view = replace(fault.told(view, now_s), sequence=view.sequence, time_s=view.time_s)
+            else:
+                view = told(view, [fault], now_s)
+        for name in self._single:
+            for fault in self._injection.on(name):
+                view = view and _within_view(view, name, fault, now_s)
+        self._injection.shown |= view is not true
+        return cast("View | None", view)
+
+
+def _within_view(view: Any, name: str, fault: SignalFault, now_s: float) -> Any:
+    """A view with the fault in its hand, or in each of its holes or parts."""
+    if name == "hand":
+        return view if view.hand is None else replace(view, hand=told(view.hand, [fault], now_s))
+    if name == "hole":
+        return replace(view, holes={place: told(hole, [fault], now_s) for place, hole in view.holes.items()})
+    poses = (told(one.world_from_part, [fault], now_s) for one in view.detections)
+    moved = zip(view.detections, poses, strict=True)
+    return replace(view, detections=tuple(replace(one, world_from_part=pose) for one, pose in moved))
 
 
 def _pressed(kind: str) -> OperatorOrder:

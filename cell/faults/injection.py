@@ -14,13 +14,16 @@ from typing import Any
 import can
 
 from cell.errors import InputError
-from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyPanel
+from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyDetector, FaultyPanel
 from cell.faults.named_faults import EITHER, FAULTS, FaultKind, signals_of
 from cell.faults.signal_faults import ORDERS, SignalFault
 from cell.faults.work_state import OTHER_STATES, STATES, WorkState
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
+from cell.interfaces.frame import Frame
 from cell.interfaces.operator import OperatorOrder
+from cell.interfaces.perception import BenchView, PartsView
+from cell.running.inference import Executor
 from cell.watching.observer import Observer, TickRecord
 from skills.drivers.can_gripper import CanGripper
 
@@ -166,6 +169,15 @@ class Injection(Observer):
         arm, panel = FaultyArm(devices.arm, self), FaultyPanel(pressed, self)
         return replace(devices, arm=arm, overhead=overhead, wrist=wrist, panel=attendant, pressed=panel)
 
+    def detectors(
+        self, watcher: Executor[Frame, BenchView], finder: Executor[Frame, PartsView]
+    ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
+        """The same detectors with proxies: of overhead and of wrist frames."""
+        return (
+            FaultyDetector(watcher, self, "bench", ("hand", "hole")),
+            FaultyDetector(finder, self, "parts", ("part",)),
+        )
+
     def _bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
         """The same bus with a proxy."""
         faulty: Any = FaultyBus(bus, self, database)
@@ -196,6 +208,14 @@ class Injections(Observer):
         for one in self.injections:
             devices = one.devices(devices)
         return devices
+
+    def detectors(
+        self, watcher: Executor[Frame, BenchView], finder: Executor[Frame, PartsView]
+    ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
+        """The same detectors with the proxies of all."""
+        for one in self.injections:
+            watcher, finder = one.detectors(watcher, finder)
+        return watcher, finder
 
     def tick(self, record: TickRecord) -> None:
         """All see the same states."""

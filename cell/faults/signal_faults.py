@@ -1,6 +1,7 @@
 """A fault is data: a kind in a signal of a device, such as `arm.positions_rad.2:offset:0.1` or `arm.pace:lost`.
 
-A signal is a field of a device's state, an order to a device, or on the gripper's bus a message or a register.
+A signal is a field of a device's state, an order to a device, on the gripper's bus a message or a register, or a field
+of a detector's answer: of the view itself, or of a hand, a hole or a part in it.
 """
 
 from __future__ import annotations
@@ -18,10 +19,25 @@ import numpy as np
 from cell.errors import InputError
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.observation import ArmMode
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 
 Kind = Literal[
-    "stuck", "late", "early", "repeated", "scaled", "offset", "flipped", "lost", "foreign", "cut", "refused"
+    "stuck",
+    "late",
+    "early",
+    "repeated",
+    "scaled",
+    "offset",
+    "flipped",
+    "lost",
+    "foreign",
+    "nan",
+    "infinite",
+    "jumps",
+    "swapped",
+    "cut",
+    "refused",
 ]  # the last two, a part and an exception, are not drawn
 ANY: tuple[Kind, ...] = get_args(Kind)
 KINDS = ANY[:8]  # without those that need to know what another device could tell
@@ -29,6 +45,9 @@ ANSWER, WORD, MEASURE = ("stuck", "late", "repeated", "lost"), ("stuck", "repeat
 ORDER: tuple[Kind, ...] = ("stuck", "late", "repeated", "scaled", "offset", "flipped", "foreign", "lost")
 FRAME: tuple[Kind, ...] = ("stuck", "late", "repeated", "flipped", "foreign", "lost")
 REGISTER: tuple[Kind, ...] = ("stuck", "scaled", "offset", "flipped", "foreign")
+AT_ONCE: tuple[Kind, ...] = ("scaled", "offset", "foreign", "nan", "infinite", "jumps")  # nothing is kept for them
+POINT: tuple[Kind, ...] = ("stuck", "late", "repeated", "flipped", "swapped", *AT_ONCE)
+FAR_M = 1e9
 LATE_S = 0.2  # how late or early, where nothing else is said
 SCALE = 1.3
 RAMP_S = 0.3  # in which a wrong path leaves the right one: servos cannot jump
@@ -92,6 +111,31 @@ SIGNALS: dict[str, Spread] = {
     "wrist.frame": Spread(ANSWER),
     "panel.orders": Spread(FRAME, foreign=("pause", "resume", "acknowledge", "stop")),
 }
+DETECTED: dict[str, Spread] = {  # what detectors answer
+    "bench.answer": Spread(ANSWER),
+    "bench.view": Spread(ANSWER[:3]),
+    "bench.time_s": Spread((*MEASURE[:6], *AT_ONCE), 0.3, (0.0, 60.0)),
+    "bench.hand": Spread(ANSWER),
+    "bench.left_by": Spread(ANSWER),
+    "bench.holes": Spread((*ANSWER, "swapped")),
+    "hand.time_s": Spread(("stuck", "late", *AT_ONCE), 0.3, (0.0, 60.0)),
+    "hand.palm_m": Spread(POINT, 0.1, (-FAR_M, FAR_M)),
+    "hand.fingertips_m": Spread(POINT, 0.1, (-FAR_M, FAR_M)),
+    "hand.velocity_m_s": Spread(POINT, 0.5, (-FAR_M, FAR_M)),
+    "hand.acceleration_m_s2": Spread(POINT, 2.0, (-FAR_M, FAR_M)),
+    "hand.height_m": Spread(POINT[:4] + AT_ONCE, 0.1, (-5.0, 5.0)),
+    "hand.fingertips_height_m": Spread(POINT[:4] + AT_ONCE, 0.1, (-5.0, 5.0)),
+    "hole.part": Spread(("lost", "foreign"), foreign=("o1", "o2", "o3", "of no type")),
+    "hole.confidence": Spread(AT_ONCE, 0.3),
+    "hole.seen_s": Spread(AT_ONCE, 0.3, (0.0, 60.0)),
+    "hole.upright": Spread(("flipped",)),
+    "parts.answer": Spread(ANSWER),
+    "parts.view": Spread(ANSWER[:3]),
+    "parts.time_s": Spread((*MEASURE[:6], *AT_ONCE), 0.3, (0.0, 60.0)),
+    "parts.detections": Spread((*ANSWER, "swapped")),
+    "part.position_m": Spread(AT_ONCE, 0.02, (-FAR_M, FAR_M)),
+    "overhead.depth_mm": Spread((*FRAME, "scaled", "offset"), 40.0),
+}
 MORE = ("bus.frames", "arm.acknowledge", "wrist.image", "overhead.sequence", "wrist.sequence")  # that are not drawn
 ORDERS = ("follow", "pace", "stop", "acknowledge")  # to the arm
 
@@ -105,15 +149,16 @@ class SignalFault:
         joint: of a signal that has six values the only one; None for all.
 
     Attributes:
-        device: "arm", "bus", "overhead", "wrist" or "panel".
+        device: "arm", "bus", "overhead", "wrist" or "panel"; of answers "bench", "hand", "hole", "parts" or "part".
     """
 
     def __init__(
         self, signal: str, kind: Kind, size: float | str | None = None, joint: int | None = None, device: str = "arm"
     ) -> None:
         self.device, self.signal, self.kind, self.joint = device, signal, kind, joint
-        spread = SIGNALS.get(f"{device}.{signal}", Spread(()))
-        usual: dict[str, float | str] = {"scaled": SCALE, "offset": spread.offset, "foreign": spread.foreign[-1]}
+        spread = (SIGNALS | DETECTED).get(f"{device}.{signal}", Spread(()))
+        usual: dict[str, float | str] = {"scaled": SCALE, "foreign": spread.foreign[-1]}
+        usual |= dict.fromkeys(("offset", "jumps"), spread.offset)
         self.size = usual.get(kind, LATE_S) if size is None else size
         self._kept: deque[tuple[float, Any]] = deque(maxlen=KEPT)
         self._told: Any = None
@@ -125,7 +170,7 @@ class SignalFault:
         name, kind, *sizes = text.split(":")
         device, _, rest = name.partition(".")
         signal, _, joint = rest.partition(".")
-        legal = (*SIGNALS, *MORE)
+        legal = (*SIGNALS, *DETECTED, *MORE)
         if f"{device}.{signal}" not in legal:
             raise InputError(f"unknown signal {name!r}; legal: {', '.join(legal)}")
         if kind not in ANY:
@@ -160,8 +205,10 @@ class SignalFault:
     def _changed(self, value: Any, time_s: float) -> Any:
         age_s = self.number if self.kind in ("late", "early") else 0.0
         old = next((kept for when_s, kept in reversed(self._kept) if when_s <= time_s - age_s), self._kept[0][1])
-        if self.kind == "late":
-            return old
+        if self.kind == "late" or value is None:
+            return old if self.kind == "late" else None
+        if self.kind == "swapped" or isinstance(value, Mapping):
+            return _swapped(value) if self.kind == "swapped" else {}
         if isinstance(value, np.ndarray):
             return self._image(value)
         if isinstance(value, JointTrajectory):
@@ -176,7 +223,7 @@ class SignalFault:
         if self.kind in ("cut", "lost") and self.joint is None:
             return value[:-1] if self.kind == "cut" else ()
         chosen = range(len(value)) if self.joint is None else (self.joint,)
-        both = enumerate(zip(value, old, strict=True))
+        both = enumerate(zip(value, old or value, strict=True))
         return tuple(self._number(now, then) if number in chosen else now for number, (now, then) in both)
 
     def _number(self, now: float, old: float) -> float:
@@ -187,6 +234,9 @@ class SignalFault:
             "flipped": lambda: -now,
             "foreign": lambda: self.number,
             "lost": lambda: math.nan,
+            "nan": lambda: math.nan,
+            "infinite": lambda: math.inf,
+            "jumps": lambda: now + self.number * float(np.random.default_rng(zlib.crc32(repr(now).encode())).normal()),
         }
         return changes[self.kind]()
 
@@ -203,13 +253,14 @@ class SignalFault:
         return type(value)(value.value ^ 1) if isinstance(value, Enum) else OTHERS.get(value, value)
 
     def _image(self, image: np.ndarray) -> np.ndarray:
-        """The image too bright or dark, shifted by pixels, upside down, of noise, or black."""
+        """The image too bright or dark, shifted by pixels, upside down, of noise, or black; depths likewise."""
+        most = np.iinfo(image.dtype).max
         rng = np.random.default_rng(zlib.crc32(image.tobytes()))
         changes: dict[str, Callable[[], np.ndarray]] = {
-            "scaled": lambda: np.clip(image * self.number, 0, 255).astype(np.uint8),
+            "scaled": lambda: np.clip(image * self.number, 0, most).astype(image.dtype),
             "offset": lambda: np.roll(image, round(self.number), axis=1),
-            "flipped": lambda: np.ascontiguousarray(np.flip(image, int(self.number))),
-            "foreign": lambda: rng.integers(0, 256, image.shape, np.uint8),
+            "flipped": lambda: np.ascontiguousarray(np.flip(image, int(self.number) % image.ndim)),
+            "foreign": lambda: rng.integers(0, most, image.shape, image.dtype, endpoint=True),
             "lost": lambda: np.zeros_like(image),
         }
         return changes[self.kind]()
@@ -229,10 +280,21 @@ class SignalFault:
         return replace(path, positions_rad=path.positions_rad + leaves * off)
 
 
-def drawn_fault(rng: np.random.Generator) -> SignalFault:
+def _swapped(value: Any) -> Any:
+    """Each in the place of its neighbour; parts keep their places and change their types."""
+    turned = [*value.values()] if isinstance(value, Mapping) else [*value]
+    turned = turned[1:] + turned[:1]
+    if isinstance(value, Mapping):
+        return dict(zip(value, turned, strict=True))
+    if not all(isinstance(one, PartDetection) for one in value):
+        return tuple(turned)
+    return tuple(replace(one, part=other.part) for one, other in zip(value, turned, strict=True))
+
+
+def drawn_fault(rng: np.random.Generator, signals: Mapping[str, Spread] = SIGNALS) -> SignalFault:
     """A fault at random: a signal, a kind that it can have, and a size."""
-    name = str(rng.choice(list(SIGNALS)))
-    spread, (device, _, signal) = SIGNALS[name], name.partition(".")
+    name = str(rng.choice(list(signals)))
+    spread, (device, _, signal) = signals[name], name.partition(".")
     kind = ANY[ANY.index(str(rng.choice(list(spread.kinds))))]
     many = signal in ("positions_rad", "velocities_rad_s", "follow")
     joint = int(rng.integers(6)) if many and kind in ("offset", "foreign") else None
@@ -244,7 +306,7 @@ def _drawn_size(rng: np.random.Generator, kind: Kind, spread: Spread) -> float |
         return float(np.exp(rng.uniform(math.log(0.04), 0.0)))
     if kind == "scaled":
         return float(np.exp(rng.uniform(math.log(0.2), math.log(4.0))))
-    if kind == "offset":
+    if kind in ("offset", "jumps"):
         return float(spread.offset * rng.choice([-1, 1]) * np.exp(rng.uniform(math.log(0.1), math.log(10.0))))
     if kind == "foreign":
         words = [one for one in spread.foreign if isinstance(one, str)]

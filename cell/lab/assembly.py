@@ -12,6 +12,7 @@ from cell.faults.injection import Injection, Injections, attended
 from cell.files.files import shipped
 from cell.files.row_store import Row
 from cell.interfaces.faults import FaultTable
+from cell.running.supervisor import Supervisor, make_supervisor
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome
@@ -74,6 +75,8 @@ def assembly(
     *,
     tree: Path = ALGORITHM_1,
     rendered: bool = False,
+    depth: bool = False,
+    supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
 ) -> Iterator[Assembly]:
     """A simulated cell beside a person who builds one of the product's goals.
 
@@ -82,8 +85,13 @@ def assembly(
         person: a kind of person, or a file.
         table: what the supervisor does about faults; the configured one by default.
         tree: file of the tree that is run.
+        depth: the overhead camera sends depths, too.
     """
     configuration = simulated(load_configuration(path), None, person)
+    if depth:
+        overhead = configuration.bench.overhead.model_copy(update={"depth": True})
+        bench = configuration.bench.model_copy(update={"overhead": overhead})
+        configuration = configuration.model_copy(update={"bench": bench})
     product = load_product(configuration, path)
     configuration, _ = fitted(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -101,7 +109,7 @@ def assembly(
         with attached(
             configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
         ) as devices:
-            return drive(files, attended(devices), motion, observers, injection=injected)
+            return drive(files, attended(devices), motion, observers, injection=injected, supervised=supervised)
 
     try:
         yield Assembly(cell, motion, run)

@@ -18,6 +18,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.frame import Frame
 from cell.interfaces.observation import Image, Observation
 from cell.interfaces.pose import Array
+from cell.lab.true_distance import TrueDistance
 from cell.watching.observer import Observer, Outcome, TickRecord
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
@@ -81,6 +82,7 @@ class Danger(Observer):
         self._held_m = np.zeros(3)
         self._images: dict[int, Frame] = {}
         self._told: dict[int, float] = {}  # when what a told frame shows really was, by number
+        self._person = None if cell.worker is None else TrueDistance(cell)
 
     def frame(self, frame: Frame) -> None:
         """When the image that was told was really taken; never, where it shows no bench as it is."""
@@ -168,6 +170,8 @@ class Danger(Observer):
 
     def _dangers(self, record: TickRecord, joints: Array, tool_m: Array, moves: bool) -> Iterator[str]:
         seen, now_s = record.observation, record.observation.time_s
+        if self._person is not None and (words := self._person.too_fast()):
+            yield words
         if moves:
             yield from self._believed(seen, tool_m)
             yield from self._of_path(joints, now_s)

@@ -3,6 +3,10 @@
 A fault is dangerous if it does harm where the supervisor is blind. It is detected if a supervisor that sees notices it
 in time. A run splits for both as in `cell.lab.faults`. Somebody presses pause a while after the fault, as each hold
 proves that orders are obeyed, and lets the cell go on a second later; at last the run is stopped.
+
+Every second run has faults in what detectors answer, and a person: instead of the pause, a hand goes into the arm's
+way, as that proves that hands are seen. A blind supervisor still keeps the distance to what it is told of hands. What
+comes after arm and hand have touched does not count: a hand that pushes an arm looks like a fault.
 """
 
 from __future__ import annotations
@@ -13,21 +17,23 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cell.faults.signal_faults import drawn_fault
+from cell.configuration import DEFAULT_TREE
+from cell.faults.signal_faults import DETECTED, SIGNALS, drawn_fault
 from cell.files.row_store import Row
-from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices
-from cell.interfaces.faults import USUAL, Action, FaultTable, Judgement
-from cell.interfaces.observation import Observation
+from cell.interfaces.faults import USUAL, Action, FaultTable
 from cell.interfaces.operator import OperatorOrder
+from cell.lab.assembly import OF_PERSON, assembly
 from cell.lab.danger import PART_FELL, Danger
 from cell.lab.evidence import Evidence
 from cell.lab.faults import Fork, trial
+from cell.lab.true_distance import DRIVEN_M_S
 from cell.running.supervisor import PAUSED, Supervisor, make_supervisor
 from cell.watching.observer import Observer, Outcome, TickRecord
 from learned.inference.scores import wilson
@@ -40,6 +46,7 @@ PAUSED_S, PAUSES_S, ENDS_S = 1.0, (0.6, 2.5), 6.0
 REACTS_S = 1.0  # so long after it was noticed a trial goes on: the arm stands by then
 NOTICED_TICKS, FURTHER_M = 5, 0.10
 NONE = "none"
+PERSON = "careful"
 OTHER_WORDS = (PAUSED, "hand_near", "hand_too_near", *USUAL)  # no sign of a fault
 
 
@@ -51,7 +58,7 @@ class Drawn:
         number: of all; a fault follows from it and the first seed.
         fault: as `SignalFault.parse` reads it; NONE for the trial without one.
         tick: in which it comes.
-        pause_s: so long after it somebody presses pause.
+        pause_s: so long after it somebody presses pause, or a hand comes.
     """
 
     number: int
@@ -59,11 +66,17 @@ class Drawn:
     tick: int
     pause_s: float
 
+    @property
+    def beside(self) -> bool:
+        """Whether a person is at the bench, and the fault is one of a detector's answers."""
+        return self.number // (EACH + 1) % 2 == 1
+
     @staticmethod
     def by_number(number: int, first_seed: int) -> Drawn:
         """The trial of this number; the last of each run has no fault."""
         rng = np.random.default_rng([first_seed, number])
-        fault, tick = drawn_fault(rng), int(rng.integers(*TICKS))
+        signals = DETECTED if Drawn(number, NONE, 0, 0.0).beside else SIGNALS
+        fault, tick = drawn_fault(rng, signals), int(rng.integers(*TICKS))
         name = NONE if number % (EACH + 1) == EACH else fault.name
         return Drawn(number, name, tick, float(rng.uniform(*PAUSES_S)))
 
@@ -80,14 +93,18 @@ class Watch(Observer):
     def __init__(self, evidence: Evidence, danger: Danger, cell: SimCell) -> None:
         self.evidence, self.danger, self._cell = evidence, danger, cell
         self.signal, self.noticed_s = "", math.inf
-        self.began_s = self._ended_s = math.inf
-        self._due = [math.inf, math.inf]
+        self.began_s = self._ended_s = self.touched_s = math.inf
+        self._due, self._comes_s = [math.inf, math.inf], math.inf
         self._times_s: list[float] = []
         self.held_before = False
 
-    def begin(self, time_s: float, pause_s: float) -> None:
+    def begin(self, time_s: float, drawn: Drawn) -> None:
         """The fault comes."""
-        self.began_s, self._due = time_s, [pause_s, pause_s + PAUSED_S]
+        self.began_s, due_s = time_s, time_s + drawn.pause_s
+        if drawn.beside:
+            self._comes_s = due_s
+        else:
+            self._due = [due_s, due_s + PAUSED_S]
         self.danger.paused_s, self.danger.resumed_s = self._due
         self.evidence.begin()
         self.danger.begin(holding=self.held_before)
@@ -102,16 +119,35 @@ class Watch(Observer):
 
     def tick(self, record: TickRecord) -> None:
         time_s, judgement = record.observation.time_s, record.judgement
+        if time_s >= self._comes_s and self._cell.worker is not None:
+            self._comes_s = math.inf
+            self._cell.worker.intrude()
+        self._touch()
         if self.began_s == math.inf:
             self.held_before = record.observation.gripper.holding
         self._times_s.append(time_s)
         if record.status != "STOPPING":
             self._ended_s = time_s
-        if judgement is None or self.signal or not self.began_s < time_s or record.status == "STOPPING":
+        over = record.status == "STOPPING" or self.touched_s < math.inf
+        if judgement is None or self.signal or over or not self.began_s < time_s:
             return
         told = [name for name, _ in judgement.reasons if name not in OTHER_WORDS]
         if told and judgement.action >= Action.WARN:
             self.signal, self.noticed_s = told[0], time_s
+
+    def _touch(self) -> None:
+        """Arm and hand touch: the trial is over, and dangerous where the arm moved."""
+        contacts = [] if self._cell.contacts is None else self._cell.contacts.all()
+        first = next((one for one in contacts if one.start_s >= self.began_s), None)
+        if first is None or self.touched_s < math.inf:
+            return
+        self.touched_s = first.start_s
+        for judge in (self.evidence, self.danger):
+            if judge.time_s > self.touched_s:
+                judge.words, judge.time_s = "", math.inf
+        if first.first_m_s > DRIVEN_M_S and not self.danger.words:
+            self.danger.words = f"the arm touches a person at {first.first_m_s:.2f} m/s"
+            self.danger.time_s = self.touched_s
 
     def close(self, outcome: Outcome) -> None:
         if not self.signal and outcome.end in ("fault", "failed"):
@@ -137,6 +173,7 @@ class Watch(Observer):
             "noticed_s": self._since(self.noticed_s),
             "ticks": ticks if self.signal else -1,
             "further_m": round(danger.between_m(evidence.time_s, noticed_s), 3),
+            "way_m": round(danger.between_m(self.began_s, math.inf), 3),
             "end": outcome.end if outcome else "",
             "reason": outcome.reason if outcome else "",
             "condition": outcome.condition if outcome else "",
@@ -148,7 +185,7 @@ class Watch(Observer):
 
 
 class Blindable(Supervisor):
-    """A supervisor that, where it is blind, heeds a person's orders alone.
+    """A supervisor that can be blinded: then it heeds a person's orders, and the rows that are left.
 
     Attributes:
         blind: it is.
@@ -158,12 +195,9 @@ class Blindable(Supervisor):
         vars(self).update(vars(sees))
         self.blind = False
 
-    def _judge(self, observation: Observation, command: Command, asked: Sequence[Any]) -> Judgement:
-        found = super()._judge(observation, command, asked)
-        if not self.blind:
-            return found
-        held = observation.operator.pause == "now"
-        return Judgement(Action.HOLD, 0.0, held_by=(PAUSED,)) if held else Judgement()
+    def lose(self, left: Container[str]) -> None:
+        """Lose all rows but those of the signals that are left."""
+        self.blind, self._rows = True, [row for row in self._rows if row[0].signal in left]
 
 
 class Splitting(Fork):
@@ -205,8 +239,10 @@ class Splitting(Fork):
                 self._over = True
                 os.kill(os.getpid(), signal.SIGTERM)
             return
-        if (self._blind and self._watch.danger.words) or time_s - self._watch.noticed_s > REACTS_S:
-            self.reply(self._watch.row(self))  # how it goes on adds nothing
+        watch = self._watch
+        over = time_s - watch.noticed_s > REACTS_S or watch.touched_s <= time_s
+        if over or (self._blind and watch.danger.words):
+            self.reply(watch.row(self))  # how it goes on adds nothing
         if ENDS_S <= time_s - self.began_s < ENDS_S + 0.1:
             os.kill(os.getpid(), signal.SIGTERM)
 
@@ -234,16 +270,20 @@ class Splitting(Fork):
         row = self.split(drawn.fault)
         if row is None:
             assert self.supervisor is not None
-            self.supervisor.blind, self.now, self.left = blind, drawn, []
+            if blind:
+                self.supervisor.lose(OF_PERSON if drawn.beside else ())
+            self.now, self.left = drawn, []
             self.begin("" if drawn.fault == NONE else drawn.fault, time_s)
-            self._watch.begin(time_s, time_s + drawn.pause_s)
+            self._watch.begin(time_s, drawn)
         return row
 
 
 def drawn_rows(path: Path, trials: Sequence[Drawn], seed: int, tell: Callable[[Row], None]) -> None:
     """Tell how each trial ended, from one run that splits."""
     lead: list[Splitting] = []
-    with trial(path, seed, supervised=lambda *parts: lead[0].supervised(*parts)) as opened:
+    supervised: Any = lambda *parts: lead[0].supervised(*parts)  # noqa: E731
+    beside = partial(assembly, path, PERSON, seed, tree=DEFAULT_TREE, depth=True)
+    with (beside if trials[0].beside else partial(trial, path, seed))(supervised=supervised) as opened:
         watch = Watch(Evidence(), Danger(opened.cell, opened.motion), opened.cell)
         fork = Splitting(trials, seed, watch, tell)
         lead.append(fork)

@@ -17,6 +17,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.frame import Frame
 from cell.interfaces.observation import ArmMode, GripperState, ObjectStatus, Observation
 from cell.interfaces.pose import Array
+from cell.lab.answer_evidence import AnswerEvidence
 from cell.lab.danger import alike, blocks
 from cell.watching.observer import Observer, TickRecord
 
@@ -55,6 +56,7 @@ class Evidence(Observer):
         self._active = False
         self._frames: dict[str, Frame] = {}
         self._first: Array | None = None
+        self._answers = AnswerEvidence()
         self._of_frames: dict[str, tuple[int, str]] = {}  # what is wrong with a frame that is not answered so far
 
     def begin(self) -> None:
@@ -235,6 +237,7 @@ class Evidence(Observer):
             age_s = seen.time_s - seen.bench.time_s
             if not -FUTURE_S <= age_s <= BENCH_OLD_S:
                 yield f"the view of the bench is {age_s:.2f} s old"
+        yield from self._answers.found(seen)
         if self._now_s - self._look_s > WRIST_S:
             yield "the wrist camera sends no frame"
 

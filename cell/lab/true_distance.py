@@ -14,6 +14,7 @@ from sim.cell import SimCell
 from sim.scene import palette
 
 DRIVEN_M_S = 0.05  # a slower arm stands
+FAST_M_S, BESIDE_M = 0.35, 0.10  # the reduced speed with what its reckoning is off by; a hand's length
 HANDS_M_S = (1.6, 2.0)  # v_h: ISO 13855 for somebody who walks, and for a hand within 0.5 m
 REACTS_S = 0.25  # T_r: until a frame is exposed and answered, a tick, and the arm's own cycle
 BRAKES_M_S2 = 1.6  # of the arm's point, from the reduced speed: T_s and S_s
@@ -38,6 +39,15 @@ class TrueDistance:
             if speed_m_s > DRIVEN_M_S:
                 found |= self._nearest_m(int(geom), float(protective_m(speed_m_s).max())) < protective_m(speed_m_s)
         return tuple(bool(one) for one in found)
+
+    def too_fast(self) -> str:
+        """That a link is faster beside the person than an arm may be that is slow before a hand arrives, in words."""
+        for geom in self._robot:
+            speed_m_s = self._speed_m_s(int(geom))
+            near_m = self._nearest_m(int(geom), BESIDE_M) if speed_m_s > FAST_M_S else BESIDE_M
+            if near_m < BESIDE_M:
+                return f"the arm moves at {speed_m_s:.2f} m/s, {near_m:.2f} m from a person"
+        return ""
 
     def _of(self, touch: list[tuple[int, int]], wanted: tuple[int, int]) -> NDArray[np.intp]:
         return np.array([geom for geom, one in enumerate(touch) if tuple(map(int, one)) == wanted], dtype=np.intp)

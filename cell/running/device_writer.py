@@ -84,6 +84,7 @@ class DeviceActor:
         self._operator = operator
         self._refused = refused
         self._fingers, self._held = GripperHold(devices.gripper), False
+        self._followed = False  # a path of ours
 
     def seen(self, observation: Observation) -> Observation:
         """The observation as skills are to see it: fingers that were stopped half way still move."""
@@ -99,9 +100,11 @@ class DeviceActor:
         self._load(seen)
         self._recover(seen, judgement)
         self._command("gripper", lambda: self._fingers.keep(seen, held))
-        if command.stop_arm:
+        foreign = seen.arm.moving and not self._followed  # a controller's that died: else it would be gone on with
+        if command.stop_arm or foreign:
             self._command("arm", self._devices.arm.stop)
         elif (follow := command.follow) is not None:
+            self._followed = True
             trajectory = self._command("arm", lambda: self._devices.arm.follow(follow))
         if command.activate_gripper:
             self._command("gripper", self._gripper.activate)

@@ -217,6 +217,8 @@ def drive(
             executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state(), slower))
         else:
             executors = lock_step(*detectors, devices)
+        if injection is not None:
+            executors = injection.detectors(*executors)
         supervisor = supervised(files.faults, motion)
         own_body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
         watchdog = watchdog or Watchdog()

@@ -11,6 +11,7 @@ import pytest
 
 from cell.errors import DeviceFault
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
+from cell.interfaces.observation import ArmState
 from cell.settings import ControllerSettings
 from cell.watching.observer import EXIT_STATUS, Outcome
 from tests.cell.fakes import Rig, frame
@@ -50,6 +51,23 @@ def test_ticks_come_at_the_configured_rate() -> None:
     assert np.allclose(np.diff(times), 0.04)
     assert [record.observation.tick for record in rig.observer.records] == list(range(52))
     assert [record.status for record in rig.observer.records][-2:] == ["SUCCESS", "STOPPING"]
+
+
+def test_an_arm_gives_up_the_path_of_a_controller_that_died() -> None:
+    """Else it goes on along it as soon as this controller lets it move, which nobody ordered."""
+    rig = Rig()
+    rig.arm.state = lambda: ArmState(rig.clock.now_s(), (0.0,) * 6, (0.0,) * 6, "stop" not in rig.arm.calls, path_s=0.5)  # type: ignore[method-assign]
+    calls: list[int] = []
+
+    def act(tick: int) -> Status:
+        calls.append(rig.arm.calls.count("stop"))
+        if tick == 2:
+            rig.services.now.command.follow = JointTrajectory(np.array([0.0]), np.zeros((1, 6)))
+        return after(4, Status.SUCCESS)(tick)
+
+    rig.run(act)
+    assert calls == [0, 1, 1, 1, 1], "once, after the first tick"
+    assert rig.arm.calls[:2] == ["stop", "follow"]
 
 
 @pytest.mark.parametrize(("status", "end"), [(Status.SUCCESS, "finished"), (Status.FAILURE, "failed")])

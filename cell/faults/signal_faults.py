@@ -40,7 +40,6 @@ Kind = Literal[
     "refused",
 ]  # the last two, a part and an exception, are not drawn
 ANY: tuple[Kind, ...] = get_args(Kind)
-KINDS = ANY[:8]  # without those that need to know what another device could tell
 ANSWER, WORD, MEASURE = ("stuck", "late", "repeated", "lost"), ("stuck", "repeated", "flipped", "foreign"), ANY[:9]
 ORDER: tuple[Kind, ...] = ("stuck", "late", "repeated", "scaled", "offset", "flipped", "foreign", "lost")
 FRAME: tuple[Kind, ...] = ("stuck", "late", "repeated", "flipped", "foreign", "lost")

@@ -10,7 +10,7 @@ from typing import Any
 from cell.configuration import load_configuration, load_faults
 from cell.faults.named_faults import FAULTS as PUT
 from cell.faults.named_faults import FaultKind
-from cell.faults.signal_faults import SIGNALS, Spread
+from cell.faults.signal_faults import DETECTED, SIGNALS, Spread
 from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema
 from trees.engine import vocabulary
@@ -95,7 +95,7 @@ def faults() -> str:
         for name, one in PUT.items()
         if one.of_world
     )
-    drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in SIGNALS.items())
+    drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in (SIGNALS | DETECTED).items())
     table = fault_table_markdown(load_faults(load_configuration()))
     return FAULTS + table + PUT_IN + "".join(named) + MISHAPS + "".join(mishaps) + BY_SIGNAL + "".join(drawn)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.faults.signal_faults import SIGNALS, SignalFault, drawn_fault
+from cell.faults.signal_faults import DETECTED, SIGNALS, SignalFault, Spread, drawn_fault
 from cell.files.row_store import Row
 from cell.lab.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
 
@@ -20,6 +20,11 @@ TRIED = {
     "arm.positions_rad.1:offset:0.3": "dangerous detected",
     "bus.gFLT:foreign:14": "safe detected",
     "panel.orders:lost": "dangerous undetected, shown by nothing",
+    NONE: "safe undetected",
+}
+ANSWERS = {  # beside a person, whose hand comes into the arm's way
+    "bench.answer:lost": "dangerous detected",
+    "bench.time_s:nan": "bench_",
     NONE: "safe undetected",
 }
 
@@ -45,6 +50,26 @@ def test_a_fault_is_judged_from_the_truth(rows: dict[str, Row], fault: str) -> N
 
 def test_a_cell_without_a_fault_shows_nothing_and_is_left_alone(rows: dict[str, Row]) -> None:
     assert not any(rows[NONE][what] for what in ("shown_by", "danger", "noticed_by")), rows[NONE]
+
+
+@pytest.fixture(scope="module")
+def beside() -> dict[str, Row]:
+    """What came of faults in answers, by fault."""
+    told: list[Row] = []
+    trials = [Drawn(EACH + 1 + number, fault, TICK, 0.6) for number, fault in enumerate(ANSWERS)]
+    assert all(one.beside for one in trials)
+    drawn_rows(DEFAULT_CONFIGURATION, trials, 71, told.append)
+    return {str(row["fault"]): row for row in told}
+
+
+@pytest.mark.parametrize("fault", ANSWERS)
+def test_a_fault_in_an_answer_is_judged_beside_a_person(beside: dict[str, Row], fault: str) -> None:
+    row = next(row for name, row in beside.items() if name.startswith(fault))
+    assert row["judged"] == ANSWERS[fault] or row["noticed_by"].startswith(ANSWERS[fault]), row
+
+
+def test_a_hand_that_comes_into_the_way_of_a_sound_cell_shows_no_fault(beside: dict[str, Row]) -> None:
+    assert not any(beside[NONE][what] for what in ("shown_by", "danger", "noticed_by")), beside[NONE]
 
 
 def row(**changes: Any) -> Row:
@@ -91,9 +116,10 @@ def test_trials_follow_from_number_and_seed_and_are_gone_on_with() -> None:
     assert rest[0][0][0] == whole[EACH + 2]
 
 
-def test_every_kind_of_every_signal_is_drawn_and_can_be_read_again() -> None:
-    drawn = [drawn_fault(np.random.default_rng([3, number])) for number in range(6000)]
+@pytest.mark.parametrize("signals", [SIGNALS, DETECTED], ids=["devices", "answers"])
+def test_every_kind_of_every_signal_is_drawn_and_can_be_read_again(signals: dict[str, Spread]) -> None:
+    drawn = [drawn_fault(np.random.default_rng([3, number]), signals) for number in range(6000)]
     pairs = {(f"{one.device}.{one.signal}", one.kind) for one in drawn}
-    assert pairs == {(name, kind) for name, spread in SIGNALS.items() for kind in spread.kinds}
+    assert pairs == {(name, kind) for name, spread in signals.items() for kind in spread.kinds}
     for one in drawn[:200]:
         assert SignalFault.parse(one.name).name == one.name

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -31,8 +31,7 @@ from cell.settings import (
     PlannerSettings,
     SemanticPlannerSettings,
 )
-from sim.scene.look_range import look_range
-from sim.scene.person import load_person
+from cell.simulator import simulator
 from skills.drivers.settings import SignalSettings, UrSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
@@ -77,7 +76,7 @@ class Configuration(Model):
     planners: Planners
     guard: GuardSettings = GuardSettings()
     motion: MotionSettings = MotionSettings()
-    devices: DeviceSettings = DeviceSettings()
+    devices: DeviceSettings = Field(default_factory=DeviceSettings)
     log: LogSettings = LogSettings()
     page: PageSettings = PageSettings()
 
@@ -169,15 +168,15 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
     Raises:
         InputError: there is no such look or person, or the file is wrong.
     """
-    changes: dict[str, object] = {}
-    if look is not None:
-        changes["look"] = look_range(look)
-    if person is not None:
-        people = tuple(load_person(one.strip()) for one in person.split(","))
-        changes |= {"person": people[0], "people": people if len(people) > 1 else ()}
-    simulation = configuration.devices.simulation.model_copy(update=changes)
-    devices = configuration.devices.model_copy(update={"simulation": simulation})
-    return configuration.model_copy(update={"devices": devices})
+    if look is None and person is None:
+        return configuration
+    return _simulated_by(configuration, look=look, person=person)
+
+
+def _simulated_by(configuration: Configuration, **changes: Any) -> Configuration:
+    devices = configuration.devices
+    simulation = simulator().changed(devices.simulation, **changes)
+    return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
 
 
 def detected_by(configuration: Configuration, kind: str | None) -> Configuration:
@@ -202,7 +201,8 @@ def for_shift(configuration: Configuration, brackets: int) -> Configuration:
     Args:
         brackets: how many; 0 for until the run is stopped.
     """
-    simulation = configuration.devices.simulation.model_copy(update={"shift": True})
+    if configuration.devices.simulated:
+        configuration = _simulated_by(configuration, shift=True)
     longest_s = configuration.controller.max_duration_s * brackets if brackets else math.inf
     log = configuration.log
     if log.rotate_mb is None and log.rotate_s is None:
@@ -211,7 +211,6 @@ def for_shift(configuration: Configuration, brackets: int) -> Configuration:
         log = log.model_copy(update={"keep_mb": SHIFT_LOG_MB})
     return configuration.model_copy(
         update={
-            "devices": configuration.devices.model_copy(update={"simulation": simulation}),
             "controller": configuration.controller.model_copy(update={"max_duration_s": longest_s}),
             "log": log,
         }

@@ -12,6 +12,7 @@ from pydantic import (
     Discriminator,
     Field,
     PrivateAttr,
+    SerializeAsAny,
     Tag,
     ValidationInfo,
 )
@@ -19,7 +20,7 @@ from pydantic import (
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.devices import ROLES
-from sim.scene.settings import SimSettings
+from cell.simulator import NoSimulation, installed, simulator
 from skills.drivers.settings import ArmKind, CameraKind, CanSettings, GripperKind, SignalSettings, kinds_of
 
 KINDS: Mapping[str, tuple[str, ...]] = {
@@ -137,10 +138,15 @@ def _from_file(value: Any, info: ValidationInfo) -> Any:
     path = Path((info.context or {}).get("folder", ".")) / value
     if not path.is_file():
         raise ValueError("there is no such file")
-    return load_yaml(path, SimSettings)
+    return load_yaml(path, simulator().Settings)
 
 
-SimulationFile = Annotated[SimSettings, BeforeValidator(_from_file, json_schema_input_type=Path)]
+def _simulation() -> Model:
+    found = installed()
+    return NoSimulation() if found is None else found.Settings()
+
+
+SimulationFile = Annotated[SerializeAsAny[Model], BeforeValidator(_from_file, json_schema_input_type=Path)]
 
 
 class DeviceSettings(Model):
@@ -166,7 +172,7 @@ class DeviceSettings(Model):
     wrist: CameraDevice = SimulatedDevice()
     panel: PanelDevice = SimulatedDevice()
     signals: SignalsDevice | None = None
-    simulation: SimulationFile = Field(default=SimSettings(), json_schema_extra={"default": None})
+    simulation: SimulationFile = Field(default_factory=_simulation, json_schema_extra={"default": None})
 
     @property
     def simulated(self) -> tuple[str, ...]:

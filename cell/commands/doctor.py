@@ -22,10 +22,10 @@ from cell.errors import CellError, Problem, SettingError
 from cell.files.packages import damaged_packages, missing_packages
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
+from cell.simulator import DISTRIBUTION, installed, simulator
 from cell.wiring.bench_checks import bench_problems
 from cell.wiring.detectors import check_detectors, fitted
 from cell.wiring.devices import examined, find_drivers
-from sim.rendering.available import chosen_backend, remedy, renders
 from skills.drivers.settings import CanSettings
 
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
@@ -150,9 +150,7 @@ def _devices(configuration: Configuration, product: Product) -> Iterator[Finding
     """Cameras and speed of the simulated cell."""
     if not configuration.devices.simulated:
         return
-    from sim.process.opening import open_simulation
-
-    devices = open_simulation(configuration, product, 0).devices
+    devices = simulator().opened(configuration, product, 0)
     try:
         devices.wrist.trigger()
         begun_s = time.perf_counter()
@@ -176,10 +174,10 @@ def _training() -> Finding:
 
 
 def _rendering() -> Finding:
-    backend = chosen_backend()
-    if renders(backend):
-        return Finding(f"rendering by {backend}", True)
-    return Finding(f"rendering by {backend}", False, remedy(backend))
+    if (found := installed()) is None:
+        return Finding("the simulator", False, f"pip install {DISTRIBUTION}")
+    backend, remedy = found.rendering()
+    return Finding(f"rendering by {backend}", not remedy, remedy)
 
 
 def _font() -> Finding:

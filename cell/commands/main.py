@@ -67,7 +67,7 @@ COMMANDS: Table = {
     "teach": Command("cell.commands.commission:teach", "Lead the arm by hand (free drive) and press Enter.", START),
     "bench": Command("cell.commands.commission:bench", "Draw what the cameras see and the arm reaches.", START),
     "move": Command("cell.commands.commission:move", "Move the arm once, to a pose, after Enter.", START),
-    "twin": Command("cell.commands.twin:twin_app", "Serve the simulated cell by the wires of real devices.", TEST),
+    "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with="bracket-sim"),
     "new": Command("cell.commands.new:new_app", "Start a tree file, a node or a real cell of your own.", PROGRAM),
     "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
@@ -192,9 +192,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
         return _interrupted()
     except (AttributeError, ImportError, OSError, RuntimeError) as error:
-        from sim.rendering.available import missing_library
+        from cell.simulator import installed
 
-        if (told := missing_library(error)) is None:
+        if (found := installed()) is None or (told := found.missing_library(error)) is None:
             raise
         return _complain(told, BAD_INPUT)
     except typer.TyperException as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,9 +17,7 @@ from cell.files.model import Model
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
-from sim.scene.look_range import LookFile
-from sim.scene.person import Person
-from sim.scene.settings import SimSettings
+from cell.simulator import installed
 from trees.files.build.registry import Registry
 from trees.views.schema import tree_schema
 
@@ -68,33 +66,17 @@ def modeline(path: str) -> str:
 
 def schema_texts(registry: Registry) -> dict[str, str]:
     """Texts of the schemas by file name: one for each kind of YAML file, and one for tree files."""
-    look = _with_ranges(LookFile.model_json_schema())
-    sim = SimSettings.model_json_schema()
-    inline = {key: value for key, value in look.items() if key != "$defs"}
-    sim["$defs"] |= look["$defs"]
-    sim["properties"]["look"]["anyOf"] = [{"type": "string"}, inline]
-    others: dict[str, type[Model]] = {
+    models: dict[str, type[Model]] = {
         "cell": Configuration,
         "products": Product,
         "faults": FaultTable,
-        "person": Person,
         "robot": RobotModel,
     }
-    made = {"look": look, "sim": sim, **{name: model.model_json_schema() for name, model in others.items()}}
+    found = installed()
+    made = {name: model.model_json_schema() for name, model in models.items()} | dict(found.schemas() if found else {})
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$comment": MARK}
     texts = {f"{name}.json": json.dumps({**head, **schema}, indent=2) + "\n" for name, schema in made.items()}
     return texts | {"trees.xsd": tree_schema(registry, MARK)}
-
-
-def _with_ranges(schema: Any) -> Any:
-    """The schema of a look file, in which each single value may be a range [from, to]."""
-    if isinstance(schema, list):
-        return [_with_ranges(item) for item in schema]
-    if not isinstance(schema, dict):
-        return schema
-    if schema.get("type") in ("number", "integer", "boolean") or "enum" in schema:
-        return {"anyOf": [schema, {"type": "array", "items": schema, "minItems": 2, "maxItems": 2}]}
-    return {key: value if key == "default" else _with_ranges(value) for key, value in schema.items()}
 
 
 def _ours(path: Path) -> bool:

@@ -7,8 +7,11 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
     from cell.interfaces.product import Product
 
 
+ENTRY_POINTS = "cell.commands"
 BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 BESIDE = "CELL_BESIDE"  # set in the environment of a command that another one runs and waits for
 
@@ -72,18 +76,30 @@ class Command:
     """A command, or a group of commands.
 
     Attributes:
-        target: "module:name" of a function or a typer application; of a group, that of its table.
+        target: "module:name" of a function or a typer application; of a group, that of its table; of another
+            distribution, its entry point.
         help: in one line, for the list of commands.
         panel: where it stands in the list; None for not there.
+        comes_with: the distribution that has it; empty for this one.
     """
 
     target: str
     help: str
     panel: str | None = None
     group: bool = False
+    comes_with: str = ""
 
     def load(self) -> Any:
-        """What the target names."""
+        """The function or the typer application.
+
+        Raises:
+            InputError: it is of a distribution that is not installed.
+        """
+        if self.comes_with:
+            found = entry_points(group=ENTRY_POINTS, name=self.target)
+            if not found:
+                raise InputError(f"this command comes with {self.comes_with}: pip install {self.comes_with}")
+            return next(iter(found)).load()
         module, _, name = self.target.partition(":")
         return getattr(import_module(module), name)
 

@@ -36,6 +36,7 @@ from sim.data.placed import placed
 from sim.data.recording import Source, record
 from sim.data.tracks import hands_of
 from sim.data.working_arm import WorkingArm
+from sim.scene.settings import settings_of
 
 IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
 Told = tuple[float, str, str]  # (time, part, position)
@@ -150,8 +151,8 @@ def at_pace(configuration: Configuration, pace: float | None) -> Configuration:
     if pace is None:
         return configuration
     devices = configuration.devices
-    person = devices.simulation.person.model_copy(update={"pace": (pace, pace)})
-    simulation = devices.simulation.model_copy(update={"person": person})
+    person = settings_of(devices.simulation).person.model_copy(update={"pace": (pace, pace)})
+    simulation = settings_of(devices.simulation).model_copy(update={"person": person})
     return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
 
 
@@ -178,7 +179,9 @@ def evaluate_actions(
     classes = Classes.of(product)
     tallies = {kind: Tally() for kind in kinds}
     for seed in seeds:
-        assembly = record(product, configuration.bench, configuration.devices.simulation, seed, physics=physics)
+        assembly = record(
+            product, configuration.bench, settings_of(configuration.devices.simulation), seed, physics=physics
+        )
         source = Source(assembly, product, configuration.bench)
         bench = calibrated_bench(configuration, product, seed) if calibrated else configuration.bench
         believed = configuration.model_copy(update={"bench": bench})
@@ -209,7 +212,7 @@ def evaluate_segments(
     with tempfile.TemporaryDirectory() as made:
         folder = DataFolder(Path(made) / "segments", "cell lab eval actions")
         for seed in seeds:
-            assembly = record(product, configuration.bench, configuration.devices.simulation, seed)
+            assembly = record(product, configuration.bench, settings_of(configuration.devices.simulation), seed)
             write_segments(Source(assembly, product, configuration.bench), folder, frames=kind in WHOLE_FRAMES)
         segments = load_segments([Path(made) / "segments"], classes)
     found: dict[str, Any] = {}

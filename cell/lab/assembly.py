@@ -18,9 +18,10 @@ from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome
 from cell.wiring.detectors import fitted
 from cell.wiring.devices import attached
-from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
+from sim.process.no_render_host import without_pixels
+from sim.scene.settings import settings_of
 from skills.motion.planner import MotionPlanner
 from trees.loading import load_tree
 from trees.node_library import node_registry
@@ -100,7 +101,7 @@ def assembly(
         configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
     )
     bus = configuration.devices.gripper_bus
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
     cell = SimCell(
         product, configuration.bench, settings, *bus, seed, "random", rendered=rendered, robot=configuration.robot
     )

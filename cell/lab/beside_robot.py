@@ -9,11 +9,12 @@ from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.wiring.devices import attached
-from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.data.recording import Assembly, Film, drawn_goal
+from sim.process.no_render_host import without_pixels
 from sim.rendering.camera import SimCamera
+from sim.scene.settings import settings_of
 from skills.motion.planner import MotionPlanner
 from trees.loading import load_tree
 from trees.node_library import node_registry
@@ -28,7 +29,7 @@ def record_beside_robot(configuration: Configuration, product: Product, seed: in
     motion = MotionPlanner(product, bench, configuration.motion)
     tree = load_tree(DEFAULT_TREE, node_registry())
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
     cell = SimCell(product, bench, settings, *bus, seed, goal, rendered=False, robot=configuration.robot)
     with closing(cell):
         film, camera, worker = Film(cell.world), cell.devices.overhead, cell.worker

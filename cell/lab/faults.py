@@ -34,9 +34,10 @@ from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome, TickRecord
 from cell.wiring.detectors import fitted
 from cell.wiring.devices import attached
-from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
+from sim.process.no_render_host import without_pixels
+from sim.scene.settings import settings_of
 from skills.motion.planner import MotionPlanner
 from trees.loading import load_tree
 from trees.node_library import node_registry
@@ -228,7 +229,7 @@ def trial(
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     devices = configuration.devices.on_channel(f"trial-{seed}")
     configuration = configuration.model_copy(update={"devices": devices})
-    simulation, bus, robot = devices.simulation, devices.gripper_bus, configuration.robot
+    simulation, bus, robot = settings_of(devices.simulation), devices.gripper_bus, configuration.robot
     goal = sorted(product.goals)[0]
     tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))

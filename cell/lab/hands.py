@@ -27,6 +27,7 @@ from sim.data.hands import HandTruth, every_frame, hand_frames
 from sim.data.recording import Source, record
 from sim.data.sight import true_calibration
 from sim.scene.look_range import LookRange
+from sim.scene.settings import settings_of
 
 FOUND_M = 0.06  # between the palm that a tracker tells and the true one
 LEAST_VISIBLE = 0.5  # of a hand that must be found
@@ -84,7 +85,7 @@ def evaluate_hands(
     """
     tallies: dict[str, list[Tally]] = {name: [] for name in trackers}
     for seed in seeds:
-        settings = configuration.devices.simulation
+        settings = settings_of(configuration.devices.simulation)
         settings = settings.model_copy(update={"look": _only(settings.look, ONLY[only](seed))})
         drawn = configuration.bench
         source = Source(record(product, drawn, settings, seed, physics=physics), product, drawn)

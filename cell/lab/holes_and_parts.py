@@ -33,6 +33,7 @@ from sim.data.sight import true_calibration
 from sim.data.splits import sometimes_steel
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
+from sim.scene.settings import settings_of
 from sim.scene.world import World, build_world
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
@@ -128,7 +129,16 @@ def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
     kinds = sometimes_steel(task.product, task.steel_share, seed)
     with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
         folder, configuration = DataFolder(Path(name) / "plates", "cell lab eval holes"), task.configuration
-        write_plates(kinds, configuration.bench, configuration.devices.simulation, seed, folder, stills, reach, FRAMES)
+        write_plates(
+            kinds,
+            configuration.bench,
+            settings_of(configuration.devices.simulation),
+            seed,
+            folder,
+            stills,
+            reach,
+            FRAMES,
+        )
         return load_plates([Path(name) / "plates"], task.product)
 
 
@@ -148,7 +158,7 @@ def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:
 
 
 def _world(configuration: Configuration, product: Product, seed: int) -> World:
-    look = configuration.devices.simulation.look.draw(seed)
+    look = settings_of(configuration.devices.simulation).look.draw(seed)
     return build_world(product, configuration.bench, None, None, None, look)
 
 

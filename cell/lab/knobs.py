@@ -20,6 +20,7 @@ from cell.lab.hands import evaluate_hands
 from cell.lab.holes_and_parts import Task, score_holes, score_parts
 from cell.wiring.detectors import Detectors
 from learned.actions.settings import Classes
+from sim.scene.settings import settings_of
 
 PACE = "pace"  # of the person, by which they are faster than usual: the knob that no look has
 LEAST_PACE, MOST_PACE = 0.2, 5.0
@@ -77,8 +78,8 @@ def at(configuration: Configuration, knob: str, value: Any) -> Configuration:
             raise InputError(f"{PACE}: {value!r}; legal: {LEAST_PACE} to {MOST_PACE}")
         return at_pace(configuration, value)
     devices = configuration.devices
-    look = devices.simulation.look.fixed(knob, value)
-    simulation = devices.simulation.model_copy(update={"look": look})
+    look = settings_of(devices.simulation).look.fixed(knob, value)
+    simulation = settings_of(devices.simulation).model_copy(update={"look": look})
     return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
 
 

@@ -28,6 +28,7 @@ from cell.watching.observer import Observer, TickRecord
 from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
+from sim.scene.settings import settings_of
 from skills.motion.planner import MotionPlanner
 from trees.loading import load_tree
 from trees.node_library import node_registry
@@ -105,7 +106,11 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     faults = load_faults(configuration)
     files = Files(configuration, product, tree, load_planners(configuration, product), faults)
-    bus, simulation, listener = configuration.devices.gripper_bus, configuration.devices.simulation, Listener()
+    bus, simulation, listener = (
+        configuration.devices.gripper_bus,
+        settings_of(configuration.devices.simulation),
+        Listener(),
+    )
     cell = SimCell(product, configuration.bench.drawn, simulation, *bus, seed, "random", robot=configuration.robot)
     try:
         with attached(configuration, product, cell.devices) as devices:

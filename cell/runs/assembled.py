@@ -25,6 +25,7 @@ from cell.running.work_orders import WorkOrders
 from cell.runs.heading import Counts, heading
 from cell.runs.options import Files, RunOptions
 from cell.runs.viewers import Viewers, open_viewers
+from cell.simulator import simulator
 from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.watching.brackets import BracketTally, FinishedBrackets
@@ -34,10 +35,8 @@ from cell.watching.statistics import Fluency, RunStatistics
 from cell.watching.why_now import WhyNow
 from cell.wiring.detectors import detectors_of
 from cell.wiring.devices import Drivers, attached
-from cell.wiring.no_render_host import without_pixels
 from cell.wiring.reload import WatchedTree
 from cell.wiring.run_state import state_of
-from sim.process.opening import connect, open_simulation, own_world
 from skills.motion.planner import MotionPlanner
 from trees.engine.tree import Tree
 from trees.nodes.services import Services
@@ -180,11 +179,11 @@ def _opened(
 
 def _simulated(options: RunOptions, configuration: Configuration, product: Product) -> Devices:
     """The simulator's devices: of a world that is there, of a world of their own, or of this process."""
+    world = simulator()
     if options.world is not None:
-        return connect(configuration, product, options.world, options.pace).devices
+        return world.connected(configuration, product, options.world, options.pace)
     if options.pace == "real" and options.pixels:
-        return own_world(configuration, product, options.seed, options.goal).devices
+        return world.own_world(configuration, product, options.seed, options.goal)
     detect = partial(detectors_of, configuration.bench, product, configuration.perception)
-    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels, detect)
-    devices = cell.devices if options.pixels else without_pixels(cell, configuration, product)
+    devices = world.opened(configuration, product, options.seed, options.goal, options.pixels, detect)
     return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices

@@ -20,6 +20,7 @@ from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.runs.options import Files, RunOptions
 from cell.settings import LEARNED_KINDS, LogSettings
+from cell.simulator import simulator
 from cell.watching.brackets import BracketTally
 from cell.watching.lateness import Lateness
 from cell.watching.observer import Observer, Outcome
@@ -37,7 +38,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
     """What a log needs to be run again: files as attachments, the rest as metadata."""
     attachments = _configured(options, files)
     if files.configuration.devices.simulated and options.devices is None:
-        attachments |= _simulation(files, options.seed)
+        attachments |= simulator().attachments(files.configuration.devices.simulation, options.seed)
     for name, text in tree_texts(files.tree).items():
         attachments[name] = ("application/xml", text.encode())
     values = _asked(options, files) | _networks(files)
@@ -68,16 +69,6 @@ def _configured(options: RunOptions, files: Files) -> Attachments:
     return attachments
 
 
-def _simulation(files: Files, seed: int) -> Attachments:
-    """The simulated world's settings, and the look that the seed drew."""
-    simulation = files.configuration.devices.simulation
-    look = yaml.safe_dump(simulation.look.draw(seed).model_dump(mode="json"))
-    return {
-        "simulation.json": ("application/json", simulation.model_dump_json().encode()),
-        "look.yaml": ("application/yaml", look.encode()),
-    }
-
-
 def _asked(options: RunOptions, files: Files) -> dict[str, str]:
     """What the run was told."""
     configuration, devices = files.configuration, files.configuration.devices
@@ -94,7 +85,7 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
         person = options.person or "as configured"
         values |= {"seed": str(options.seed), "goal": options.goal, "person": person}
     if devices.simulated and options.devices is None:
-        values["look"] = devices.simulation.look.name
+        values["look"] = simulator().look_name(devices.simulation)
     if options.world is not None:
         values["world"] = str(options.world.resolve())
     if options.resume is not None:

@@ -16,6 +16,7 @@ from cell.interfaces.faults import FaultTable
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
+from cell.simulator import simulator
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
 from trees.files.loader import unused_entries
@@ -143,8 +144,8 @@ class RunOptions:
             controller = controller.model_copy(update={"max_duration_s": self.max_duration_s})
         if not self.images:
             log = log.model_copy(update={"camera_frames": False, "joint_samples": False})
-        if self.one_process:
-            simulation = devices.simulation.model_copy(update={"overlap": False})
+        if self.one_process and devices.simulated:
+            simulation = simulator().changed(devices.simulation, overlap=False)
             devices = devices.model_copy(update={"simulation": simulation})
         motion = configuration.motion
         if self.share is not None:

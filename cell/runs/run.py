@@ -30,6 +30,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.resume import read_resume_state, world_of
 from cell.recording.recorder import McapRecorder
+from cell.remote import priority
 from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
@@ -38,6 +39,7 @@ from cell.running.watchdog import TICK_S, Watchdog
 from cell.runs.assembled import Assembled
 from cell.runs.heading import log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
+from cell.simulator import simulator
 from cell.viewing.gate import Address
 from cell.viewing.moments import Moments
 from cell.viewing.run_summary import run_summary
@@ -48,8 +50,6 @@ from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_pro
 from cell.wiring.devices import find_drivers
 from cell.wiring.reload import WatchedTree
 from cell.wiring.services import TickClock, load_planners, make_services
-from sim.process import pacing as real_time
-from sim.process.opening import drawn_from, is_there
 from skills.drivers.can_gripper import CanGripper, Tap
 from skills.drivers.checked_arm import CheckedArm
 from skills.motion.planner import MotionPlanner
@@ -121,7 +121,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         if options.resume is not None:
             options, left_off = _resumed(options, options.resume, product, tally, console)
         if options.world is not None:
-            drawn = drawn_from(options.world)
+            drawn = simulator().drawn_from(options.world)
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
         log = log_path(options, configuration.log)
         refuse_blocked(motion := MotionPlanner(product, configuration.bench, configuration.motion))
@@ -148,7 +148,7 @@ def _resumed(
     if options.world is not None:
         return options, left_off
     world = world_of(log)
-    if world is not None and not is_there(world):
+    if world is not None and not simulator().is_there(world):
         console.print(f"the world at {world} is gone: this is another one", highlight=False)
         world = None
     return replace(options, world=world), left_off
@@ -166,7 +166,7 @@ def _run(
     with ExitStack() as stack:
         parts = assemble(stack)
         parts.say_unsafe()
-        stack.enter_context(real_time.preferred(options.pace == "real"))
+        stack.enter_context(priority.preferred(options.pace == "real"))
         outcome = drive(
             files,
             parts.devices,

@@ -15,8 +15,8 @@ from cell.interfaces.devices import Arm, Camera, Devices
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
+from cell.simulator import simulator
 from cell.wiring.devices import attached
-from sim.process.opening import open_simulation
 from skills.drivers.checked_arm import CheckedArm
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
@@ -37,7 +37,7 @@ def opened(configuration: Configuration, product: Product, seed: int = 0, slower
     with ExitStack() as stack:
         simulated = None
         if configuration.devices.simulated:
-            simulated = open_simulation(configuration, product, seed).devices
+            simulated = simulator().opened(configuration, product, seed)
             stack.callback(simulated.close)
         devices = stack.enter_context(attached(configuration, product, simulated, slower=slower))
         yield replace(devices, arm=CheckedArm(devices.arm, configuration.robot))

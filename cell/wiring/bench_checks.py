@@ -8,6 +8,7 @@ from cell.configuration import Configuration
 from cell.errors import SettingError
 from cell.files.model import Location
 from cell.interfaces.product import Product
+from cell.simulator import installed
 from learned.classical.box_model import View, obstacle_mask
 from skills.motion.grasp_pose import hole_pose
 from skills.motion.planner import MotionPlanner
@@ -17,11 +18,10 @@ Wrong = tuple[Location, str]  # where in the configuration, and what
 
 def bench_problems(configuration: Configuration, product: Product) -> tuple[list[Wrong], list[Wrong]]:
     """What a run would not begin with, and what is doubtful."""
-    from sim.scene.storage import overlapping
-
     bench = configuration.bench
     stuck = _stuck(MotionPlanner(product, bench, configuration.motion))
-    doubtful = overlapping(product, bench)
+    found = installed()
+    doubtful = [] if found is None else found.overlapping(product, bench)
     if bench.obstacles:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
         covered = obstacle_mask(view, bench)

@@ -17,6 +17,7 @@ from cell.configuration import Configuration
 from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from sim.data.splits import mixed_clutter, sometimes_steel
+from sim.scene.settings import settings_of
 
 if TYPE_CHECKING:
     from cell.interfaces.bench import Bench
@@ -30,7 +31,7 @@ def overhead_frames(configuration: Configuration, product: Product, seed: int) -
     from sim.data.hands import hand_frames
     from sim.data.recording import Source, record
 
-    taken = record(product, configuration.bench, configuration.devices.simulation, seed)
+    taken = record(product, configuration.bench, settings_of(configuration.devices.simulation), seed)
     source = Source(taken, product, configuration.bench)
     for seen in hand_frames(source, [range(len(taken.moments))]):
         yield seen.frame
@@ -48,7 +49,7 @@ def tray_scenes(
     from sim.data.folder import DataFolder
     from sim.data.objects import write_objects
 
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
     with tempfile.TemporaryDirectory(prefix="cell-trays-") as name:
         folder = DataFolder(Path(name) / "objects", "trays")
         for seed in seeds:

@@ -14,14 +14,15 @@ from cell.configuration import Configuration
 from cell.errors import CellError, DeviceFault, InputError, SettingError
 from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
+from cell.remote import priority
 from cell.remote.channel import Channel, Failure
 from cell.remote.child import Child
 from cell.remote.detecting import DetectByCamera
-from sim.process import pacing as real_time
 from sim.process.buses import CarriedBuses
 from sim.process.client import RemoteCell, connected
 from sim.process.messages import Ask, Drawn, FromNewcomer, Pace, ToNewcomer
 from sim.process.server import WorldServer, peer
+from sim.scene.settings import settings_of
 
 if TYPE_CHECKING:
     from sim.cell import DrivenArm, SimCell
@@ -51,7 +52,7 @@ def open_simulation(
     """
     from sim.cell import SimCell  # only now: a cell of real devices needs no simulator
 
-    settings, (interface, channel) = configuration.devices.simulation, configuration.devices.gripper_bus
+    settings, (interface, channel) = settings_of(configuration.devices.simulation), configuration.devices.gripper_bus
     bench, overlap = configuration.bench.drawn, settings.overlap and rendered
     return SimCell(
         product,
@@ -86,7 +87,7 @@ def open_world(
     if not configuration.devices.simulated:
         raise SettingError((("devices",), "none of the devices is simulated: there is no world to open"))
     cell = open_simulation(configuration, product, seed, goal, detect=detect)
-    period_s = configuration.devices.simulation.physics.control_period_s
+    period_s = settings_of(configuration.devices.simulation).physics.control_period_s
     with ExitStack() as unless_opened:
         unless_opened.callback(cell.close)
         cell.await_ready()
@@ -182,7 +183,7 @@ def _serve(configuration: Configuration, product: Product, seed: int, goal: str,
         Channel[Any](connection, FromNewcomer).send(Failure.of(error), ANSWER_S)
         return
     try:
-        with real_time.preferred():
+        with priority.preferred():
             server.serve()
     finally:
         devices.close()

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from cell.errors import SettingError
 from cell.files.model import Disagreement, Model
 from sim.scene.look_range import LookRange, NamedLook
 from sim.scene.person import PERSONS, Person
@@ -152,3 +153,14 @@ class SimSettings(Model):
     people: tuple[Person, ...] = ()
     shift: bool = False
     signals: SimSignals | None = None
+
+
+def settings_of(simulation: Model) -> SimSettings:
+    """The settings of a configuration as what they are.
+
+    Raises:
+        SettingError: they were read without this simulator.
+    """
+    if not isinstance(simulation, SimSettings):
+        raise SettingError((("devices", "simulation"), "these are no settings of this simulator"))
+    return simulation

@@ -19,6 +19,7 @@ from cell.interfaces.pose import Array
 from learned.hands.mediapipe.hands import SIZES, MediaPipeHands, model_folder
 from sim.data.hands import HandTruth, hand_frames
 from sim.data.recording import Source, record
+from sim.scene.settings import settings_of
 
 HANDS = ("human", "drawn")
 LEAST_VISIBLE, EDGE_PX, FOUND_PX = 0.5, 10.0, 30.0
@@ -76,7 +77,11 @@ def main() -> None:
 
 def seen_hands(configuration: Configuration, hand: str, seed: int, count: int) -> Iterator[tuple[Frame, HandTruth]]:
     """Frames spread over one assembly of a person with bare hands, and the hand that works, where it is in view."""
-    bench, settings, product = configuration.bench, configuration.devices.simulation, load_product(configuration)
+    bench, settings, product = (
+        configuration.bench,
+        settings_of(configuration.devices.simulation),
+        load_product(configuration),
+    )
     looks = settings.look.fixed("person.hand", hand).fixed("person.glove", value=False)
     source = Source(record(product, bench, settings.model_copy(update={"look": looks}), seed), product, bench)
     moments = len(source.assembly.moments)

@@ -29,7 +29,7 @@ from cell.interfaces.operator import OperatorOrder
 from cell.recording.parts import parts_of
 from cell.runs.options import RunOptions
 from cell.runs.run import run
-from cell.wiring.no_render_host import without_pixels
+from sim.process.no_render_host import without_pixels
 from sim.process.opening import open_simulation
 
 FIRST_SEED = 911_000

@@ -26,6 +26,7 @@ from sim.cell import SimCell
 from sim.rendering.camera import SimCamera
 from sim.scene.clutter import sample_clutter, standing
 from sim.scene.parts import ScenePart
+from sim.scene.settings import settings_of
 from sim.scene.world import WorldPart
 from sim.worker.event_log import ActionEvent
 from skills.motion.grasp_pose import tool_down
@@ -93,7 +94,7 @@ def open_sim(
     looking: bool = False,
 ) -> SimCell:
     """A simulated cell of its own; its arm stands still, on request over the tray."""
-    settings, bench = configuration.devices.simulation, configuration.bench
+    settings, bench = settings_of(configuration.devices.simulation), configuration.bench
     if looking:
         bench = bench.model_copy(update={"arm_park_rad": bench.arm_look_rad})
     channel = f"perception-{seed}"
@@ -160,7 +161,7 @@ def parts_in_clutter(configuration: Configuration, product: Product, scenes: int
     names = [name for name, part in product.parts.items() for _ in range(part.quantity)]
     for seed in range(scenes):
         types = [names[i] for i in rng.choice(len(names), int(rng.integers(3, 7)), replace=False)]
-        clutter = sample_clutter(product, bench.tray, types, rng, configuration.devices.simulation.clutter)
+        clutter = sample_clutter(product, bench.tray, types, rng, settings_of(configuration.devices.simulation).clutter)
         cell = open_sim(configuration, product, seed, worker=False, clutter=clutter, looking=True)
         truth = [(body.part, cell.world.part_pose(body)) for body in cell.world.bodies]
         compare(truth, detector.detect(look(cell)), errors)

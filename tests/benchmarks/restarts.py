@@ -33,12 +33,13 @@ from cell.configuration import Configuration, for_shift
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
 from cell.wiring.detectors import detectors_of
-from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
 from sim.process.buses import CarriedBuses
 from sim.process.messages import Drawn
+from sim.process.no_render_host import without_pixels
 from sim.process.opening import identity
 from sim.process.server import WorldServer
+from sim.scene.settings import settings_of
 from tests.benchmarks.kill_moment import STATES, Moment, held_part
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 
@@ -72,7 +73,7 @@ class Trial:
         self._within_s = chance.uniform(0.0, 0.03)
         goal = sorted(PRODUCT.goals)[self.seed % len(PRODUCT.goals)]
         configuration = for_shift(CONFIGURATION, self.brackets) if self.brackets else CONFIGURATION
-        simulation = configuration.devices.simulation
+        simulation = settings_of(configuration.devices.simulation)
         if wanted_state == "asks":  # of a goal that nobody listed it surely asks
             habits = simulation.person.shift.model_copy(update={"new_goals": 1.0})
             person = simulation.person.model_copy(update={"shift": habits})

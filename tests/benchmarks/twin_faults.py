@@ -38,10 +38,11 @@ from cell.lab.faults import HOLDING_STATES, hangs
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Outcome, TickRecord
-from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from learned.calibration.check import CalibrationCheck
 from sim.cell import SimCell
+from sim.process.no_render_host import without_pixels
+from sim.scene.settings import settings_of
 from sim.scene.world import World
 from sim.twin.arm import TwinArm
 from sim.twin.cell import TwinCell
@@ -189,8 +190,10 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
             arms.append(TwinArm(world))
             return arms[0]
 
-        physics = configuration.devices.simulation.physics.model_copy(update={"control_period_s": PERIOD_S})
-        simulation = configuration.devices.simulation.model_copy(update={"physics": physics})
+        physics = settings_of(configuration.devices.simulation).physics.model_copy(
+            update={"control_period_s": PERIOD_S}
+        )
+        simulation = settings_of(configuration.devices.simulation).model_copy(update={"physics": physics})
         goal = sorted(product.goals)[0]
         sim = SimCell(
             product, configuration.bench, simulation, "virtual", "twin", 0, goal, worker=False, rendered=False, arm=made

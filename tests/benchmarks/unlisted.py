@@ -13,9 +13,10 @@ from typing import Any
 
 from cell.configuration import DEFAULT_TREE, for_shift
 from cell.running.operator import OperatorChannel
-from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
+from sim.process.no_render_host import without_pixels
 from sim.scene.jobs import RANDOM_GOAL
+from sim.scene.settings import settings_of
 from tests.benchmarks.asking import assembled, tell_each
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 
@@ -34,7 +35,7 @@ def unlisted(seed: int, path: Path = DEFAULT_TREE) -> dict[str, Any]:
     """One assembly; the type that the person has follows from the seed."""
     kept = list(PRODUCT.parts)[seed % len(PRODUCT.parts)]
     configuration = for_shift(CONFIGURATION, 2)  # with a person who answers, and twice the time of one assembly
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
     habits = settings.person.shift.model_copy(update={"new_goals": 1.0})
     person = settings.person.model_copy(update={"shift": habits})
     settings = settings.model_copy(update={"person": person})

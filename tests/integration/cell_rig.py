@@ -8,11 +8,12 @@ from pathlib import Path
 
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.interfaces.product import Product
-from cell.testing import Recorded as Recorded  # who runs a tree reads it
-from cell.testing import SimulatedCell
 from cell.watching.observer import Outcome
 from sim.cell import SimCell
 from sim.scene.parts import ScenePart
+from sim.scene.settings import settings_of
+from sim.testing import Recorded as Recorded  # who runs a tree reads it
+from sim.testing import SimulatedCell
 from skills.motion.planner import MotionPlanner
 from tests import ROOT
 
@@ -21,7 +22,7 @@ COMMISSION = ROOT / "trees" / "commission.xml"
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
-SIMULATION = CONFIGURATION.devices.simulation
+SIMULATION = settings_of(CONFIGURATION.devices.simulation)
 CAN = CONFIGURATION.devices.gripper_bus
 UNWATCHED = BENCH.model_copy(update={"overhead": BENCH.overhead.model_copy(update={"rate_hz": 5.0})})
 

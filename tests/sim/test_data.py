@@ -39,11 +39,12 @@ from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
 from sim.data.tracks import as_tracked, hands_of
 from sim.scene.person import Storage
+from sim.scene.settings import settings_of
 from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
-SIMULATION = CONFIGURATION.devices.simulation
+SIMULATION = settings_of(CONFIGURATION.devices.simulation)
 SEED = 7
 
 
@@ -196,7 +197,7 @@ def test_thinned_segments_are_all_assemblies_and_few_of_the_rest(tmp_path: Path)
 
 
 def test_hands_in_frames_are_where_the_rows_say(tmp_path: Path) -> None:
-    looks = simulated(CONFIGURATION, "nominal").devices.simulation.look
+    looks = settings_of(simulated(CONFIGURATION, "nominal").devices.simulation).look
     person = looks.low.person.model_copy(update={"second_hand": True, "left_hand": True})
     look = looks.model_copy(update={"low": looks.low.model_copy(update={"person": person})})
     look = look.model_copy(update={"high": look.low})
@@ -259,7 +260,7 @@ def test_hands_to_learn_from_come_from_every_side_and_their_fingertips_stay() ->
 
 def test_shadows_of_hands_and_gripper_are_told_where_it_is_darker() -> None:
     stretches = [range(index, index + 1) for index in range(60, 260, 10)]
-    low_lamps = simulated(load_configuration(), "hard", "careful").devices.simulation
+    low_lamps = settings_of(simulated(load_configuration(), "hard", "careful").devices.simulation)
     shown = {}
     for shadows in (False, True):
         settings = low_lamps.model_copy(update={"look": low_lamps.look.fixed("light.shadows", shadows)})
@@ -311,7 +312,7 @@ def test_boxes_of_parts_lie_around_them(tmp_path: Path) -> None:
 
 def test_mixed_trays_have_things_that_lie_and_unknown_ones_where_the_true_camera_sees_them(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "new", "test")
-    varied = simulated(load_configuration(), "varied").devices.simulation
+    varied = settings_of(simulated(load_configuration(), "varied").devices.simulation)
     for seed in range(4):
         settings = varied.model_copy(update={"clutter": mixed_clutter(varied.clutter, seed)})
         write_objects(sometimes_steel(PRODUCT, 0.5, seed), BENCH, settings, seed, folder, views=2)

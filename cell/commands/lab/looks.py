@@ -21,7 +21,7 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.scene.look_range import LookRange, look_range, presets
-from sim.scene.settings import SimSettings
+from sim.scene.settings import SimSettings, settings_of
 
 WORK_S = 3.2  # by then the first part is on its way
 TILE_PX = (208, 156)
@@ -52,7 +52,7 @@ def looks(
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     wanted = [(look, seed) for look in chosen for seed in range(seeds)]
-    write_png(png, look_sheet(product, configuration.bench, configuration.devices.simulation, wanted))
+    write_png(png, look_sheet(product, configuration.bench, settings_of(configuration.devices.simulation), wanted))
 
 
 def look_sheet(product: Product, bench: Bench, settings: SimSettings, looks: Sequence[tuple[LookRange, int]]) -> Image:

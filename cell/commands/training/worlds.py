@@ -38,6 +38,7 @@ from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.sight import true_calibration
 from sim.data.splits import LYING_SHARE, STACKED_SHARE, mixed_clutter, seeds, sometimes_steel
+from sim.scene.settings import settings_of
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 
@@ -119,7 +120,7 @@ def _assemblies(write: Callable[..., None], *names: str) -> Callable[[Data, Film
 
     def maker(asked: Data, film: Film | None) -> One:
         configuration, product = asked.cell()
-        bench, simulation = configuration.bench, configuration.devices.simulation
+        bench, simulation = configuration.bench, settings_of(configuration.devices.simulation)
         more: dict[str, Any] = {name: getattr(asked, name) for name in names if name != "tracker"}
         follow = None if asked.tracker is None else _tracking(asked.tracker, configuration)
         if write is hands.write_hands:
@@ -172,7 +173,7 @@ def _plates(asked: Data, _: Film | None) -> One:
         plates.write_plates(
             sometimes_steel(product, asked.steel_share, seed),
             configuration.bench,
-            configuration.devices.simulation,
+            settings_of(configuration.devices.simulation),
             seed,
             folder,
             asked.stills,
@@ -190,7 +191,7 @@ def _trays(asked: Data, _: Film | None) -> One:
     lying = LYING_SHARE if asked.lying_share is None else asked.lying_share
     stacked = STACKED_SHARE if asked.stacked_share is None else asked.stacked_share
     configuration, product = asked.cell()
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
 
     def one(seed: int, folder: DataFolder) -> None:
         clutter = mixed_clutter(settings.clutter, seed, lying, stacked) if asked.mixed else settings.clutter

@@ -17,6 +17,7 @@ from cell.commands.main import main
 from cell.errors import InputError
 from cell.files.packages import missing_packages
 from cell.settings import WEIGHTS
+from sim import simulator
 from sim.rendering.available import renders
 from tests import ROOT
 
@@ -29,7 +30,7 @@ RENDERS, PACKAGES = cache(renders), cache(missing_packages)
 @pytest.fixture(autouse=True)
 def short_trial(monkeypatch: pytest.MonkeyPatch) -> None:
     """It looks at the cell for a moment, at rendering and packages once, and not at the files of all packages."""
-    monkeypatch.setattr(doctor, "renders", RENDERS)
+    monkeypatch.setattr(simulator, "renders", RENDERS)
     monkeypatch.setattr(doctor, "missing_packages", PACKAGES)
     monkeypatch.setattr(doctor, "damaged_packages", dict)
     monkeypatch.setattr(doctor, "TRIAL_S", 0.2)
@@ -119,7 +120,7 @@ def test_bins_that_stand_in_each_others_place_are_told_with_their_line(
 
 
 def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(doctor, "renders", lambda _: False)
+    monkeypatch.setattr(simulator, "renders", lambda _: False)
     first, *others = examine(configuration(tmp_path))
     assert (first.ok, first.needed) == (False, True)
     assert "apt-get install -y libegl1" in first.remedy

@@ -23,6 +23,7 @@ from sim.data.placed import placed, releases, slipped, with_slips
 from sim.data.recording import Assembly, Source
 from sim.data.recording import record as recorded
 from sim.data.tracks import hands_of
+from sim.scene.settings import settings_of
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 
@@ -40,7 +41,7 @@ def test_a_placement_is_right_in_time_with_part_and_hole_and_once() -> None:
 
 @cache
 def slipping() -> Assembly:
-    return recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+    return recorded(PRODUCT, CONFIGURATION.bench, settings_of(CONFIGURATION.devices.simulation), 820400)
 
 
 def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
@@ -98,7 +99,7 @@ def test_by_physics_what_slips_out_of_the_fingers_is_labelled_as_what_it_is(monk
     """The hand opens over p1 half a second before o1, which fell from it, stands there; no more is recorded."""
     monkeypatch.setattr("sim.data.recording.LONGEST_S", 7.0)
     nominal = simulated(CONFIGURATION, "nominal", "varied")
-    assembly = recorded(PRODUCT, nominal.bench, nominal.devices.simulation, 824104, physics=True)
+    assembly = recorded(PRODUCT, nominal.bench, settings_of(nominal.devices.simulation), 824104, physics=True)
     first = next(label for label in assembly.labels if label.kind == "assembly")
     assert (first.part, first.position) == ("o1", "p1")
     number, *what = releases(assembly)[0]
@@ -222,7 +223,7 @@ def test_what_is_done_under_the_robot_is_counted_apart() -> None:
 def test_a_hand_under_the_arm_is_hidden() -> None:
     """Seed 820002 of `varied`: the arm that hands a part over hangs over the hand while it is placed (19 s)."""
     looks = simulated(CONFIGURATION, "varied", "varied")
-    recording = recorded(PRODUCT, looks.bench, looks.devices.simulation, 820_002)
+    recording = recorded(PRODUCT, looks.bench, settings_of(looks.devices.simulation), 820_002)
     source = Source(recording, PRODUCT, looks.bench)
     shares = visible_shares(source, [45, 285])
     assert shares[0] > 0.9

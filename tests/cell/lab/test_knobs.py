@@ -11,6 +11,7 @@ import pytest
 from cell.commands.main import main
 from cell.configuration import load_configuration, simulated
 from cell.lab.knobs import SCORED, at
+from sim.scene.settings import settings_of
 
 HOLES = ["lab", "eval", "knobs", "holes", "--seeds", "807100:807101"]
 
@@ -18,10 +19,10 @@ HOLES = ["lab", "eval", "knobs", "holes", "--seeds", "807100:807101"]
 @pytest.mark.parametrize("detector", SCORED)
 def test_each_knob_that_is_turned_by_default_turns_that_and_nothing_else(detector: str) -> None:
     configuration = simulated(load_configuration(), "nominal", "varied")
-    before = configuration.devices.simulation
+    before = settings_of(configuration.devices.simulation)
     for knob, values in SCORED[detector].knobs.items():
         for value in values:
-            after = at(configuration, knob, value).devices.simulation
+            after = settings_of(at(configuration, knob, value).devices.simulation)
             if knob == "pace":
                 assert after.person.pace == (value, value)
                 assert after.look == before.look

@@ -17,6 +17,7 @@ from learned.inference.onnx_model import OnnxModel
 from sim.data.actions import write_segments
 from sim.data.folder import DataFolder
 from sim.data.recording import Source, record
+from sim.scene.settings import settings_of
 
 LOOKS = simulated(load_configuration(), "nominal", "varied")
 SHIPPED = WEIGHTS / weights_file("actions", "slim")
@@ -25,7 +26,7 @@ TEST_SEED = 900_500
 
 def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) -> None:
     product, bench = load_product(LOOKS), LOOKS.bench
-    assembly = record(product, bench, LOOKS.devices.simulation, TEST_SEED)
+    assembly = record(product, bench, settings_of(LOOKS.devices.simulation), TEST_SEED)
     write_segments(Source(assembly, product, bench), DataFolder(tmp_path / "new", "test"), thin=True)
     classes, reader = Classes.of(product), SegmentReader(bench, product)
     segments = load_segments([tmp_path / "new"], classes)

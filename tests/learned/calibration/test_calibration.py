@@ -24,6 +24,7 @@ from sim.data.sight import true_calibration, true_camera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
 from sim.scene.look import Look, MountError, Mounts
+from sim.scene.settings import settings_of
 from sim.scene.world import build_world
 
 CONFIGURATION = load_configuration()
@@ -80,7 +81,7 @@ def test_a_camera_that_hangs_further_off_than_the_search_reaches_is_found_by_the
 def test_five_of_six_holes_are_not_taken_for_their_neighbours() -> None:
     seed = 906_015  # an end hole is too dark to be seen; one hole further along, as many holes and more edges were seen
     hard = simulated(load_configuration(), "hard")
-    world = build_world(PRODUCT, BENCH, None, None, None, hard.devices.simulation.look.draw(seed))
+    world = build_world(PRODUCT, BENCH, None, None, None, settings_of(hard.devices.simulation).look.draw(seed))
     true = BENCH.overhead.calibrated(true_calibration(world, "overhead", BENCH.overhead))
     found = calibrated_bench(hard, PRODUCT, seed, world).overhead
     assert holes_off_m(BENCH.overhead, true, BENCH, PRODUCT) > 0.03
@@ -105,7 +106,7 @@ def test_a_wrist_camera_that_is_lost_at_first_is_found_from_elsewhere(seed: int)
 def wrist_off_m(seed: int) -> float:
     """How far a calibrated wrist camera of the look "hard" sees the middle of the tray off."""
     hard = simulated(load_configuration(), "hard")
-    world = build_world(PRODUCT, BENCH, None, None, None, hard.devices.simulation.look.draw(seed))
+    world = build_world(PRODUCT, BENCH, None, None, None, settings_of(hard.devices.simulation).look.draw(seed))
     believed = calibrated_bench(hard, PRODUCT, seed, world)
     true = BENCH.model_copy(update={"wrist": BENCH.wrist.calibrated(true_calibration(world, "wrist", BENCH.wrist))})
     world.set_arm(BENCH.arm_look_rad)

@@ -19,6 +19,7 @@ from learned.inference.onnx_model import OnnxModel
 from sim.data.hands import hand_frames
 from sim.data.recording import Source, record
 from sim.data.working_arm import TurnedHand
+from sim.scene.settings import settings_of
 
 FILE = WEIGHTS / weights_file("hands", "slim")
 MOST_BYTES = 7_500_000
@@ -83,7 +84,9 @@ def test_hands_that_point_to_any_side_are_found_and_read(
     monkeypatch.setattr(TurnedHand, "draw", lambda _: turn_rad)
     configuration = simulated(load_configuration(), look, "varied")
     product, bench = load_product(configuration), configuration.bench
-    source = Source(record(product, bench, configuration.devices.simulation, SEED, physics=False), product, bench)
+    source = Source(
+        record(product, bench, settings_of(configuration.devices.simulation), SEED, physics=False), product, bench
+    )
     moments = len(source.assembly.moments)
     stretches = [range(index, index + 1) for index in range(moments // 4, moments - 2, moments // 16)]
     reader = SlimReader(bench.overhead, tuple(product.parts), FILE)
@@ -110,7 +113,7 @@ def test_a_true_hand_is_seen_also_where_the_robot_is_said_to_be(look: str, share
     """The worst case: from the first frame on, the robot is believed to be over all of the hand."""
     configuration = simulated(load_configuration(), look, "varied")
     product, bench = load_product(configuration), configuration.bench
-    settings = configuration.devices.simulation
+    settings = settings_of(configuration.devices.simulation)
     source = Source(record(product, bench, settings, SEED, physics=False), product, bench)
     middle = len(source.assembly.moments) // 2
     seen = list(hand_frames(source, [range(middle, middle + FRAMES)]))
@@ -129,7 +132,7 @@ def test_a_true_hand_is_seen_also_where_the_robot_is_said_to_be(look: str, share
 def test_hands_are_read_before_anybody_asks_and_read_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     configuration = load_configuration()
     product = load_product(configuration)
-    simulation = configuration.devices.simulation
+    simulation = settings_of(configuration.devices.simulation)
     source = Source(record(product, configuration.bench, simulation, SEED, physics=False), product, configuration.bench)
     middle = len(source.assembly.moments) // 2
     frames = [one.frame for one in hand_frames(source, [range(middle, middle + FRAMES)])]
@@ -164,7 +167,7 @@ def test_the_weights_are_small_and_all_are_needed(tmp_path: Path) -> None:
 
 
 def test_every_choice_of_persons_is_a_part_of_a_look() -> None:
-    person = load_configuration().devices.simulation.look.low.person
+    person = settings_of(load_configuration().devices.simulation).look.low.person
     for choose in ONLY.values():
         for seed in range(12):
             assert set(choose(seed)) <= set(type(person).model_fields)

@@ -15,6 +15,7 @@ from learned.holes.model import KIND, HoleNetwork, Reading
 from learned.inference.onnx_model import OnnxModel
 from sim.data.folder import DataFolder
 from sim.data.plates import write_plates
+from sim.scene.settings import settings_of
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -23,7 +24,7 @@ SEED = 820_000
 
 def test_bare_holes_are_read_and_filled_ones_are_not_called_empty(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "new", "test")
-    look = CONFIGURATION.devices.simulation
+    look = settings_of(CONFIGURATION.devices.simulation)
     write_plates(PRODUCT, BENCH, look, SEED, folder, 20, lambda *_: np.array(BENCH.arm_park_rad))
     network = HoleNetwork(BENCH, PRODUCT, OnnxModel.load(WEIGHTS / "holes_plate.onnx", KIND))
 

@@ -24,6 +24,7 @@ from learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDete
 from sim.data.folder import DataFolder
 from sim.data.objects import write_objects
 from sim.data.splits import mixed_clutter
+from sim.scene.settings import settings_of
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -35,7 +36,7 @@ FIRST_SEED = 810_000
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> list[Scene]:
     path = tmp_path_factory.mktemp("trays") / "new"
     folder = DataFolder(path, "test")
-    settings = CONFIGURATION.devices.simulation
+    settings = settings_of(CONFIGURATION.devices.simulation)
     for seed in range(FIRST_SEED, FIRST_SEED + 6):
         mixed = settings.model_copy(update={"clutter": mixed_clutter(settings.clutter, seed)})
         write_objects(PRODUCT, BENCH, mixed, seed, folder)

@@ -24,6 +24,7 @@ from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.scene.parts import ScenePart
+from sim.scene.settings import settings_of
 from skills.motion.planner import MotionPlanner
 from trees.loading import load_tree
 from trees.node_library import node_registry
@@ -119,7 +120,14 @@ def simulated_cell(
     read = load_configuration(path)
     product, devices = load_product(read, path), read.devices
     world = SimCell(
-        product, read.bench, devices.simulation, *devices.gripper_bus, seed, goal, worker=person, clutter=parts
+        product,
+        read.bench,
+        settings_of(devices.simulation),
+        *devices.gripper_bus,
+        seed,
+        goal,
+        worker=person,
+        clutter=parts,
     )
     try:
         yield SimulatedCell(read, product, world, MotionPlanner(product, read.bench, read.motion))

@@ -13,8 +13,9 @@ from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedO
 from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration, load_configuration, load_product, located, simulated
 from cell.interfaces.devices import ROLES
-from sim.process import pacing
+from cell.remote import priority
 from sim.process.opening import open_simulation
+from sim.scene.settings import settings_of
 from sim.scene.world import World
 from sim.twin.arm import TwinArm
 from sim.twin.cell import TwinCell
@@ -49,7 +50,7 @@ def twin(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     try:
-        with pacing.preferred():
+        with priority.preferred():
             wires = cell.serve()
         door = ControlDoor(cell, at)
         for wire in wires:
@@ -92,7 +93,7 @@ def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, sl
         CellError: it could not be opened.
     """
     product, name = load_product(configuration, path), configuration.robot.name
-    devices, simulation = configuration.devices, configuration.devices.simulation
+    devices, simulation = configuration.devices, settings_of(configuration.devices.simulation)
     period_s = FAST_CYCLE_S if name in FAST_ROBOTS else CYCLE_S
     physics = simulation.physics.model_copy(update={"control_period_s": period_s})
     devices = devices.model_copy(update={"simulation": simulation.model_copy(update={"physics": physics})})

@@ -9,9 +9,9 @@ import numpy as np
 from cell.faults.injection import Injection
 from cell.interfaces.faults import Action
 from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
-from cell.running.fault_checks import STALE_BENCH_S
 from cell.running.gripper_checks import HELD_LATELY_S, STALE_GRIPPER_S
 from cell.watching.observer import Observer, TickRecord
+from skills.motion.known_bench import STALE_S
 from skills.motion.planner import MotionPlanner
 
 EVERY = 4  # of the joints' samples
@@ -86,7 +86,7 @@ def shows(seen: Observation, injection: Injection) -> bool:
     if fault.startswith("camera"):
         if any(trouble.device.startswith("camera") for trouble in seen.troubles):
             return True
-        stale = seen.bench is None or seen.time_s - seen.bench.time_s > STALE_BENCH_S
+        stale = seen.bench is None or seen.time_s - seen.bench.time_s > STALE_S
         first = injection.first_frame
         spoiled = first is not None and seen.bench is not None and seen.bench.sequence >= first
         return stale if fault in ("camera_dead", "camera_raises") else spoiled

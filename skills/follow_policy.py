@@ -2,56 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from cell.errors import ModelError
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.grasping.handling import joints_of
 from skills.grasping.phases import failed
-from skills.motion.planner import Load, MotionPlanner
+from skills.motion.planner import Load
 from skills.move_to import FreeMove
 
 SETTLED_RAD = 0.01  # a policy that wants the arm no farther than this from where it stands is done
 Zone = tuple[float, float, float, float, float, float]  # least and largest x, y, z of the tool in the world [m]
 
 
+@dataclass(eq=False)
 class FollowPolicy(FreeMove):
     """Ask the policy, move there by a free way, and ask again, until it wants the arm where it stands.
 
-    Args:
+    Attributes:
         wants: the policy's answer to what is seen, six joints in [rad]; raises ModelError.
         zone: the tool never goes out of it.
         steps: motions at most.
     """
 
-    def __init__(
-        self,
-        planner: MotionPlanner,
-        wants: Callable[[Observation], Array],
-        zone: Zone,
-        steps: int,
-        standing: Sequence[PartDetection] = (),
-        held: str | None = None,
-    ) -> None:
-        super().__init__(planner, "where the policy wants it", standing, held)
-        self._wants, self._zone, self._steps = wants, zone, steps
+    to: str = field(default="where the policy wants it", init=False)
+    wants: Callable[[Observation], Array] = field(kw_only=True)
+    zone: Zone = field(kw_only=True)
+    steps: int = field(kw_only=True)
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
         try:
-            joints = self._wants(observation)
+            joints = self.wants(observation)
         except ModelError as error:
             return str(error)
-        limits = np.array(self._planner.settings.robot.range_rad)
+        limits = np.array(self.planner.settings.robot.range_rad)
         if (np.abs(joints) > limits).any():
             return f"the policy wants joints {np.round(joints, 3).tolist()} rad; legal: up to {limits.tolist()}"
-        tool_m = self._planner.kinematics.position_m(joints)
-        least, most = np.array(self._zone).reshape(3, 2).T
+        tool_m = self.planner.kinematics.position_m(joints)
+        least, most = np.array(self.zone).reshape(3, 2).T
         if (tool_m < least).any() or (tool_m > most).any():
             return f"the policy wants the tool at {np.round(tool_m, 3).tolist()} m, outside of its zone"
         return joints
@@ -65,8 +59,8 @@ class FollowPolicy(FreeMove):
             return self._finish(failed(wanted))
         if np.abs(wanted - joints_of(observation)).max() <= SETTLED_RAD:
             return progress
-        self._steps -= 1
-        if self._steps <= 0:
+        self.steps -= 1
+        if self.steps <= 0:
             return self._finish(failed("the policy did not come to rest in the motions that it may make"))
         self._phases = self._end = None
         return Progress(SkillStatus.RUNNING, "asking the policy again")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product as all_of
 
 from cell.files.words.message import Message
@@ -39,6 +39,7 @@ from skills.motion.lying_grasp import (
     straight_holds,
     turns_left,
 )
+from skills.motion.motions import FreeWay, Line, Rise
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.move_aside import free_centres
 
@@ -53,27 +54,35 @@ TRIES, LIFTS = 64, 24  # ways to hold that are tried, leaning and straight
 Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
 
 
-class SetUpright(PhasedSkill):
-    """Take a part that lies and stand it on its peg where the tray is free, or lay it on a side nearer to that."""
+@dataclass(eq=False)
+class _OfLying(PhasedSkill):
+    """Base of what is done with a part that lies.
 
-    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
-        """Args:
+    Attributes:
         part: it lies, and it is known how (`lies`).
         others: all other parts seen in the tray.
-        """
-        super().__init__()
-        self._planner, self._part, self._others = planner, part, tuple(others)
-        self._then = ""
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: PartDetection
+    others: Sequence[PartDetection]
+
+
+@dataclass(eq=False)
+class SetUpright(_OfLying):
+    """Take a part that lies and stand it on its peg where the tray is free, or lay it on a side nearer to that."""
+
+    _then: str = field(default="", init=False)
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp from which the part can be put down better than it lies now."""
-        planner, part = self._planner, self._part
+        planner, part = self.planner, self.part
         if part.lies is None:
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         sides = better(planner.product.parts[part.part], side_up(part.lies))
-        ways = grasps_of_lying(planner, part, self._others, joints_of(observation))
+        ways = grasps_of_lying(planner, part, self.others, joints_of(observation))
         useful = (way for way in ways if way[0].turn.then in sides)
-        found = taken_elsewhere(planner, part, self._others, observation, useful, lambda hold: (hold.turn.then,))
+        found = taken_elsewhere(planner, part, self.others, observation, useful, lambda hold: (hold.turn.then,))
         if isinstance(found, str):
             return found
         self._then = found[0].turn.then
@@ -83,28 +92,25 @@ class SetUpright(PhasedSkill):
     def done(self) -> str:
         """What the skill has achieved, in words."""
         return (
-            Message("{part} was let go upright", part=self._part.part)
+            Message("{part} was let go upright", part=self.part.part)
             if self._then == UPRIGHT
-            else Message("{part} was let go on another side", part=self._part.part)
+            else Message("{part} was let go on another side", part=self.part.part)
         )
 
 
-class PickLying(PhasedSkill):
+@dataclass(eq=False)
+class PickLying(_OfLying):
     """Take a part that lies and lift it, to hand it over; it stays as it is held."""
-
-    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
-        super().__init__()
-        self._planner, self._part, self._others = planner, part, tuple(others)
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Any grasp that the arm reaches."""
-        planner, part = self._planner, self._part
+        planner, part = self.planner, self.part
         if part.lies is None:
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
         if (full := why_not_empty(observation)) is not None:
             return Message("cannot take {part}: {full}", part=part.part, full=full)
-        for chosen in grasps_of_lying(planner, part, self._others, joints_of(observation)):
-            phases = take_lying(planner, part, self._others, chosen)
+        for chosen in grasps_of_lying(planner, part, self.others, joints_of(observation)):
+            phases = take_lying(planner, part, self.others, chosen)
             if not isinstance(phases, str):
                 return phases
         return Message("cannot take {part} as it lies: no room for the fingers", part=part.part)
@@ -112,30 +118,23 @@ class PickLying(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("holding {part} as it lay", part=self._part.part)
+        return Message("holding {part} as it lay", part=self.part.part)
 
 
-class LayAside(PhasedSkill):
+@dataclass(eq=False)
+class LayAside(_OfLying):
     """Take a part as it lies, on others perhaps, and lay it down where the tray is free (Alg. 2, "move b")."""
-
-    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
-        """Args:
-        part: it is known how it lies (`lies`).
-        others: all other parts seen in the tray, those that carry it among them.
-        """
-        super().__init__()
-        self._planner, self._part, self._others = planner, part, tuple(others)
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp with which the part can be put down on the side on which it lies, or on another one."""
-        ways = ways_to_lift(self._planner, self._part, self._others, joints_of(observation))
-        found = taken_elsewhere(self._planner, self._part, self._others, observation, ways, lambda hold: hold.sides)
+        ways = ways_to_lift(self.planner, self.part, self.others, joints_of(observation))
+        found = taken_elsewhere(self.planner, self.part, self.others, observation, ways, lambda hold: hold.sides)
         return found if isinstance(found, str) else found[1]
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} moved aside", part=self._part.part)
+        return Message("{part} moved aside", part=self.part.part)
 
 
 def taken_elsewhere(
@@ -288,25 +287,13 @@ def take_lying(
     if isinstance(up := planner.rise(joints, carry_m, opening_m), str):
         return Message("cannot lift {name}: {up}", name=name, up=up)
     lowest_m, on_others = planner.bench.tray.centre_m[2] + OVER_FLOOR_M, raised(planner, part)
+    slowly_m_s = settings.close_speed_m_s if on_others else None
     planner.hold, planner.lying = None, hold
     return [
         Activate(),
-        Descend(
-            name,
-            planner,
-            above,
-            tool,
-            (on_way, around),
-            settings.close_speed_m_s if on_others else None,
-            feels=True,
-        ),
+        Descend(name, planner, above, on_way, Line(planner, tool, around, slowly_m_s), feels=True),
         TakeLower(name, planner, opening_m, lowest_m, STEPS if on_others else 0),
-        Move(
-            Message("lifting {name}", name=name),
-            lambda start: planner.rise(start, carry_m, opening_m),
-            settings,
-            holding=name,
-        ),
+        Move(Message("lifting {name}", name=name), Rise(planner, carry_m, opening_m), holding=name),
     ]
 
 
@@ -388,7 +375,7 @@ def put_at(
         slipped_m: as in `SetDown`.
         unsure_m: it may hang so much higher between the fingers: the way down is felt, as far as the floor lets them.
     """
-    settings, kind = planner.settings, planner.product.parts[name]
+    kind = planner.product.parts[name]
     obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, others))
     held, opening_m = (held_box(name, kind, hold),), _opening_m(planner, hold)
     carrying, lowering = Load(opening_m, obstacles, held), Load(opening_m, obstacles, close=True)
@@ -405,16 +392,10 @@ def put_at(
     for way in (planner.near_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
         if isinstance(way, str):
             return Message("cannot put {name} there: {way}", name=name, way=way)
+    down = Line(planner, tool, lowering, planner.settings.close_speed_m_s if unsure_m > 0 else None)
     return [
-        Move(
-            Message("turning {name}", name=name),
-            lambda start: planner.free_way(start, above, carrying),
-            settings,
-            holding=name,
-        ),
-        SetDown(
-            name, planner, tool, lowering, slipped_m + unsure_m, settings.close_speed_m_s if unsure_m > 0 else None
-        ),
+        Move(Message("turning {name}", name=name), FreeWay(planner, above, carrying), holding=name),
+        SetDown(name, down, slipped_m + unsure_m),
         *release_phases(planner, name, opening_m, carry_m),
     ]
 

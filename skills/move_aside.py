@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,34 +32,36 @@ ENOUGH_M = 0.060  # more room than this is no better
 SPOTS = 5
 
 
+@dataclass(eq=False)
 class MoveAside(PhasedSkill):
-    """Pick a part and put it down on a free spot of the tray, away from all others."""
+    """Pick a part and put it down on a free spot of the tray, away from all others.
 
-    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
-        """Args:
+    Attributes:
         part: the part that is in the way.
         others: all other parts seen in the tray, the one that it blocks among them.
-        """
-        super().__init__()
-        self._planner, self._part, self._others = planner, part, tuple(others)
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: PartDetection
+    others: Sequence[PartDetection]
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Find a spot, then a grasp."""
         if (full := why_not_empty(observation)) is not None:
-            return Message("cannot take {part}: {full}", part=self._part.part, full=full)
-        planner, part = self._planner, self._part
+            return Message("cannot take {part}: {full}", part=self.part.part, full=full)
+        planner, part = self.planner, self.part
         kind = planner.product.parts[part.part]
         near = joints_of(observation)
         carry_m = self._carry_m(kind)
-        chosen = choose_grasp(planner, part, self._others, near)
+        chosen = choose_grasp(planner, part, self.others, near)
         if isinstance(chosen, str):
             return chosen
-        take = take_phases(planner, part, self._others, chosen, carry_m)
+        take = take_phases(planner, part, self.others, chosen, carry_m)
         if isinstance(take, str):
             return take
-        obstacles = tray_boxes(planner, self._others)
+        obstacles = tray_boxes(planner, self.others)
         reason: str = Message("no free spot in the tray for {part}", part=part.part)
-        for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
+        for target in free_spots(part, kind, self.others, planner.bench.tray, planner.settings):
             put = put_phases(
                 planner, part.part, chosen[0].hold, target, obstacles, near, carry_m, slipped_m=slips_m(kind)
             )
@@ -70,14 +73,14 @@ class MoveAside(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} moved aside", part=self._part.part)
+        return Message("{part} moved aside", part=self.part.part)
 
     def _carry_m(self, kind: PartType) -> float:
         """Height of the carried body's bottom that clears all other parts in the tray."""
-        bench = self._planner.bench.tray
+        bench = self.planner.bench.tray
         floor = bench.centre_m[2]
-        tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in self._others]
-        return max([floor + bench.wall_m, *tops]) + kind.peg_length_m + self._planner.settings.carry_gap_m
+        tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in self.others]
+        return max([floor + bench.wall_m, *tops]) + kind.peg_length_m + self.planner.settings.carry_gap_m
 
 
 def free_spots(

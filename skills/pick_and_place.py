@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,72 +29,75 @@ from skills.motion.grip import Grip, Hold
 from skills.motion.planner import Load, MotionPlanner
 
 
+@dataclass(eq=False)
 class Pick(PhasedSkill):
-    """Grasp a part from straight above and lift it; done when it is held above what stands near it."""
+    """Grasp a part from straight above and lift it; done when it is held above what stands near it.
 
-    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection] = ()) -> None:
-        """Args:
+    Attributes:
         part: the part to take, as last seen.
         others: all other parts seen in the tray; the arm keeps clear of them.
-        """
-        super().__init__()
-        self._planner, self._part, self._others = planner, part, tuple(others)
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: PartDetection
+    others: Sequence[PartDetection] = ()
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
         if (full := why_not_empty(observation)) is not None:
-            return Message("cannot take {part}: {full}", part=self._part.part, full=full)
-        planner = self._planner
-        chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
+            return Message("cannot take {part}: {full}", part=self.part.part, full=full)
+        planner = self.planner
+        chosen = choose_grasp(planner, self.part, self.others, joints_of(observation))
         if isinstance(chosen, str):
             return chosen
-        return take_phases(planner, self._part, self._others, chosen, lift_m(planner, self._part, self._others))
+        return take_phases(planner, self.part, self.others, chosen, lift_m(planner, self.part, self.others))
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("holding {part}", part=self._part.part)
+        return Message("holding {part}", part=self.part.part)
 
 
+@dataclass(eq=False)
 class Place(PhasedSkill):
-    """Carry the held part over a hole, lower its peg into it and let go; the next motion begins with the way up."""
+    """Carry the held part over a hole, lower its peg into it and let go; the next motion begins with the way up.
 
-    def __init__(
-        self, planner: MotionPlanner, position: str, part: str, tray_parts: Sequence[PartDetection] = ()
-    ) -> None:
-        """Args:
+    Attributes:
         position: name of the hole.
         part: type of the part that the gripper holds.
         tray_parts: parts that remain in the tray; the arm keeps clear of them.
-        """
-        super().__init__()
-        self._planner, self._position, self._part, self._tray_parts = planner, position, part, tuple(tray_parts)
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    position: str
+    part: str
+    tray_parts: Sequence[PartDetection] = ()
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Refuse a filled hole, choose a heading of the tool."""
-        planner, placed = self._planner, seen_in_holes(observation)
+        planner, placed = self.planner, seen_in_holes(observation)
         planner.forget_left(joints_of(observation))
         if planner.lying is not None:
             return Message(
-                "cannot put {part} at {position}: it is held as it lay", part=self._part, position=self._position
+                "cannot put {part} at {position}: it is held as it lay", part=self.part, position=self.position
             )
-        if self._position in placed:
+        if self.position in placed:
             return Message(
                 "cannot put {part} at {position}: {placed} is there",
-                part=self._part,
-                position=self._position,
-                placed=placed[self._position],
+                part=self.part,
+                position=self.position,
+                placed=placed[self.position],
             )
-        obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self._tray_parts))
-        target = hole_pose(planner.product, planner.bench, self._position)
-        carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part])
-        hold = present_hold(planner, self._part, observation)
-        return put_phases(planner, self._part, hold, target, obstacles, joints_of(observation), carry_m, into_hole=True)
+        obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self.tray_parts))
+        target = hole_pose(planner.product, planner.bench, self.position)
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[self.part])
+        hold = present_hold(planner, self.part, observation)
+        return put_phases(planner, self.part, hold, target, obstacles, joints_of(observation), carry_m, into_hole=True)
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} was let go at {position}", part=self._part, position=self._position)
+        return Message("{part} was let go at {position}", part=self.part, position=self.position)
 
 
 def can_place(planner: MotionPlanner, part: str, position: str) -> bool:

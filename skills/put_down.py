@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
@@ -26,45 +27,41 @@ from skills.move_aside import free_spots
 UPRIGHT = 0.999  # cosine of the largest tilt of a spot that a part can stand on
 
 
+@dataclass(eq=False)
 class PutDown(PhasedSkill):
-    """Carry the held part over a spot, lower it, let go and rise."""
+    """Carry the held part over a spot, lower it, let go and rise.
 
-    def __init__(
-        self,
-        planner: MotionPlanner,
-        part: str,
-        world_from_spot: Pose,
-        where: str,
-        standing: Sequence[PartDetection] = (),
-    ) -> None:
-        """Args:
+    Attributes:
         part: type of the part that the gripper holds.
         world_from_spot: what its peg will stand on; x along the part's length.
         where: the spot in words.
         standing: parts that stand in the tray or were put down before.
-        """
-        super().__init__()
-        self._planner, self._part, self._spot, self._where = planner, part, world_from_spot, where
-        self._standing = tuple(standing)
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: str
+    world_from_spot: Pose
+    where: str
+    standing: Sequence[PartDetection] = ()
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a heading of the tool."""
-        planner = self._planner
+        planner = self.planner
         if not observation.gripper.holding:
-            return Message("cannot put {part} down: the gripper holds nothing", part=self._part)
-        if self._spot.rotation[2, 2] < UPRIGHT:
+            return Message("cannot put {part} down: the gripper holds nothing", part=self.part)
+        if self.world_from_spot.rotation[2, 2] < UPRIGHT:
             return Message(
-                "cannot put {part} down at {where}: nothing stands on a tilted spot", part=self._part, where=self._where
+                "cannot put {part} down at {where}: nothing stands on a tilted spot", part=self.part, where=self.where
             )
-        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
-        kind = planner.product.parts[self._part]
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
+        kind = planner.product.parts[self.part]
         if planner.lying is not None:
-            return put_lying_down(planner, self._part, self._spot, observation, self._standing)
+            return put_lying_down(planner, self.part, self.world_from_spot, observation, self.standing)
         return put_phases(
             planner,
-            self._part,
-            present_hold(planner, self._part, observation),
-            stands_at(self._spot, kind.peg_length_m),
+            self.part,
+            present_hold(planner, self.part, observation),
+            stands_at(self.world_from_spot, kind.peg_length_m),
             obstacles,
             joints_of(observation),
             carry_over_bracket_m(planner, kind),
@@ -73,7 +70,7 @@ class PutDown(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} was let go at {where}", part=self._part, where=self._where)
+        return Message("{part} was let go at {where}", part=self.part, where=self.where)
 
 
 def stands_at(world_from_spot: Pose, peg_length_m: float) -> Pose:
@@ -82,35 +79,37 @@ def stands_at(world_from_spot: Pose, peg_length_m: float) -> Pose:
     return Pose.from_yaw((x, y, z + peg_length_m), world_from_spot.yaw_rad)
 
 
+@dataclass(eq=False)
 class PutBack(PhasedSkill):
-    """Carry the held part to a free spot of the tray, let go and rise."""
+    """Carry the held part to a free spot of the tray, let go and rise.
 
-    def __init__(self, planner: MotionPlanner, part: str, tray_parts: Sequence[PartDetection]) -> None:
-        """Args:
+    Attributes:
         part: type of the part that the gripper holds.
         tray_parts: parts that stand in the tray, as last seen.
-        """
-        super().__init__()
-        self._planner, self._part, self._tray_parts = planner, part, tuple(tray_parts)
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: str
+    tray_parts: Sequence[PartDetection]
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Find a spot, then a way."""
-        planner = self._planner
+        planner = self.planner
         if planner.lying is not None:
-            return put_lying_back(planner, self._part, observation, self._tray_parts)
-        kind = planner.product.parts[self._part]
+            return put_lying_back(planner, self.part, observation, self.tray_parts)
+        kind = planner.product.parts[self.part]
         tray = planner.bench.tray
         obstacles = (
             *bracket_boxes(planner, seen_in_holes(observation)),
-            *tray_boxes(planner, self._tray_parts),
+            *tray_boxes(planner, self.tray_parts),
         )
-        held = PartDetection(self._part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
-        hold = present_hold(planner, self._part, observation)
-        reason: str = Message("no free spot in the tray for {part}", part=self._part)
-        for target in free_spots(held, kind, self._tray_parts, tray, planner.settings):
+        held = PartDetection(self.part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
+        hold = present_hold(planner, self.part, observation)
+        reason: str = Message("no free spot in the tray for {part}", part=self.part)
+        for target in free_spots(held, kind, self.tray_parts, tray, planner.settings):
             phases = put_phases(
                 planner,
-                self._part,
+                self.part,
                 hold,
                 target,
                 obstacles,
@@ -126,4 +125,4 @@ class PutBack(PhasedSkill):
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{part} was let go in the tray", part=self._part)
+        return Message("{part} was let go in the tray", part=self.part)

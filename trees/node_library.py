@@ -168,11 +168,16 @@ def _remark() -> str:
     return f"{USUAL_FOLDER}/ is not loaded: {way}" if here else ""
 
 
-def _named(name: str) -> Iterator[ModuleType]:
+def python_files(name: str) -> list[Path]:
+    """The files that a name of nodes stands for; none for a package."""
     if Path(name).is_dir():
-        yield from (_file(file) for file in sorted(Path(name).glob("*.py")) if file.name != "__init__.py")
-    elif name.endswith(".py") or Path(name).is_file():
-        yield _file(Path(name))
+        return sorted(file for file in Path(name).glob("*.py") if file.name != "__init__.py")
+    return [Path(name)] if name.endswith(".py") or Path(name).is_file() else []
+
+
+def _named(name: str) -> Iterator[ModuleType]:
+    if Path(name).is_dir() or python_files(name):
+        yield from map(_file, python_files(name))
     else:
         yield from _imported(name)
 

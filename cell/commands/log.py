@@ -27,7 +27,7 @@ from cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from cell.commands.options import JsonOption, OverwriteOption, WithOption, own_files
+from cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
 from cell.errors import CellError, InputError
 
 LOSSY = 3
@@ -103,7 +103,7 @@ def why(
     from cell.log.report.text import why_lines
 
     files, beside = own_files(own)
-    then = why_at(read(log), at_s, Changes(nodes=files, beside=beside))
+    then = why_at(read(log), at_s, Changes(nodes=(*files, *always_loaded()), beside=beside))
     told = {"tick": then.tick.number, "time_s": then.tick.time_s, "status": then.tick.status, **then.why.plain()}
     if as_json:
         tell_json({**told, "remark": then.remark})

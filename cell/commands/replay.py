@@ -21,7 +21,7 @@ from cell.commands.log_terminal import (
     tell_comparison,
     tell_json,
 )
-from cell.commands.options import JsonOption, OverwriteOption, WithOption, own_files
+from cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
 from cell.errors import InputError
 from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, files_of
@@ -74,7 +74,7 @@ def replay(
     Several logs are answered in one table, with the node and the tick of the first other command of each.
     """
     nodes, beside = own_files(own)
-    changes = Changes(tree, config, _weights(weights or []), nodes, beside, perception)
+    changes = Changes(tree, config, _weights(weights or []), (*nodes, *always_loaded()), beside, perception)
     if len(log) > 1 and len({whole_path(path) for path in log}) > 1:
         if step or html is not None or bracket is not None or from_s > 0 or until_s < float("inf"):
             raise InputError("--step, --html, --bracket, --from and --until are questions about one log")

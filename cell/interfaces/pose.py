@@ -106,3 +106,6 @@ def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
         q = -q
     w, x, y, z = (float(value) for value in q)
     return w, x, y, z
+
+
+FINGERS_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))  # a pose's z points upwards, the tool's along the fingers

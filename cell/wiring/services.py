@@ -141,7 +141,7 @@ def make_services(
         journal=journal,
         files=files or WorkingFolder(),
         answers=answers,
-        teach=_teacher(configuration, planners.known),
+        teach=_teacher(configuration, planners.known, writes=files is None),
         learn=learner(configuration, planners),
     )
     services = Services(Tick(observation), tools, Memory(held_part=left_off.held_part, left_off=left_off))
@@ -161,16 +161,21 @@ def _guard(
     return Guard(goals.product, settings, least)
 
 
-def _teacher(configuration: Configuration, product: Product) -> Callable[[str, tuple[str, ...]], str] | None:
-    """Notes goals in the configuration's file of goals."""
+def _teacher(
+    configuration: Configuration, product: Product, *, writes: bool
+) -> Callable[[str, tuple[str, ...]], str] | None:
+    """Notes goals in the configuration's file of goals; a replay knows them, and leaves the file as it is."""
     settings = configuration.planners.semantic
     if settings.goals is None:
         return None
-    path = settings.goals
+    path, known = settings.goals, list[OpenGoals]()
 
     def teach(name: str, parts: tuple[str, ...]) -> str:
-        goals = OpenGoals.load(path, product, settings.new_goals).with_goal(name, parts)
-        goals.save(path)
+        before = known[-1] if known else OpenGoals.load(path, product, settings.new_goals)
+        known[:] = [goals := before.with_goal(name, parts)]
+        if writes:
+            known.clear()  # others may write it, too
+            goals.save(path)
         return next(name for name, goal in goals.finished.items() if goal.parts == parts)
 
     return teach

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from cell.interfaces.skill import Progress, SkillStatus
 from skills.grasping.phases import FingersRest, Move, done, failed, held
 from skills.grasping.way_down import WayDown
 from skills.motion.grip import STROKE_M
-from skills.motion.planner import Load, MotionPlanner, Plan
+from skills.motion.motions import Line, WayAndLine
+from skills.motion.planner import Load, MotionPlanner
 
 DOWN = np.array([0.0, 0.0, -1.0])
 FELT = 0.3  # share of a line down that may be one motion with the way there: nothing is felt in it
@@ -51,19 +51,15 @@ def meets_something(
     return float(np.subtract(expected, measured) @ along) > (settings.contact_lag_m if lag_m is None else lag_m)
 
 
+@dataclass(eq=False)
 class Lower(WayDown):
     """Over a hole and down to it with the held part; ends in failure as soon as the part meets something."""
 
-    def __init__(
-        self, name: str, planner: MotionPlanner, above_rad: Array, load: Load, line: Callable[[], Plan]
-    ) -> None:
-        """Args:
-        name: type of the held part.
-        above_rad, load, line: as in `WayDown`.
-        """
-        self._name, self._planner = name, planner
-        doing = Message("carrying {name}", name=name), Message("lowering {name}", name=name)
-        super().__init__(doing, planner, above_rad, load, line, holding=name)
+    @staticmethod
+    def of(name: str, motion: WayAndLine) -> Lower:
+        """The phase for a type of part."""
+        doing, on_line = Message("carrying {name}", name=name), Message("lowering {name}", name=name)
+        return Lower(doing, motion, on_line, holding=name)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Follow the way and feel."""
@@ -74,43 +70,35 @@ class Lower(WayDown):
             return progress
         lag_m = None if self.only_line(observation) else BLENDED_LAG_M
         stuck = progress.status is SkillStatus.FAILURE and can_feel(self, observation)
-        if stuck or meets_something(self._planner, self, observation, lag_m=lag_m):
-            return failed(Message("lowering {name}: it met something above its hole", name=self._name))
+        if stuck or meets_something(self.motion.planner, self, observation, lag_m=lag_m):
+            return failed(Message("lowering {name}: it met something above its hole", name=self.holding))
         return progress
 
 
+@dataclass(eq=False)
 class Descend:
     """A phase: over a part and straight down to it, which ends in failure as soon as the fingers meet something.
 
     The fingers open on the way; where they are late, the arm stops above. Around a part that was let go in its hole
     they do not close: they get their opening once the tool has left it.
-    """
 
-    def __init__(
-        self,
-        name: str,
-        planner: MotionPlanner,
-        above_rad: Array,
-        target: Pose,
-        loads: tuple[Load, Load],
-        speed_m_s: float | None = None,
-        *,
-        feels: bool = False,
-    ) -> None:
-        """Args:
+    Attributes:
         name: type of the part.
         above_rad: joints (6,) over the part.
-        target: world_from_tool when the fingers close.
-        loads: over the part, and down to it with the fingers open as far.
+        load: of the way over the part.
+        line: down to it, with the fingers open as far.
         feels: what the fingers meet may be what the part lies on: they close there.
-        """
-        self._name, self._planner, self._feels = name, planner, feels
-        self._above_rad, self._target, self._loads, self._speed_m_s = above_rad, target, loads, speed_m_s
-        settings = planner.settings
-        self._opening = GripperCommand(loads[1].opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
-        self._told = False
-        self._rest: FingersRest | None = None
-        self._move: WayDown | None = None
+    """
+
+    name: str
+    planner: MotionPlanner = field(repr=False)
+    above_rad: Array
+    load: Load
+    line: Line
+    feels: bool = field(default=False, kw_only=True)
+    _told: bool = field(default=False, init=False)
+    _rest: FingersRest | None = field(default=None, init=False)
+    _move: WayDown | None = field(default=None, init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Open the fingers, follow the way and feel."""
@@ -126,66 +114,56 @@ class Descend:
         opens = not self._told or observation.gripper.object_status is ObjectStatus.MOVING
         if progress.status is SkillStatus.RUNNING and opens and move.only_line(observation, LATE_S):
             command.follow, command.stop_arm = None, True
-            self._rest, self._move = FingersRest("opening the fingers", self._planner.settings), None
+            self._rest, self._move = FingersRest("opening the fingers", self.planner.settings), None
             return Progress(SkillStatus.RUNNING, "opening the fingers")
-        felt = move.only_line(observation) and meets_something(self._planner, move, observation)
+        felt = move.only_line(observation) and meets_something(self.planner, move, observation)
         if progress.status is SkillStatus.RUNNING and felt:
-            if self._feels:
+            if self.feels:
                 command.follow, command.stop_arm = None, True
-                return done(Message("the fingers feel what {name} lies on", name=self._name))
-            return failed(Message("the fingers met something on the way down to {name}", name=self._name))
+                return done(Message("the fingers feel what {name} lies on", name=self.name))
+            return failed(Message("the fingers met something on the way down to {name}", name=self.name))
         return progress
 
     def _open(self, observation: Observation, command: Command) -> None:
         if self._told or held(observation):
             return
-        self._planner.forget_left(np.array(observation.arm.positions_rad))
-        if self._planner.around is None or self._opening.opening_m >= observation.gripper.opening_m:
-            command.gripper, self._told = self._opening, True
+        self.planner.forget_left(np.array(observation.arm.positions_rad))
+        opening_m, settings = self.line.load.opening_m, self.planner.settings
+        if self.planner.around is None or opening_m >= observation.gripper.opening_m:
+            command.gripper = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+            self._told = True
 
     def _way(self, observation: Observation) -> WayDown:
         """With the fingers as wide as they still stand around a part."""
-        over, down = self._loads
+        over = self.load
         if not self._told:
             over = replace(over, opening_m=min(STROKE_M, max(over.opening_m, observation.gripper.opening_m)))
         return WayDown(
-            (Message("moving above {name}", name=self._name), Message("going down to {name}", name=self._name)),
-            self._planner,
-            self._above_rad,
-            over,
-            lambda: self._planner.straight_move(self._above_rad, self._target, down, self._speed_m_s),
-            most=FELT,
+            Message("moving above {name}", name=self.name),
+            WayAndLine(self.planner, self.above_rad, over, self.line, FELT),
+            Message("going down to {name}", name=self.name),
         )
 
 
+@dataclass(eq=False)
 class SetDown:
     """A phase: straight down with the held part until it is there, or until it rests on something near there.
 
     A part that somebody has pulled down or tilted in the fingers meets the ground too early for the tool.
+
+    Attributes:
+        name: type of the held part.
+        line: to where it is let go.
+        slipped_m: contact this far above the goal may still be the ground; higher up it is something else.
     """
 
-    def __init__(
-        self,
-        name: str,
-        planner: MotionPlanner,
-        goal: Pose,
-        load: Load,
-        slipped_m: float,
-        speed_m_s: float | None = None,
-    ) -> None:
-        """Args:
-        name: type of the held part.
-        goal: world_from_tool when it is let go.
-        slipped_m: contact this far above the goal may still be the ground; higher up it is something else.
-        speed_m_s: of the way down; the settings' by default.
-        """
-        self._name, self._planner, self._goal, self._slipped_m = name, planner, goal, slipped_m
-        self._move = Move(
-            Message("lowering {name}", name=name),
-            lambda start: planner.straight_move(start, goal, load, speed_m_s),
-            planner.settings,
-            holding=name,
-        )
+    name: str
+    line: Line
+    slipped_m: float
+    _move: Move = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._move = Move(Message("lowering {name}", name=self.name), self.line, holding=self.name)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Lower and feel."""
@@ -193,38 +171,47 @@ class SetDown:
         if progress.status is SkillStatus.SUCCESS or not observation.gripper.holding:
             return progress
         stuck = progress.status is SkillStatus.FAILURE and can_feel(self._move, observation)
-        if not stuck and not meets_something(self._planner, self._move, observation):
+        planner = self.line.planner
+        if not stuck and not meets_something(planner, self._move, observation):
             return progress
-        above_m = tool_height_m(self._planner, observation) - self._goal.position_m[2]
-        if above_m > self._slipped_m:
+        above_m = tool_height_m(planner, observation) - self.line.world_from_tool.position_m[2]
+        if above_m > self.slipped_m:
             return failed(
                 Message(
                     "lowering {name}: it met something {above_m} mm above where it should rest",
-                    name=self._name,
+                    name=self.name,
                     above_m=f"{above_m * 1000:.0f}",
                 )
             )
         command.follow, command.stop_arm = None, True
         return done(
-            Message("{name} rests {above_m} mm higher than expected", name=self._name, above_m=f"{above_m * 1000:.0f}")
+            Message("{name} rests {above_m} mm higher than expected", name=self.name, above_m=f"{above_m * 1000:.0f}")
         )
 
 
+@dataclass(eq=False)
 class Insert:
     """A phase: slow descents, each ended by the goal or by contact, until one goes all the way.
 
     The error of a grasp lies along the tool's y: along its x the fingers have centred the part between them.
-    """
 
-    def __init__(self, name: str, planner: MotionPlanner, goal: Pose, depth_m: float, load: Load) -> None:
-        """Args:
+    Attributes:
         name: type of the held part.
         goal: world_from_tool when it is let go.
         depth_m: the descents start this far above the goal.
-        """
-        self._name, self._planner, self._goal, self._depth_m, self._load = name, planner, goal, depth_m, load
-        self._shifts_m = [0.0, *planner.settings.search_shifts_m]
-        self._descending = True
+    """
+
+    name: str
+    planner: MotionPlanner = field(repr=False)
+    goal: Pose
+    depth_m: float
+    load: Load
+    _shifts_m: list[float] = field(init=False)
+    _descending: bool = field(default=True, init=False)
+    _move: Move = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._shifts_m = [0.0, *self.planner.settings.search_shifts_m]
         self._move = self._descent()
 
     def poll(self, observation: Observation, command: Command) -> Progress:
@@ -235,33 +222,27 @@ class Insert:
                 self._descending, self._move = True, self._descent()
                 return self._move.poll(observation, command)
             return progress
-        if progress.status is SkillStatus.FAILURE or not meets_something(self._planner, self._move, observation):
+        if progress.status is SkillStatus.FAILURE or not meets_something(self.planner, self._move, observation):
             return progress
         command.follow, command.stop_arm = None, True
-        if tool_height_m(self._planner, observation) - self._goal.position_m[2] < RESTS_M:
-            return done(Message("{name} rests on the bracket", name=self._name))
+        if tool_height_m(self.planner, observation) - self.goal.position_m[2] < RESTS_M:
+            return done(Message("{name} rests on the bracket", name=self.name))
         self._shifts_m.pop(0)
         if not self._shifts_m:
-            return failed(Message("the peg of {name} does not find its hole", name=self._name))
+            return failed(Message("the peg of {name} does not find its hole", name=self.name))
         self._descending, self._move = False, self._way_back()
-        return Progress(SkillStatus.RUNNING, Message("{name} met the rim", name=self._name))
+        return Progress(SkillStatus.RUNNING, Message("{name} met the rim", name=self.name))
 
     def _descent(self) -> Move:
-        return self._line(Message("lowering {name}", name=self._name), 0.0, self._planner.settings.insertion_speed_m_s)
+        return self._line(Message("lowering {name}", name=self.name), 0.0, self.planner.settings.insertion_speed_m_s)
 
     def _way_back(self) -> Move:
         return self._line(
-            Message("trying {name} {shifts_m} mm beside", name=self._name, shifts_m=f"{self._shifts_m[0] * 1000:+.1f}"),
-            self._depth_m,
+            Message("trying {name} {shifts_m} mm beside", name=self.name, shifts_m=f"{self._shifts_m[0] * 1000:+.1f}"),
+            self.depth_m,
             None,
         )
 
     def _line(self, doing: str, rise_m: float, speed_m_s: float | None) -> Move:
-        shifted = self._goal @ Pose((0.0, self._shifts_m[0], -rise_m))
-        planner, load = self._planner, self._load
-        return Move(
-            doing,
-            lambda start: planner.straight_move(start, shifted, load, speed_m_s),
-            planner.settings,
-            holding=self._name,
-        )
+        shifted = self.goal @ Pose((0.0, self._shifts_m[0], -rise_m))
+        return Move(doing, Line(self.planner, shifted, self.load, speed_m_s), holding=self.name)

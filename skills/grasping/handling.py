@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from skills.motion.grasp_pose import (
 )
 from skills.motion.grip import Grip, Hold, hold_of, possible_grips
 from skills.motion.lying_grasp import held_box
+from skills.motion.motions import FreeWay, Line, Rise, WayAndLine
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.motion.settings import MotionSettings
 
@@ -135,14 +137,9 @@ def take_phases(
     descent_m_s = settings.close_speed_m_s if grasp.close else None
     return [
         Activate(),
-        Descend(name, planner, above, grasp.world_from_tool, (above_part, around_part), descent_m_s),
-        TakeHold(part, planner, grasp),
-        Move(
-            Message("lifting {name}", name=name),
-            lambda start: planner.rise(start, lifted_m, grasp.opening_m),
-            settings,
-            holding=name,
-        ),
+        Descend(name, planner, above, above_part, Line(planner, grasp.world_from_tool, around_part, descent_m_s)),
+        TakeHold.of(part, planner, grasp),
+        Move(Message("lifting {name}", name=name), Rise(planner, lifted_m, grasp.opening_m), holding=name),
     ]
 
 
@@ -184,43 +181,43 @@ def put_phases(
     before = at_height(pose, pose.position_m[2] + depth_m)
     if into_hole:
         let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
-        down = Lower(name, planner, above, carrying, lambda: planner.straight_move(above, before, lowering))
-        return [down, Insert(name, planner, pose, depth_m, lowering), LetGo(name, planner, opening_m, let_go)]
+        down = Lower.of(name, WayAndLine(planner, above, carrying, Line(planner, before, lowering)))
+        return [down, Insert(name, planner, pose, depth_m, lowering), LetGo.of(name, planner, opening_m, let_go)]
     return [
-        Move(
-            Message("carrying {name}", name=name),
-            lambda start: planner.free_way(start, above, carrying),
-            settings,
-            holding=name,
-        ),
-        SetDown(name, planner, pose, lowering, slipped_m),
+        Move(Message("carrying {name}", name=name), FreeWay(planner, above, carrying), holding=name),
+        SetDown(name, Line(planner, pose, lowering), slipped_m),
         *release_phases(planner, name, opening_m, _clear_height_m(planner, kind, target)),
     ]
 
 
 def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m: float) -> list[Phase]:
     """Phases that open the fingers around a part that stands or lies, and lift them to a height above it."""
-    settings = planner.settings
     return [
-        LetGo(name, planner, opening_m),
-        Move(Message("leaving {name}", name=name), lambda start: planner.rise(start, clear_m, opening_m), settings),
+        LetGo.of(name, planner, opening_m),
+        Move(Message("leaving {name}", name=name), Rise(planner, clear_m, opening_m)),
     ]
 
 
+@dataclass(eq=False)
 class TakeHold(SetGripper):
-    """Close the fingers on a part; what is of another width they let go again, where it stands."""
+    """Close the fingers on a part; what is of another width they let go again, where it stands.
 
-    def __init__(self, part: PartDetection, planner: MotionPlanner, grasp: Grasp) -> None:
-        """Args:
+    Attributes:
         part: as it was seen.
         grasp: how; beside the middle of a part it is not known how wide that is.
-        """
-        name = part.part
-        settings = planner.settings
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: PartDetection
+    grasp: Grasp
+    _release: LetGo | None = field(default=None, init=False)
+
+    @staticmethod
+    def of(part: PartDetection, planner: MotionPlanner, grasp: Grasp) -> TakeHold:
+        """With the settings of a planner."""
+        settings, doing = planner.settings, Message("grasping {name}", name=part.part)
         close = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
-        super().__init__(Message("grasping {name}", name=name), close, settings, must_hold=True)
-        self._part, self._planner, self._grasp = part, planner, grasp
-        self._release: LetGo | None = None
+        return TakeHold(doing, close, settings, planner, part, grasp, must_hold=True)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Close them, and look how far."""
@@ -228,35 +225,40 @@ class TakeHold(SetGripper):
             progress = super().poll(observation, command)
             if progress.status is not SkillStatus.SUCCESS or self._fits(observation.gripper.opening_m):
                 return progress
-            self._release = LetGo(self._part.part, self._planner, self._grasp.opening_m, self._whatever())
+            self._release = LetGo.of(self.part.part, self.planner, self.grasp.opening_m, self._whatever())
         progress = self._release.poll(observation, command)
         if progress.status is not SkillStatus.SUCCESS:
             return progress
-        return failed(Message("grasping {name}: by its width it is something else", name=self._part.part))
+        return failed(Message("grasping {name}: by its width it is something else", name=self.part.part))
 
     def _whatever(self) -> Box:
         """What stands there may be as high as any part."""
-        length_m, width_m, _ = self._part.size_m
-        high_m = max(kind.size_m[2] for kind in self._planner.product.parts.values())
-        return body_box(f"what stands for {self._part.part}", self._part.world_from_part, (length_m, width_m, high_m))
+        length_m, width_m, _ = self.part.size_m
+        high_m = max(kind.size_m[2] for kind in self.planner.product.parts.values())
+        return body_box(f"what stands for {self.part.part}", self.part.world_from_part, (length_m, width_m, high_m))
 
     def _fits(self, opening_m: float) -> bool:
-        kind = self._planner.product.parts[self._part.part]
-        return self._grasp.hold.place_m != 0.0 or fits(kind, opening_m, self._planner.settings)
+        kind = self.planner.product.parts[self.part.part]
+        return self.grasp.hold.place_m != 0.0 or fits(kind, opening_m, self.planner.settings)
 
 
+@dataclass(eq=False)
 class LetGo(SetGripper):
     """Open the fingers; the planner is told what they stand around, if the next motion begins there."""
 
-    def __init__(self, name: str, planner: MotionPlanner, opening_m: float, around: Box | None = None) -> None:
-        settings = planner.settings
+    planner: MotionPlanner = field(repr=False)
+    around: Box | None
+
+    @staticmethod
+    def of(name: str, planner: MotionPlanner, opening_m: float, around: Box | None = None) -> LetGo:
+        """With the settings of a planner."""
+        settings, doing = planner.settings, Message("letting go of {name}", name=name)
         release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
-        super().__init__(Message("letting go of {name}", name=name), release, settings)
-        self._planner, self._around = planner, around
+        return LetGo(doing, release, settings, planner, around)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Open them; a hand may be told to leave while they open, too."""
-        self._planner.around = self._around
+        self.planner.around = self.around
         return super().poll(observation, command)
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from cell.files.words.message import Message
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ObjectStatus, Observation
+from cell.interfaces.pose import Array
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.motion.planner import Looking, Planning
+from skills.motion.motions import Motion
+from skills.motion.planner import Looking, Plan
 from skills.motion.settings import MotionSettings
 
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
@@ -21,46 +24,50 @@ ACTIVATION_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 5.0
 
 
+@runtime_checkable
 class Phase(Protocol):
-    """One step of a skill, polled until it does not answer RUNNING."""
+    """One step of a skill, polled until it does not answer RUNNING; a dataclass, so that a log can keep it."""
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Carry on; the first call starts the phase."""
         ...
 
 
+@dataclass(eq=False)
 class Move:
     """Follow a trajectory that is planned when the phase starts, and wait until the arm stands at its end.
 
     Attributes:
+        doing: what it does, in words.
+        holding: type of the part that the gripper must not lose on the way.
         trajectory, started_s: what the arm follows and since when; None before the start.
     """
 
-    def __init__(self, doing: str, plan: Planning, settings: MotionSettings, *, holding: str | None = None) -> None:
-        """Args:
-        holding: type of the part that the gripper must not lose on the way.
-        """
-        self._doing, self._plan, self._settings, self._holding = doing, plan, settings, holding
-        self.trajectory: JointTrajectory | None = None
-        self.started_s = self._started_worked_s = 0.0
-        self._deadline_s: float | None = None
-        self._asked: Command | None = None
-        self._looking: Looking | None = None
-        self._empty_ticks = self._begun_again = 0
+    doing: str
+    motion: Motion
+    holding: str | None = field(default=None, kw_only=True)
+    trajectory: JointTrajectory | None = field(default=None, init=False)
+    started_s: float = field(default=0.0, init=False)
+    _started_worked_s: float = field(default=0.0, init=False)
+    _deadline_s: float | None = field(default=None, init=False)
+    _asked: Command | None = field(default=None, init=False)
+    _looking: Looking | None = field(default=None, init=False)
+    _empty_ticks: int = field(default=0, init=False)
+    _begun_again: int = field(default=0, init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Wait for standstill, plan and start, then watch."""
         if self._lost(observation):
-            return failed(Message("{holding} was dropped while {doing}", holding=self._holding, doing=self._doing))
+            return failed(Message("{holding} was dropped while {doing}", holding=self.holding, doing=self.doing))
         if self._deadline_s is None:
-            self._deadline_s = observation.worked_s + self._settings.arm_timeout_s
+            self._deadline_s = observation.worked_s + self._timeout_s
         if self._asked is not None and self._asked.follow is not self.trajectory:
             self.trajectory = None  # a skill that was halted later in that tick stopped the arm: begin again
         self._asked = None
         if self.trajectory is None:
             return self._start(observation, command)
         if not observation.arm.moving and observation.arm.stands and self._arrived(observation):
-            return done(self._doing)
+            return done(self.doing)
         if self._given_up(observation):
             self.trajectory, self._begun_again = None, self._begun_again + 1
         return self._running(observation)
@@ -70,22 +77,29 @@ class Move:
             self._looking = None
             return self._running(observation)
         if self._looking is None:
-            found = self._plan(np.array(observation.arm.positions_rad))
+            found = self._planned(np.array(observation.arm.positions_rad))
             self._looking = iter((found,)) if isinstance(found, JointTrajectory | str) else found
         if (plan := next(self._looking)) is None:
             return self._running(observation)
         self._looking = None
         if isinstance(plan, str):
-            return failed(Message("{doing}: {plan}", doing=self._doing, plan=plan))
+            return failed(Message("{doing}: {plan}", doing=self.doing, plan=plan))
         self.trajectory, self.started_s, self._started_worked_s = plan, observation.time_s, observation.worked_s
         if plan.duration_s == 0:
-            return done(self._doing)
+            return done(self.doing)
         command.follow, self._asked = plan, command
-        self._deadline_s = observation.worked_s + plan.duration_s + self._settings.arm_timeout_s
-        return Progress(SkillStatus.RUNNING, self._doing)
+        self._deadline_s = observation.worked_s + plan.duration_s + self._timeout_s
+        return Progress(SkillStatus.RUNNING, self.doing)
+
+    def _planned(self, start_rad: Array) -> Plan | Looking:
+        return self.motion.plan(start_rad)
+
+    @property
+    def _timeout_s(self) -> float:
+        return self.motion.planner.settings.arm_timeout_s
 
     def _lost(self, observation: Observation) -> bool:
-        empty = self._holding is not None and not observation.gripper.holding
+        empty = self.holding is not None and not observation.gripper.holding
         self._empty_ticks = self._empty_ticks + 1 if empty else 0
         return self._empty_ticks >= DROPPED_TICKS
 
@@ -98,13 +112,13 @@ class Move:
     def _arrived(self, observation: Observation) -> bool:
         assert self.trajectory is not None
         offset = np.abs(np.array(observation.arm.positions_rad) - self.trajectory.positions_rad[-1])
-        return bool(offset.max() < self._settings.arrival_tolerance_rad)
+        return bool(offset.max() < self.motion.planner.settings.arrival_tolerance_rad)
 
     def _running(self, observation: Observation) -> Progress:
         assert self._deadline_s is not None
         if observation.worked_s > self._deadline_s:
-            return failed(Message("{doing}: the arm did not arrive in time", doing=self._doing))
-        return Progress(SkillStatus.RUNNING, self._doing)
+            return failed(Message("{doing}: the arm did not arrive in time", doing=self.doing))
+        return Progress(SkillStatus.RUNNING, self.doing)
 
     def followed_s(self, observation: Observation) -> float:
         """How far along its trajectory the arm should be, as time of the trajectory."""
@@ -114,71 +128,58 @@ class Move:
         return path_s
 
 
+@dataclass(eq=False)
 class SetGripper:
     """Send a goal to the fingers and wait until they stand.
 
     With `must_hold` they have to close on something.
     """
 
-    def __init__(self, doing: str, goal: GripperCommand, settings: MotionSettings, *, must_hold: bool = False) -> None:
-        self._doing, self._goal, self._timeout_s = doing, goal, settings.gripper_timeout_s
-        self._must_hold = must_hold
-        self._deadline_s: float | None = None
+    doing: str
+    goal: GripperCommand
+    settings: MotionSettings = field(repr=False)
+    must_hold: bool = field(default=False, kw_only=True)
+    _deadline_s: float | None = field(default=None, init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Send the goal once, then read the object status."""
         if self._deadline_s is None:
             if held(observation):
-                return Progress(SkillStatus.RUNNING, self._doing)
-            command.gripper = self._goal
-            self._deadline_s = observation.worked_s + self._timeout_s
-            return Progress(SkillStatus.RUNNING, self._doing)
+                return Progress(SkillStatus.RUNNING, self.doing)
+            command.gripper = self.goal
+            self._deadline_s = observation.worked_s + self.settings.gripper_timeout_s
+            return Progress(SkillStatus.RUNNING, self.doing)
         if observation.gripper.object_status is ObjectStatus.MOVING:
-            if observation.worked_s > self._deadline_s:
-                return failed(
-                    Message(
-                        "{doing}: the fingers did not come to rest in {timeout_s} s",
-                        doing=self._doing,
-                        timeout_s=self._timeout_s,
-                    )
-                )
-            return Progress(SkillStatus.RUNNING, self._doing)
-        if self._must_hold and not observation.gripper.holding:
-            return failed(Message("{doing}: nothing between the fingers", doing=self._doing))
-        if not self._must_hold and observation.gripper.holding:
-            return failed(Message("{doing}: the fingers still hold something", doing=self._doing))
-        return done(self._doing)
+            return _fingers_move(self.doing, self.settings, late=observation.worked_s > self._deadline_s)
+        if self.must_hold and not observation.gripper.holding:
+            return failed(Message("{doing}: nothing between the fingers", doing=self.doing))
+        if not self.must_hold and observation.gripper.holding:
+            return failed(Message("{doing}: the fingers still hold something", doing=self.doing))
+        return done(self.doing)
 
 
+@dataclass(eq=False)
 class FingersRest:
     """Wait until an earlier goal of the fingers is reached."""
 
-    def __init__(self, doing: str, settings: MotionSettings) -> None:
-        self._doing, self._timeout_s = doing, settings.gripper_timeout_s
-        self._deadline_s: float | None = None
+    doing: str
+    settings: MotionSettings = field(repr=False)
+    _deadline_s: float | None = field(default=None, init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
         """Read the object status."""
         if self._deadline_s is None:
-            self._deadline_s = observation.worked_s + self._timeout_s
+            self._deadline_s = observation.worked_s + self.settings.gripper_timeout_s
         if observation.gripper.object_status is not ObjectStatus.MOVING:
-            return done(self._doing)
-        if observation.worked_s > self._deadline_s:
-            return failed(
-                Message(
-                    "{doing}: the fingers did not come to rest in {timeout_s} s",
-                    doing=self._doing,
-                    timeout_s=self._timeout_s,
-                )
-            )
-        return Progress(SkillStatus.RUNNING, self._doing)
+            return done(self.doing)
+        return _fingers_move(self.doing, self.settings, late=observation.worked_s > self._deadline_s)
 
 
+@dataclass(eq=False)
 class Activate:
     """Activate the gripper unless it is."""
 
-    def __init__(self) -> None:
-        self._deadline_s: float | None = None
+    _deadline_s: float | None = field(default=None, init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Ask once, then wait."""
@@ -197,16 +198,16 @@ class Activate:
         return Progress(SkillStatus.RUNNING, "activating the gripper")
 
 
+@dataclass(eq=False)
 class PhasedSkill:
-    """A skill that runs phases one after the other; subclasses say which.
+    """A skill that runs phases one after the other; subclasses, which are dataclasses, too, say which.
 
     A halt takes several ticks: it orders the stop, and whichever skill comes next begins when the arm stands.
     """
 
-    def __init__(self) -> None:
-        self._phases: list[Phase] | None = None
-        self._waits_since_s: float | None = None
-        self._end: Progress | None = None
+    _phases: list[Phase] | None = field(default=None, init=False, repr=False)
+    _waits_since_s: float | None = field(default=None, init=False, repr=False)
+    _end: Progress | None = field(default=None, init=False, repr=False)
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """The phases, or why the skill is impossible; nothing has moved yet."""
@@ -278,18 +279,30 @@ def failed(reason: str) -> Progress:
     return Progress(SkillStatus.FAILURE, reason)
 
 
+def _fingers_move(doing: str, settings: MotionSettings, *, late: bool) -> Progress:
+    """The answer of a phase while the fingers move."""
+    if not late:
+        return Progress(SkillStatus.RUNNING, doing)
+    timeout_s = settings.gripper_timeout_s
+    return failed(
+        Message("{doing}: the fingers did not come to rest in {timeout_s} s", doing=doing, timeout_s=timeout_s)
+    )
+
+
+@dataclass(eq=False)
 class MoveFingers(PhasedSkill):
     """Bring the fingers to an opening, or close them on something."""
 
-    def __init__(self, settings: MotionSettings, goal: GripperCommand, doing: str, *, must_hold: bool = False) -> None:
-        super().__init__()
-        self._settings, self._goal, self._doing, self._must_hold = settings, goal, doing, must_hold
+    settings: MotionSettings = field(repr=False)
+    goal: GripperCommand
+    doing: str
+    must_hold: bool = field(default=False, kw_only=True)
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:  # noqa: ARG002
         """Activate the gripper if it is not, then one motion."""
-        return [Activate(), SetGripper(self._doing, self._goal, self._settings, must_hold=self._must_hold)]
+        return [Activate(), SetGripper(self.doing, self.goal, self.settings, must_hold=self.must_hold)]
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("{doing}: done", doing=self._doing)
+        return Message("{doing}: done", doing=self.doing)

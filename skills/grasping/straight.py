@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,75 +11,97 @@ from cell.files.words.message import Message
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Array, Pose
+from cell.interfaces.pose import FINGERS_DOWN, Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.grasping.contact import meets_something
 from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from skills.grasping.phases import Move, Phase, PhasedSkill, done, failed
 from skills.motion.grip import STROKE_M
-from skills.motion.planner import Load, MotionPlanner, Plan
+from skills.motion.motions import Blind, Line
+from skills.motion.planner import Load, MotionPlanner
 
 
+@dataclass(eq=False)
 class StraightMove(PhasedSkill):
-    """Move the tool (TCP) on a straight line."""
+    """Move the tool (TCP) on a straight line.
 
-    def __init__(
-        self,
-        planner: MotionPlanner,
-        target: Callable[[Pose], Pose],
-        to: str,
-        speed_m_s: float,
-        standing: Sequence[PartDetection] = (),
-        held: str | None = None,
-    ) -> None:
-        """Args:
-        target: world_from_tool at the end, from where the tool is at the start.
+    Attributes:
+        target: world_from_tool at the end.
         to: where it goes, in words.
         standing: parts that the arm keeps clear of.
         held: type of the part that the gripper holds, if it holds one.
-        """
-        super().__init__()
-        self._planner, self._target, self._to, self._speed_m_s = planner, target, to, speed_m_s
-        self._standing, self._held = tuple(standing), held
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    target: Pose
+    to: str
+    speed_m_s: float
+    standing: Sequence[PartDetection] = ()
+    held: str | None = None
+
+    def end(self, world_from_tool: Pose) -> Pose:  # noqa: ARG002
+        """world_from_tool at the end, from where the tool is at the start."""
+        return self.target
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """One line."""
-        planner = self._planner
-        held, boxes = carried(planner, self._held, observation)
-        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
+        planner = self.planner
+        held, boxes = carried(planner, self.held, observation)
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
         load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes, close=True)
-        target = self._target(planner.kinematics.forward(joints_of(observation)))
-        return [
-            Move(
-                Message("moving straight to {to}", to=self._to),
-                lambda start: planner.straight_move(start, target, load, self._speed_m_s),
-                planner.settings,
-                holding=held,
-            )
-        ]
+        end = self.end(planner.kinematics.forward(joints_of(observation)))
+        line = Line(planner, end, load, self.speed_m_s)
+        return [Move(Message("moving straight to {to}", to=self.to), line, holding=held)]
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return Message("tool at {to}", to=self._to)
+        return Message("tool at {to}", to=self.to)
 
 
+@dataclass(eq=False)
+class StraightMoveBy(StraightMove):
+    """Move the tool on a straight line by a way from where it is; `target` is that way, and how much it turns.
+
+    Attributes:
+        axes: of the way, in the world.
+    """
+
+    axes: Pose = field(kw_only=True)
+
+    def end(self, world_from_tool: Pose) -> Pose:
+        return moved_by(world_from_tool @ FINGERS_DOWN, self.axes, self.target) @ FINGERS_DOWN
+
+
+def moved_by(start: Pose, axes: Pose, by: Pose) -> Pose:
+    """A pose in the world after a way along the axes of a frame, turned about the same axes where it then is."""
+    x, y, z = (float(value) for value in np.array(start.position_m) + axes.rotation @ np.array(by.position_m))
+    turned = np.eye(4)
+    turned[:3, :3] = axes.rotation @ by.rotation @ axes.rotation.T @ start.rotation
+    return Pose((x, y, z), Pose.from_matrix(turned).quaternion_wxyz)
+
+
+@dataclass(eq=False)
 class MoveUntilContact(PhasedSkill):
-    """Move the tool on a straight line until it meets something, and stop there; nothing met is a failure."""
+    """Move the tool on a straight line until it meets something, and stop there; nothing met is a failure.
 
-    def __init__(self, planner: MotionPlanner, by_m: Array, speed_m_s: float) -> None:
-        """Args:
+    Attributes:
         by_m: the longest way, (3,) in the world.
-        """
-        super().__init__()
-        self._planner, self._by_m, self._speed_m_s = planner, by_m, speed_m_s
+    """
 
-    def prepare(self, observation: Observation) -> Sequence[Phase] | str:  # noqa: ARG002
+    planner: MotionPlanner = field(repr=False)
+    by_m: Array
+    speed_m_s: float
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """One line, felt along; obstacles are not avoided, as one of them is looked for."""
-        length_m = float(np.linalg.norm(self._by_m))
+        length_m = float(np.linalg.norm(self.by_m))
         if length_m < 1e-4:
             return "the way until contact has no length"
-        return [_Feel(self._planner, self._by_m, self._speed_m_s)]
+        pose = self.planner.kinematics.forward(joints_of(observation))
+        x, y, z = (float(value) for value in np.array(pose.position_m) + self.by_m)
+        line = Blind(self.planner, Pose((x, y, z), pose.quaternion_wxyz), self.speed_m_s)
+        return [_Feel("feeling the way", line, self.by_m / np.linalg.norm(self.by_m))]
 
     @property
     def done(self) -> str:
@@ -86,29 +109,22 @@ class MoveUntilContact(PhasedSkill):
         return "the tool met something"
 
 
-class _Feel:
-    """A phase: along a line, which succeeds as soon as something holds the tool back."""
+@dataclass(eq=False)
+class _Feel(Move):
+    """A phase: along a line, which succeeds as soon as something holds the tool back.
 
-    def __init__(self, planner: MotionPlanner, by_m: Array, speed_m_s: float) -> None:
-        self._planner, self._along = planner, by_m / np.linalg.norm(by_m)
+    Attributes:
+        along: direction of the line, (3,) in the world.
+    """
 
-        self._goal: Pose | None = None
-
-        def plan(start_rad: Array) -> Plan:
-            if self._goal is None:  # a way that begins again ends where the first one would have ended
-                pose = planner.kinematics.forward(start_rad)
-                x, y, z = (float(value) for value in np.array(pose.position_m) + by_m)
-                self._goal = Pose((x, y, z), pose.quaternion_wxyz)
-            return planner.blind_move(start_rad, self._goal, speed_m_s)
-
-        self._move = Move("feeling the way", plan, planner.settings)
+    along: Array
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Follow the line and feel."""
-        progress = self._move.poll(observation, command)
+        progress = super().poll(observation, command)
         if progress.status is SkillStatus.FAILURE:
             return progress
-        if meets_something(self._planner, self._move, observation, self._along):
+        if meets_something(self.motion.planner, self, observation, self.along):
             command.follow, command.stop_arm = None, True
             return done("met something")
         return failed("nothing was met on the whole way") if progress.status is SkillStatus.SUCCESS else progress

@@ -3,57 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Progress
 from skills.grasping.phases import Move
-from skills.motion.planner import Load, MotionPlanner, Plan
+from skills.motion.motions import WayAndLine
+from skills.motion.planner import Looking
 
 
+@dataclass(eq=False)
 class WayDown(Move):
     """The arm does not stop above: there the way goes over into the line.
 
     Attributes:
+        on_line: what it does on the line, in words.
         way_s: from when on, in time of its trajectory, it follows nothing but the line.
     """
 
-    def __init__(
-        self,
-        doing: tuple[str, str],
-        planner: MotionPlanner,
-        above_rad: Array,
-        load: Load,
-        line: Callable[[], Plan],
-        *,
-        holding: str | None = None,
-        most: float = 1.0,
-    ) -> None:
-        """Args:
-        doing: on the way, and on the line.
-        load: on the way.
-        line: plans the line from above.
-        holding: type of the part that the gripper must not lose.
-        most: as in `way_and_line`.
-        """
-        self.way_s, self._words = math.inf, doing
-        super().__init__(
-            doing[0],
-            lambda start: planner.way_and_line(start, above_rad, load, line, self._lasts, most),
-            planner.settings,
-            holding=holding,
-        )
+    motion: WayAndLine
+    on_line: str
+    way_s: float = field(default=math.inf, init=False)
+    _on_way: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        self._on_way = self.doing
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Follow it, and tell which piece."""
-        self._doing = self._words[self.only_line(observation)]
+        self.doing = self.on_line if self.only_line(observation) else self._on_way
         return super().poll(observation, command)
 
     def only_line(self, observation: Observation, before_s: float = 0.0) -> bool:
         """Whether the arm follows nothing but the line by now, or will so soon."""
         return self.trajectory is not None and self.followed_s(observation) >= self.way_s - before_s
+
+    def _planned(self, start_rad: Array) -> Looking:
+        return self.motion.onto(start_rad, self._lasts)
 
     def _lasts(self, way_s: float) -> None:
         self.way_s = way_s

@@ -43,7 +43,6 @@ class Load:
 
 Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
 Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
-Planning = Callable[[Array], Plan | Looking]  # from the joints (6,) at which the arm stands
 Onto = Callable[[float], None]
 
 BESIDE_M = 0.08  # of a part's middle: a tool that is farther away has left it
@@ -130,24 +129,23 @@ class MotionPlanner:
         return self._around(scene, start_rad, goal_rad, load)
 
     def way_and_line(
-        self, start_rad: Array, above_rad: Array, load: Load, line: Callable[[], Plan], onto: Onto, most: float = 1.0
+        self, start_rad: Array, above_rad: Array, load: Load, line: Plan, onto: Onto, most: float = 1.0
     ) -> Looking:
         """By a free way to joints, and on a line from there, as one motion without a stop between them.
 
         Args:
-            line: plans the line from there on.
+            line: from there on.
             onto: is told how long the way takes before only the line is followed.
             most: share of the shorter of them in which they are one motion at most.
         """
-        straight = line()
-        found = straight if isinstance(straight, str) else self.free_way(start_rad, above_rad, load)
+        found = line if isinstance(line, str) else self.free_way(start_rad, above_rad, load)
         for way in (found,) if isinstance(found, JointTrajectory | str) else found:
             if not isinstance(way, JointTrajectory):
                 yield way
                 continue
-            assert isinstance(straight, JointTrajectory)
+            assert isinstance(line, JointTrajectory)
             onto(way.duration_s)
-            yield blended([way, straight], self.settings, self.scene(load).is_free, most)
+            yield blended([way, line], self.settings, self.scene(load).is_free, most)
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""

@@ -19,6 +19,7 @@ from skills.grasping.handling import joints_of
 from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
 from skills.motion.grasp_pose import grasps, opening_for
 from skills.motion.grip import Hold
+from skills.motion.motions import FreeWay, Line, Rise
 from skills.motion.planner import Load, MotionPlanner, at_height
 from tests.integration.robot_alone import RobotAlone
 
@@ -111,10 +112,10 @@ class BlindGrasp(PhasedSkill):
         return [
             Activate(),
             SetGripper("opening", GripperCommand(load.opening_m, speed, force), settings),
-            Move("moving above", lambda start: planner.free_move(start, above_rad, load), settings),
-            Move("going down", lambda start: planner.straight_move(start, target, load, down_m_s), settings),
+            Move("moving above", FreeWay(planner, above_rad, load)),
+            Move("going down", Line(planner, target, load, down_m_s)),
             SetGripper("grasping", GripperCommand(0.0, speed, force), settings, must_hold=True),
-            Move("lifting", lambda start: planner.rise(start, lifted_m, load.opening_m), settings, holding="it"),
+            Move("lifting", Rise(planner, lifted_m, load.opening_m), holding="it"),
         ]
 
     @property

@@ -33,17 +33,17 @@ def tool(robot: RobotAlone) -> Pose:
 
 def test_the_tool_goes_to_poses_along_lines_and_to_joints(robot: RobotAlone) -> None:
     above = tool_down((0.50, -0.30, 0.25), math.radians(30))
-    assert robot.run(MoveToPose(robot.planner, above, "there")).status is SkillStatus.SUCCESS
+    assert robot.run(MoveToPose(robot.planner, "there", world_from_tool=above)).status is SkillStatus.SUCCESS
     assert math.dist(tool(robot).position_m, above.position_m) < 0.004
     below = tool_down((0.56, -0.36, 0.15), math.radians(30))
     began_s = robot.clock.now_s()
-    assert robot.run(StraightMove(robot.planner, lambda _: below, "there", 0.05)).status is SkillStatus.SUCCESS
+    assert robot.run(StraightMove(robot.planner, below, "there", 0.05)).status is SkillStatus.SUCCESS
     assert math.dist(tool(robot).position_m, below.position_m) < 0.004
     assert robot.clock.now_s() - began_s > math.dist(above.position_m, below.position_m) / 0.05
     park = np.array(robot.bench.arm_park_rad)
-    assert robot.run(MoveToJoints(robot.planner, park)).status is SkillStatus.SUCCESS
+    assert robot.run(MoveToJoints(robot.planner, joints_rad=park)).status is SkillStatus.SUCCESS
     far = tool_down((3.0, 0.0, 0.2), 0.0)
-    progress = robot.run(MoveToPose(robot.planner, far, "world: 3 0 0.2"))
+    progress = robot.run(MoveToPose(robot.planner, "world: 3 0 0.2", world_from_tool=far))
     assert (progress.status, progress.reason) == (
         SkillStatus.FAILURE,
         "cannot move to world: 3 0 0.2: out of the arm's reach",
@@ -54,7 +54,7 @@ def test_the_tool_stops_where_it_meets_the_tray_and_not_in_the_air(robot: RobotA
     above = tool_down((0.56, -0.36, 0.06), 0.0)
     closed = MoveFingers(robot.planner.settings, GripperCommand(0.0), "closing the fingers")
     assert robot.run(closed).status is SkillStatus.SUCCESS
-    assert robot.run(MoveToPose(robot.planner, above, "there")).status is SkillStatus.SUCCESS
+    assert robot.run(MoveToPose(robot.planner, "there", world_from_tool=above)).status is SkillStatus.SUCCESS
     progress = robot.run(MoveUntilContact(robot.planner, np.array([0.0, 0.0, -0.02]), 0.02))
     assert (progress.status, progress.reason) == (SkillStatus.FAILURE, "nothing was met on the whole way")
     progress = robot.run(MoveUntilContact(robot.planner, np.array([0.0, 0.0, -0.08]), 0.02))

@@ -14,7 +14,7 @@ from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartsView
-from cell.interfaces.pose import Array, Pose
+from cell.interfaces.pose import Array
 from cell.interfaces.skill import Skill
 from trees.engine.errors import NodeError
 from trees.engine.node import SUCCESS
@@ -54,7 +54,7 @@ class MoveToPose(SkillNode):
 
         services, pose = self.services, self.pose.get()
         target = world_from_tool(services, pose)
-        return move_to.MoveToPose(services.tools.motion, target, str(pose), *self.surroundings)
+        return move_to.MoveToPose(services.tools.motion, str(pose), *self.surroundings, world_from_tool=target)
 
 
 class RunPolicy(SkillNode):
@@ -89,7 +89,7 @@ class RunPolicy(SkillNode):
         self._part_m = part.world_from_part.position_m
         motion, (_, held), motions = services.tools.motion, self.surroundings, self.motions.get()
         box = (zone[0], zone[1], zone[2], zone[3], zone[4], zone[5])
-        return FollowPolicy(motion, self.wants, box, motions, (part, *others), held)
+        return FollowPolicy(motion, (part, *others), held, wants=self.wants, zone=box, steps=motions)
 
     def wants(self, seen: Observation) -> Array:
         """Raises: ModelError: the policy has no answer."""
@@ -113,7 +113,7 @@ class MoveToJoints(SkillNode):
         if len(angles) != 6:
             raise NodeError(f"the arm has 6 joints, not {len(angles)}")
         services = self.services
-        return move_to.MoveToJoints(services.tools.motion, np.radians(angles), *self.surroundings)
+        return move_to.MoveToJoints(services.tools.motion, *self.surroundings, joints_rad=np.radians(angles))
 
 
 class MoveStraight(SkillNode):
@@ -129,7 +129,7 @@ class MoveStraight(SkillNode):
 
         services, pose = self.services, self.pose.get()
         speed, target = _speed(services, self.speed_m_s.get()), world_from_tool(services, pose)
-        return StraightMove(services.tools.motion, lambda _: target, str(pose), speed, *self.surroundings)
+        return StraightMove(services.tools.motion, target, str(pose), speed, *self.surroundings)
 
 
 class MoveBy(SkillNode):
@@ -141,15 +141,12 @@ class MoveBy(SkillNode):
     speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1, least=0)
 
     def make_skill(self) -> Skill:
-        from skills.grasping.straight import StraightMove
+        from skills.grasping.straight import StraightMoveBy
 
         services, by = self.services, self.by.get()
         speed, axes = _speed(services, self.speed_m_s.get()), frame_pose(services, by.frame)
-
-        def target(world_from_tool: Pose) -> Pose:
-            return moved_by(world_from_tool @ FINGERS_DOWN, axes, by.pose) @ FINGERS_DOWN
-
-        return StraightMove(services.tools.motion, target, Message("by {by}", by=by), speed, *self.surroundings)
+        motion, words = services.tools.motion, Message("by {by}", by=by)
+        return StraightMoveBy(motion, by.pose, words, speed, *self.surroundings, axes=axes)
 
 
 class MoveUntilContact(SkillNode):
@@ -207,14 +204,6 @@ class ToolIsAt(CellNode):
         self.feedback_message = f"{distance_m * 1000:.1f} mm and {angle_deg:.1f} degrees off"
         near = distance_m <= self.within_m.get() and angle_deg <= self.within_deg.get()
         return SUCCESS if near else Status.FAILURE
-
-
-def moved_by(start: Pose, axes: Pose, by: Pose) -> Pose:
-    """A pose in the world after a way along the axes of a frame, turned about the same axes where it then is."""
-    x, y, z = (float(value) for value in np.array(start.position_m) + axes.rotation @ np.array(by.position_m))
-    turned = np.eye(4)
-    turned[:3, :3] = axes.rotation @ by.rotation @ axes.rotation.T @ start.rotation
-    return Pose((x, y, z), Pose.from_matrix(turned).quaternion_wxyz)
 
 
 def _speed(services: Services, speed_m_s: float) -> float:

@@ -116,4 +116,5 @@ class MoveBeside(SkillNode):
             self.tools.bench.bracket.position_m[2] + OVER_M,
         )
         words = Message("beside {position}", position=position)
-        return move_to.MoveToPose(motion, Pose(place, here.quaternion_wxyz), words, *self.surroundings)
+        pose = Pose(place, here.quaternion_wxyz)
+        return move_to.MoveToPose(motion, words, *self.surroundings, world_from_tool=pose)

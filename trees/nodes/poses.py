@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import FINGERS_DOWN, Pose
 from trees.engine.errors import NodeError
 from trees.engine.literals import number_in
 from trees.nodes.services import Services
@@ -16,7 +16,6 @@ from trees.nodes.services import Services
 WORLD, TRAY, BRACKET, TOOL = "world", "tray", "bracket", "tool"
 FRAMES = (WORLD, TRAY, BRACKET, TOOL)
 FARTHEST_M = 10.0
-FINGERS_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))  # a pose's z points upwards, the tool's along the fingers
 STEP_S = 1e-3  # over which a speed is told from places
 BRACKET_GAP_M = 0.10  # nothing is let go this near to the bracket's middle line but by PlacePart, which is guarded
 

@@ -13,7 +13,7 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.log.read.reader import Log, json_of
-from cell.log.replay.logged_tree import WRONG, recorded_table, write_files
+from cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, write_files
 from cell.wiring.detectors import fitted
 from cell.wiring.services import Planners, load_planners
 from learned.inference.onnx_model import digest_of
@@ -59,10 +59,9 @@ def load(
     try:
         return _load(log, changes, edited)
     except InputError as error:
-        own = [name for name in log.attachments if name.startswith("nodes/")]
-        if not own or changes.nodes:
+        if not (missing := nodes_missing(log, changes.nodes)):
             raise
-        way = f"it holds {', '.join(own)}: `cell lab files` writes them; read them, then name them with --with"
+        way = f"it holds {', '.join(missing)}: `cell lab files` writes them; read them, then name them with --with"
         raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
 
 

@@ -26,23 +26,24 @@ from trees.engine.tree import Tree
 from trees.files.check import with_stubs
 from trees.files.loader import build, find_problems
 from trees.files.parse.library import read_library
-from trees.node_library import node_registry, own_code
+from trees.node_library import node_registry, own_code, python_files
 
 CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
 OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
 OF_TOOL = {"tcp_from_tool0_m": "tcp_from_flange_m", "fingertip_beyond_tcp_m": "fingertip_beyond_tcp_m"}
 UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robot.urdf"
 UR10 = "package://ur10/ur10.urdf"
-FOLDER = "tree/"
+FOLDER, NODES = "tree/", "nodes/"
 PRODUCT = "product.yaml"
 WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, yaml.YAMLError)  # what wrong data raise
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-def upgrade(folder: Path) -> None:
+def upgrade(log: Log | LogStream, folder: Path) -> None:
     """Rewrite the configuration of a log that was unpacked into a folder.
 
-    Simulator and factory are left out, as a replay opens no devices; the robot is the one that was recorded.
+    Simulator and factory are left out, as a replay opens no devices; the robot is the one that was recorded. Of the
+    nodes that it names only the code that the log holds itself is loaded.
     """
     path = folder / CONFIGURATION
     try:
@@ -51,8 +52,9 @@ def upgrade(folder: Path) -> None:
         return  # who loads it says what is wrong
     if not isinstance(data, dict):
         return
-    if "nodes" in data:  # those of the folder in which it is replayed; others are named with --with
-        data["nodes"] = [str(Path(one).resolve()) for one in data["nodes"] if Path(one).exists()]
+    own = set(map(_digest, nodes_of(log).values()))
+    named = [file.resolve() for one in data.pop("nodes", None) or () for file in python_files(str(one))]
+    data["nodes"] = [str(file) for file in named if file.is_file() and _digest(file.read_bytes()) in own]
     devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
     for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
         if (settings := data.pop(key, None)) is not None:
@@ -122,9 +124,20 @@ def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
     return build(library, registry, library.main, {})[0]
 
 
+def nodes_of(log: Log | LogStream) -> dict[str, bytes]:
+    """The code of the user's own nodes that a log holds, by its name there; nothing of it is run."""
+    return {name: content for name, content in log.attachments.items() if name.startswith(NODES)}
+
+
+def nodes_missing(log: Log | LogStream, named: Iterable[str]) -> list[str]:
+    """Of the nodes that a log was recorded with, those whose code is in no file that is named here."""
+    here = {_digest(file.read_bytes()) for one in named for file in python_files(one) if file.is_file()}
+    return [name for name, content in nodes_of(log).items() if _digest(content) not in here]
+
+
 def code_differs(log: Log | LogStream, tree: Tree) -> list[str]:
     """Sources of the user's own nodes that are others than in the log, a line each; nothing of the log is run."""
-    here = {file.name: sha256(file.read_bytes()).hexdigest() for file in own_code(tree)}
+    here = {file.name: _digest(file.read_bytes()) for file in own_code(tree)}
     found = []
     for key, digest in log.metadata.items():
         if key.startswith("code.") and key.endswith(".sha256"):
@@ -148,7 +161,7 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
         target.write_bytes(content)
     if CONFIGURATION in files:
         try:
-            upgrade(folder)
+            upgrade(log, folder)
         except WRONG as error:
             raise LogError(
                 log.path, f"has a configuration that cannot be read: {type(error).__name__}: {error}"
@@ -182,3 +195,7 @@ def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
         files = {one: content for one, content in log.attachments.items() if not one.startswith(FOLDER)}
         write_files(log, files, Path(folder))
         return load_yaml(Path(folder) / name, kind)
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()

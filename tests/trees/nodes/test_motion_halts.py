@@ -16,6 +16,7 @@ from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.skill import Skill
 from skills.grasping.phases import Move, Phase, PhasedSkill, SetGripper
+from skills.motion.motions import Motion
 from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.test_halting import Counted, random_tree
 from trees.files.build.registry import Registry
@@ -68,12 +69,17 @@ class Swing(PhasedSkill):
     def prepare(self, observation: Observation) -> list[Phase]:
         assert not observation.arm.moving
         grip = SetGripper("gripping", GripperCommand(0.05), SETTINGS)
-        return [Move("there", plan, SETTINGS), grip, Move("back", plan, SETTINGS)]
+        return [Move("there", STAY), grip, Move("back", STAY)]
 
 
-def plan(joints: np.ndarray) -> JointTrajectory:
+class Stay(Motion):
     """Five ticks on the spot."""
-    return JointTrajectory(np.array([0.0, 5 * PERIOD_S]), np.stack([joints, joints]))
+
+    def plan(self, start_rad: np.ndarray) -> JointTrajectory:
+        return JointTrajectory(np.array([0.0, 5 * PERIOD_S]), np.stack([start_rad, start_rad]))
+
+
+STAY = Stay(SimpleNamespace(settings=SETTINGS))  # type: ignore[arg-type]
 
 
 class Swings(SkillNode):

@@ -198,6 +198,6 @@ def test_an_approved_plan_is_followed_and_no_other(planner: MotionPlanner) -> No
     for start, moves in ((BENCH.arm_park_rad, True), (BENCH.arm_look_rad, False)):
         seen = replace(to.now.observation, arm=replace(arm, positions_rad=tuple(start)))
         command = Command()
-        told = FollowPlan(planner, plan, "there").poll(seen, command)
+        told = FollowPlan(planner, "there", approved=plan).poll(seen, command)
         assert (command.follow is not None) is moves, told.reason
         assert moves or "not the one that was planned" in told.reason

@@ -166,7 +166,8 @@ class PlanToPose(CellNode):
             self.feedback_message = "waits until the arm stands"
             return RUNNING
         target, held = world_from_tool(self.services, pose), memory.held_part or None
-        plan = move_to.MoveToPose(self.tools.motion, target, str(pose), memory.standing, held).plan(seen)
+        move = move_to.MoveToPose(self.tools.motion, str(pose), memory.standing, held, world_from_tool=target)
+        plan = move.plan(seen)
         if isinstance(plan, str):
             raise NodeError(plan)
         self.solution.set(PlannedMove(plan, str(pose)))
@@ -185,7 +186,7 @@ class ExecuteTrajectory(SkillNode):
         from skills import move_to
 
         plan = self.solution.get()
-        return move_to.FollowPlan(self.tools.motion, plan.trajectory, plan.to, *self.surroundings)
+        return move_to.FollowPlan(self.tools.motion, plan.to, *self.surroundings, approved=plan.trajectory)
 
 
 class _Approval(Asks):

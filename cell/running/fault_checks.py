@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Detection:
     early: bool = False
 
 
+@dataclass(eq=False)
 class Memory:
     """What a check must know of earlier ticks.
 
@@ -60,15 +61,16 @@ class Memory:
         given_up: trajectories that were given up by an acknowledgement since one came to its end.
     """
 
-    def __init__(self) -> None:
-        self.gripper, self.hands = GripperMemory(), HandMemory()
-        self.too_near = self.backwards = False
-        self.leasts_m: tuple[tuple[float, float], ...] = ()
-        self.leaving = 0.0
-        self.share = 1.0
-        self._arm_s = -math.inf
-        self.trajectory: JointTrajectory | None = None
-        self.given_up = 0
+    gripper: GripperMemory = field(default_factory=GripperMemory)
+    hands: HandMemory = field(default_factory=HandMemory)
+    too_near: bool = False
+    leasts_m: tuple[tuple[float, float], ...] = ()
+    leaving: float = 0.0
+    share: float = 1.0
+    backwards: bool = False
+    trajectory: JointTrajectory | None = None
+    given_up: int = 0
+    _arm_s: float = field(default=-math.inf, init=False)
 
     def see(self, observation: Observation) -> None:
         """A tick begins."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 from cell.files.words.message import Message
 from cell.interfaces.command import Command, GripperCommand
@@ -17,6 +18,7 @@ STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by the
 SLOWEST_S = 1.0  # for speeding up, braking and pressing
 
 
+@dataclass(eq=False)
 class GripperMemory:
     """What is known of earlier ticks.
 
@@ -26,15 +28,19 @@ class GripperMemory:
         contradicts, disobeys: what is wrong now, in words; empty for nothing.
     """
 
-    def __init__(self) -> None:
-        self.ever_active, self.restarted = False, ""
-        self.contradicts = self.disobeys = ""
-        self._active, self._held_s = False, -math.inf
-        self._goal: GripperCommand | None = None
-        self._free_s = self._echoed_s = self._moved_s = -math.inf  # since when it may go; when it was seen to
-        self._opening_m = 0.0
-        self._opens = False  # they were sent farther apart
-        self._before: GripperState | None = None
+    ever_active: bool = False
+    restarted: str = ""
+    contradicts: str = ""
+    disobeys: str = ""
+    _active: bool = field(default=False, init=False)
+    _held_s: float = field(default=-math.inf, init=False)
+    _goal: GripperCommand | None = field(default=None, init=False)
+    _free_s: float = field(default=-math.inf, init=False)  # since when it may go; then when it was seen to
+    _echoed_s: float = field(default=-math.inf, init=False)
+    _moved_s: float = field(default=-math.inf, init=False)
+    _opening_m: float = field(default=0.0, init=False)
+    _opens: bool = field(default=False, init=False)  # they were sent farther apart
+    _before: GripperState | None = field(default=None, init=False)
 
     def see(self, gripper: GripperState, now_s: float) -> None:
         """A tick begins."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cell.files.words.message import Message
 from cell.interfaces.observation import Observation
@@ -25,6 +25,7 @@ class _Change:
     seen_s: float
 
 
+@dataclass(eq=False)
 class HandMemory:
     """What is known of hands and holes in earlier ticks.
 
@@ -32,12 +33,12 @@ class HandMemory:
         blind: why the hand detector cannot be believed, in words, until somebody acknowledges it or a hand is seen.
     """
 
-    def __init__(self) -> None:
-        self.blind = ""
-        self._sequence = -1
-        self._hand_s = self._held_s = -math.inf  # when a hand was seen last, and something between the fingers
-        self._holes: dict[str, HoleView] = {}
-        self._changes: dict[str, _Change] = {}
+    blind: str = ""
+    _sequence: int = field(default=-1, init=False)
+    _hand_s: float = field(default=-math.inf, init=False)  # when a hand was seen last
+    _held_s: float = field(default=-math.inf, init=False)  # and something between the fingers
+    _holes: dict[str, HoleView] = field(default_factory=dict, init=False)
+    _changes: dict[str, _Change] = field(default_factory=dict, init=False)
 
     def see(self, seen: Observation) -> None:
         """A tick begins."""

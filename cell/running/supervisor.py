@@ -56,12 +56,19 @@ class Supervisor:
         table: what is done about each detection.
         checks: by signal, what finds the detection; a signal without one is not judged.
         share: of speed that is never exceeded.
+        monitor: that the checks of the arm ask, if they do: it remembers.
     """
 
-    def __init__(self, table: FaultTable | Sequence[Fault], checks: Mapping[str, Check], share: float = 1.0) -> None:
+    def __init__(
+        self,
+        table: FaultTable | Sequence[Fault],
+        checks: Mapping[str, Check],
+        share: float = 1.0,
+        monitor: ArmMonitor | None = None,
+    ) -> None:
         faults = table.faults if isinstance(table, FaultTable) else table
         self._rows: list[_Row] = [(fault, checks[fault.signal], _State()) for fault in faults if fault.signal in checks]
-        self._memory, self._share = Memory(), share
+        self._memory, self._share, self._monitor = Memory(), share, monitor
 
     def judge(self, observation: Observation) -> Judgement:
         """What is allowed in the tick that saw this."""
@@ -75,14 +82,9 @@ class Supervisor:
         return judgement
 
     @property
-    def state(self) -> list[Any]:
-        """What it keeps between two ticks: its memory, and of each row its check and where it stands."""
-        return [self._memory, *((check, state) for _, check, state in self._rows)]
-
-    @state.setter
-    def state(self, state: list[Any]) -> None:
-        self._memory, *rows = state
-        self._rows = [(fault, *row) for (fault, *_), row in zip(self._rows, rows, strict=True)]
+    def keeps(self) -> list[Any]:
+        """What it keeps between two ticks, in dataclasses: its memory, the arm's monitor, and where each row stands."""
+        return [self._memory, *([self._monitor] if self._monitor else []), *(state for *_, state in self._rows)]
 
     @property
     def unacknowledged(self) -> bool:
@@ -122,7 +124,7 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     reaction_s, tool_m = separation.settings.reaction_s, motion.kinematics.position_m
     monitor = ArmMonitor(robot, reaction_s, limits, tool_m, separation.slow_share)
     checks = {**CHECKS, **arm_checks(monitor), **person_checks(separation), **tick_checks(motion.settings.tick_s)}
-    return Supervisor(table, checks, motion.settings.speed_share)
+    return Supervisor(table, checks, motion.settings.speed_share, monitor)
 
 
 def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:

@@ -1,7 +1,8 @@
 """The state of a run between two ticks as plain data, so that a replay may begin there: what is kept is never code.
 
 Nodes, blackboard, memory and supervisor are walked field by field. What a fresh run has by itself, such as planners,
-kinematics and files, is named and not written. On the way back objects are filled with their fields; nothing is called.
+kinematics and files, is named and not written. On the way back records of a closed list are made, each field of its own
+type, and a node gets such attributes alone as its own code sets.
 """
 
 from __future__ import annotations
@@ -12,21 +13,31 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from cell.interfaces.command import Display
+from cell.interfaces.perception import PartsView
+from cell.interfaces.planning import GraspPlan
 from cell.running.supervisor import Supervisor
+from cell.wiring.records import records, stored_by
 from cell.wiring.state_reader import StateError, StateReader
 from cell.wiring.state_writer import StateWriter, is_own
+from skills.motion.collision import Box
+from skills.motion.grip import Hold
+from skills.motion.lying_grasp import LyingHold
 from trees.engine.blackboard import UNSET, Entry
 from trees.engine.node import TreeNode
 from trees.engine.ports import Connection
-from trees.engine.script import Script
+from trees.engine.script import Evaluated, Script
+from trees.engine.status import Status
 from trees.engine.tree import Tree
 from trees.nodes.services import Services
 
 OF_ENGINE = frozenset(
     ("runtime", "note_change", "children", "decorated", "services", "name", "uid", "full_path", "conditions", "_made")
 )
-OF_MOTION = ("hold", "lying")
-OF_ENTRY = ("value", "revision", "carried", "declared", "text")
+OF_NODE = {"status": Status, "feedback_message": str, "what_if": str, "_error": str}  # of every one
+OF_MOTION = {"hold": Hold | None, "lying": LyingHold | None, "around": Box | None}
+OF_ENTRY = {"value": Any, "revision": int, "carried": bool, "declared": bool, "text": str | None}
+FORM = 2  # of the state; older ones held functions by their names
 NUMBER = re.compile(r"::\d+")
 
 
@@ -54,27 +65,33 @@ def go_on_from(state: Mapping[str, Any], tree: Tree, services: Services, supervi
     Raises:
         StateError: the state is none of this program.
     """
+    if state.get("form") != FORM:
+        raise StateError("its state is of another release; that one can replay it, and this one from tick 0 on")
     try:
         for parts in state["learned"][len(services.learned) :]:
-            services.learn(tuple(parts))
-        read = StateReader(_named(tree, services))
+            services.learn(tuple(map(str, parts)))
+        read = StateReader(_named(tree, services), records(tree.nodes))
         fresh = [*_nodes(state["nodes"], tree, read), *_entries(state["entries"], tree, read)]
         tree._runtime.ticks, tree._runtime.agreed = map(int, state["runtime"])
-        for name, value in read.fields(state["memory"], services.memory.values()).items():
-            setattr(services.memory, name, value)
-        for name in OF_MOTION:
-            setattr(services.tools.motion, name, read(state["motion"][name]))
-        services.now.display = read(state["display"])
-        services._solved_view, services._solved = (read(one) for one in state["solved"])
-        supervisor.state = [read(one, was) for one, was in zip(state["supervisor"], supervisor.state, strict=True)]
+        read.fill(state["memory"], services.memory)
+        motion = services.tools.motion
+        for name, value in read.fields(state["motion"], vars(motion), OF_MOTION, "motion").items():
+            setattr(motion, name, value)
+        services.now.display = read.value(state["display"], Display, "display")
+        view, solved = state["solved"]
+        services._solved_view = read.value(view, PartsView | None, "solved")
+        services._solved = read.value(solved, dict[int, GraspPlan], "solved")
+        for written, record in zip(state["supervisor"], supervisor.keeps, strict=True):
+            read.fill(written, record)
     except (KeyError, ValueError, TypeError, AttributeError, IndexError, StopIteration, RecursionError) as error:
         raise StateError(f"the state of the run does not fit this program: {type(error).__name__}: {error}") from None
     return fresh
 
 
 def _written(tree: Tree, services: Services, supervisor: Supervisor) -> dict[str, Any]:
-    write = StateWriter(_named(tree, services))
+    write, motion = StateWriter(_named(tree, services), records(tree.nodes)), services.tools.motion
     return {
+        "form": FORM,
         "nodes": [[node.full_path, type(node).__name__, write.fields(_kept_by(node))] for node in tree.nodes],
         "entries": [
             [scope, key, write.fields({name: getattr(entry, name) for name in OF_ENTRY})]
@@ -83,11 +100,11 @@ def _written(tree: Tree, services: Services, supervisor: Supervisor) -> dict[str
         ],
         "runtime": [tree._runtime.ticks, tree._runtime.agreed],
         "learned": [list(parts) for parts in services.learned],
-        "memory": write.fields(services.memory.values()),
+        "memory": write.record(services.memory),
         "display": write(services.now.display),
-        "motion": {name: write(getattr(services.tools.motion, name)) for name in OF_MOTION},
+        "motion": write.fields({name: getattr(motion, name) for name in OF_MOTION}),
         "solved": [write(services._solved_view), write(services._solved)],
-        "supervisor": [write(one) for one in supervisor.state],
+        "supervisor": [write.record(one) for one in supervisor.keeps],
     }
 
 
@@ -111,7 +128,7 @@ def _nodes(written: list[Any], tree: Tree, read: StateReader) -> list[str]:
         if filled is None:
             read.skip(one[2])
         else:
-            vars(filled).update(read.fields(one[2], vars(filled)))
+            vars(filled).update(read.fields(one[2], vars(filled), _attributes_of(filled), one[0]))
     known = {node.uid for node, _ in pairs}
     return [node.full_path for node in tree.nodes if node.uid not in known]
 
@@ -124,7 +141,8 @@ def _entries(written: list[Any], tree: Tree, read: StateReader) -> list[str]:
             read.skip(fields)
             lost.append(key)
             continue
-        for name, value in read.fields(fields, {name: getattr(entry, name) for name in OF_ENTRY}).items():
+        was = {name: getattr(entry, name) for name in OF_ENTRY}
+        for name, value in read.fields(fields, was, OF_ENTRY, key).items():
             setattr(entry, name, value)
     return lost
 
@@ -140,8 +158,14 @@ def _entries_of(tree: Tree) -> dict[tuple[str, str], Entry]:
 
 def _kept_by(node: TreeNode) -> dict[str, Any]:
     """What a node keeps between two ticks, with its status and its words."""
-    kept = {name: value for name, value in vars(node).items() if name not in OF_ENGINE}
-    return {name: value for name, value in kept.items() if not isinstance(value, Connection | Script)}
+    kept = _attributes_of(node)
+    return {name: value for name, value in vars(node).items() if name in kept}
+
+
+def _attributes_of(node: TreeNode) -> dict[str, Any]:
+    """The types of what a node may keep: what it was made with, and what its own code sets."""
+    bound = {name for name, value in vars(node).items() if isinstance(value, Connection | Script | Evaluated)}
+    return dict.fromkeys((vars(node).keys() | stored_by(type(node))) - OF_ENGINE - bound, Any) | OF_NODE
 
 
 def _named(tree: Tree, services: Services) -> dict[str, Any]:

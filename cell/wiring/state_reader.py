@@ -1,56 +1,85 @@
-"""The way back from plain data to values of a run: objects are filled with their fields, and nothing is called."""
+"""The way back from plain data to values of a run: records are filled with fields of their own types."""
 
 from __future__ import annotations
 
-import sys
+import re
 from collections import defaultdict
 from collections.abc import Mapping
-from functools import partial
-from importlib import import_module
-from types import CellType, CodeType, FunctionType, MappingProxyType
+from enum import Enum
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from cell.errors import InputError
-from cell.wiring.state_writer import LISTS, column_of, fields_of
-from trees.engine.node import TreeNode
+from cell.wiring.records import fits, hints_of
+from cell.wiring.state_writer import LISTS
 
-FILLED = ("cell.interfaces", "cell.running", "trees.", "skills.", "learned.")
-OPENING = ("skills.drivers",)
 MISSING: Any = object()
+NUMBERS = re.compile(r"[<>|][biuf]\d")  # types of arrays
 
 
 class StateError(InputError):
     """A state that cannot be written, or does not fit the tree that is to go on with it."""
 
 
+class _Unreadable(Exception):
+    """Why a value cannot be made; becomes a StateError with its place."""
+
+
 class StateReader:
-    """The way back, for objects of this program's data and of the modules of the tree's nodes.
+    """The way back.
 
     Where a value is read, `was` is what stands in its place; it gives what was not written.
+
+    Args:
+        named: things that are named and not written.
+        records: classes whose objects may be made, by name.
     """
 
-    def __init__(self, named: dict[str, Any]) -> None:
-        self.named = named
-        self._modules = {type(one).__module__ for one in named.values() if isinstance(one, TreeNode)}
+    def __init__(self, named: dict[str, Any], records: Mapping[str, type]) -> None:
+        self.named, self._records = named, records
         self._known: dict[int, Any] = {}
         self._lenient = False
 
-    def fields(self, written: Mapping[str, Any], was: Mapping[str, Any]) -> dict[str, Any]:
-        read = {}
-        for name, one in written.items():
-            try:
-                read[name] = self(one, was.get(name, MISSING))
-            except StateError as error:
-                raise StateError(f"{name}: {error}") from None
+    def fields(
+        self, written: Mapping[str, Any], was: Mapping[str, Any], hints: Mapping[str, Any], owner: str
+    ) -> dict[str, Any]:
+        """Values by name.
+
+        Args:
+            hints: the type of each field that there is.
+            owner: what has them, for messages.
+        """
+        if unknown := sorted(written.keys() - hints.keys()):
+            raise StateError(f"{owner} has no field {unknown[0][:40]!r}")
+        read = {
+            name: self.value(one, hints[name], f"{owner}.{name}", was.get(name, MISSING))
+            for name, one in written.items()
+        }
         return {name: value for name, value in read.items() if value is not MISSING}
+
+    def fill(self, written: Mapping[str, Any], record: Any) -> None:
+        """Give a dataclass that is there already other fields."""
+        kind = type(record)
+        for name, value in self.fields(written, vars(record), hints_of(kind), kind.__name__).items():
+            setattr(record, name, value)
 
     def skip(self, written: Mapping[str, Any]) -> None:
         """Read what has no place, as other things may be the same objects."""
         self._lenient = True
-        self.fields(written, {})
+        self.fields(written, {}, dict.fromkeys(written, Any), "a node")
         self._lenient = False
+
+    def value(self, written: Any, hint: Any, place: str, was: Any = MISSING) -> Any:
+        """A value of a type; `place` says where it stands, for messages."""
+        try:
+            value = self(written, was)
+        except _Unreadable as error:
+            raise StateError(f"{place} {error}") from None
+        if value is MISSING or fits(value, hint):
+            return value
+        raise StateError(f"{place} is {type(value).__name__} and not {getattr(hint, '__name__', hint)}")
 
     def __call__(self, written: Any, was: Any = MISSING) -> Any:
         if not isinstance(written, dict):
@@ -60,8 +89,7 @@ class StateReader:
         if "float" in written:
             return float(written["float"])
         if "enum" in written:
-            module, name, member = written["enum"]
-            return _known_class(module, name)[member]  # type: ignore[index]
+            return self._enum(*written["enum"])
         if "ref" in written:
             return self._known[written["ref"]]
         made = self._made(written, was)
@@ -71,7 +99,7 @@ class StateReader:
     def _made(self, written: Mapping[str, Any], was: Any) -> Any:
         if "kept" in written:
             if was is MISSING and not self._lenient:
-                raise StateError("it is a thing that only the run had")
+                raise _Unreadable("is a thing that only the run had; a dataclass beside the node can be kept")
             return was
         for name, kind in LISTS.items():
             if name in written:
@@ -86,67 +114,34 @@ class StateReader:
             return MappingProxyType(made) if "frozen" in written else made
         if "array" in written:
             kind, shape, data = written["array"]
+            if not NUMBERS.fullmatch(kind):
+                raise _Unreadable(f"is an array of {kind[:20]!r}, which is no number")
             array = np.frombuffer(bytes.fromhex(data), np.dtype(kind)).reshape(shape).copy()
             return array if shape else array[()]
-        if "method" in written:
-            return getattr(self(written["method"][0], getattr(was, "__self__", MISSING)), written["method"][1])
-        if "partial" in written:
-            function, arguments, named = (self(one) for one in written["partial"])
-            return partial(function, *arguments, **named)
-        return self._function(written, was) if "function" in written else self._object(written, was)
+        return self._record(written, was)
 
-    def _function(self, written: Mapping[str, Any], was: Any) -> Any:
-        """The same function, with what it keeps; a skill's own are made anew, from the code of this program."""
-        if not isinstance(was, FunctionType):
-            was = _skills_function(*written["function"])
-        self._known[written["n"]] = was
-        for name, cell in zip(was.__code__.co_freevars, was.__closure__ or (), strict=True):
-            cell.cell_contents = self(written["of"][name], _content(cell))
-        return was
-
-    def _object(self, written: Mapping[str, Any], was: Any) -> Any:
-        kind = _known_class(*written["object"])
-        module = kind.__module__
-        if not (module.startswith(FILLED) and not module.startswith(OPENING)) and module not in self._modules:
-            raise StateError(f"a {kind.__name__} is no part of a run's state")
+    def _record(self, written: Mapping[str, Any], was: Any) -> Any:
+        kind = self._class(written["record"])
         made: Any = object.__new__(kind)
-        self._known[written["n"]] = made
-        old = dict(fields_of(was)) if type(was) is kind else {}
-        for name, value in {**old, **self.fields(written["of"], old)}.items():
+        self._known[written["n"]] = made  # it may hold itself
+        old, hints = vars(was) if type(was) is kind else {}, hints_of(kind)
+        read = self.fields(written["of"], old, hints, kind.__name__)
+        values = {**{name: old[name] for name in hints if name in old}, **read}
+        if lacking := [name for name in hints if name not in values]:
+            raise StateError(f"a {kind.__name__} lacks {', '.join(lacking)}")
+        for name, value in values.items():
             object.__setattr__(made, name, value)
+        if kind.__dataclass_params__.frozen and hasattr(made, "__post_init__"):  # it checks itself
+            made.__post_init__()
         return made
 
+    def _enum(self, name: str, member: str) -> Enum:
+        kind = self._class(name)
+        if not issubclass(kind, Enum):
+            raise _Unreadable(f"is of {name}, which is no enumeration")
+        return kind[member]
 
-def _content(cell: CellType) -> Any:
-    try:
-        return cell.cell_contents
-    except ValueError:  # empty, as of a function that was just made
-        return MISSING
-
-
-def _skills_function(module: str, name: str, column: list[int | None]) -> FunctionType:
-    """A function of a skill; one that is defined in another has empty cells for what it keeps."""
-    if not module.startswith("skills.") or module.startswith(OPENING):
-        raise StateError(f"the function {module}.{name} is no part of a run's state")
-    outer, *inner = name.split(".<locals>.")
-    found: Any = import_module(module)
-    for part in outer.split("."):
-        found = getattr(found, part)
-    if not inner and isinstance(found, FunctionType):
-        return found
-    within = [found.__code__]
-    for part in inner:
-        consts = [one for code in within for one in code.co_consts]
-        within = [one for one in consts if isinstance(one, CodeType) and one.co_name == part]
-    code = next(one for one in within if column_of(one) == column)
-    return FunctionType(code, vars(import_module(module)), None, None, tuple(CellType() for _ in code.co_freevars))
-
-
-def _known_class(module: str, name: str) -> type:
-    """A class of this program, or of a file with nodes that was loaded with the tree."""
-    found: Any = import_module(module) if module.startswith(FILLED) else sys.modules.get(module)
-    for part in name.split("."):
-        found = getattr(found, part, None)
-    if not isinstance(found, type):
-        raise StateError(f"the state of the run holds a {module}.{name}, which this program does not know")
-    return found
+    def _class(self, name: str) -> type[Any]:
+        if (kind := self._records.get(name)) is None:
+            raise _Unreadable(f"is a {str(name)[:80]}, which is no part of a run's state")
+        return kind

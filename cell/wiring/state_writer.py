@@ -1,21 +1,19 @@
-"""Values of a run as plain data: nothing of it is code."""
+"""Values of a run as plain data: numbers, texts, lists, arrays and records of a closed list; nothing of it is code."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from enum import Enum
-from functools import partial
-from types import CodeType, FunctionType, MappingProxyType, MethodType
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from cell.files.model import Model
+from cell.wiring.records import hints_of, name_of
 
-OWN = ("cell", "trees", "skills", "learned", "sim")  # packages whose objects may be filled with what a log says
+OWN = ("cell", "trees", "skills", "learned", "sim")  # packages whose objects a run and its replay both have
 LISTS: dict[str, Any] = {"tuple": tuple, "set": set, "frozenset": frozenset, "deque": deque, "list": list}
 KEPT = {"kept": True}
 
@@ -25,15 +23,20 @@ class StateWriter:
 
     Args:
         named: what is named and not written.
+        records: classes whose objects are written, by name; of other things it says that the run kept them.
     """
 
-    def __init__(self, named: Mapping[str, Any]) -> None:
+    def __init__(self, named: Mapping[str, Any], records: Mapping[str, type]) -> None:
         self._names = {id(value): name for name, value in reversed(list(named.items()))}
-        self._named = named  # they live as long as their numbers are used
+        self._named, self._records = named, records  # they live as long as their numbers are used
         self._known: dict[int, tuple[int, Any]] = {}
 
     def fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
         return {name: self(value) for name, value in values.items()}
+
+    def record(self, value: Any) -> dict[str, Any]:
+        """The fields of a dataclass."""
+        return self.fields({name: getattr(value, name) for name in hints_of(type(value))})
 
     def __call__(self, value: Any) -> Any:
         if value is None or isinstance(value, bool) or type(value) is int:
@@ -45,7 +48,7 @@ class StateWriter:
         if isinstance(value, str) and not isinstance(value, Enum):
             return str(value)
         if isinstance(value, Enum):
-            return {"enum": [*_class(type(value)), value.name]}
+            return {"enum": [name_of(type(value)), value.name]}
         if id(value) in self._known:
             return {"ref": self._known[id(value)][0]}
         self._known[id(value)] = number, _ = len(self._known), value
@@ -64,43 +67,11 @@ class StateWriter:
             }
         if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
             return {"array": [value.dtype.str, list(np.shape(value)), np.asarray(value).tobytes().hex()]}
-        if isinstance(value, FunctionType):
-            cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
-            return {
-                "function": [*_class(value), column_of(value.__code__)],
-                "of": {name: self(cell.cell_contents) for name, cell in cells},
-            }
-        if isinstance(value, partial):
-            return {"partial": [self(value.func), self(value.args), self(value.keywords)]}
-        if isinstance(value, MethodType):
-            return {"method": [self(value.__self__), value.__name__]}
-        if (not is_own(value) and not dataclasses.is_dataclass(kind)) or isinstance(value, Model):
+        if self._records.get(name_of(kind)) is not kind:
             return KEPT
-        if not hasattr(value, "__dict__") and not dataclasses.is_dataclass(kind):
-            return KEPT
-        fields = dict(fields_of(value))
-        return {"object": _class(kind), "of": self.fields(fields)}
+        return {"record": name_of(kind), "of": self.record(value)}
 
 
 def is_own(value: object) -> bool:
     """Whether it is a thing of this program, and neither a class nor of an enumeration."""
     return type(value).__module__.partition(".")[0] in OWN and not isinstance(value, type | Enum)
-
-
-def fields_of(value: Any) -> Iterator[tuple[str, Any]]:
-    """What an object holds, by attribute."""
-    if hasattr(value, "__dict__"):
-        yield from vars(value).items()
-    for kind in type(value).__mro__:
-        for name in getattr(kind, "__slots__", ()):
-            if name not in ("__dict__", "__weakref__") and hasattr(value, name):
-                yield name, getattr(value, name)
-
-
-def column_of(code: CodeType) -> list[int | None]:
-    """Where in its file a function ends, which tells those of one name apart."""
-    return list([*code.co_positions()][-1])
-
-
-def _class(kind: type | FunctionType) -> list[str]:
-    return [kind.__module__, kind.__qualname__]

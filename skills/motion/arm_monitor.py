@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.files.words.message import Message
 from cell.interfaces.bench import JOINTS
@@ -49,47 +50,48 @@ class StopLimits:
     way_m: float = math.inf
 
 
+@dataclass(eq=False)
 class ArmMonitor:
     """Sees every state of the arm and every order to it.
 
-    Args:
+    Attributes:
         reaction_s: from an order to the first braking.
         tool_m: where the tool is (3,), from joints.
         slow_share: of a path, the share of speed at which no link is faster than the slow speed.
-
-    Attributes:
         disobeys, implausible: what is wrong now, in words; empty for nothing.
         repeats_s: since when a moving arm tells the same state.
     """
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        reaction_s: float,
-        limits: StopLimits,
-        tool_m: Callable[[Array], Array],
-        slow_share: Callable[[JointTrajectory], float],
-    ) -> None:
-        self._range_rad = np.array(robot.range_rad) + RANGE_SLACK_RAD
-        self._speed_rad_s = np.array(robot.speed_rad_s) * SPEED_SLACK
-        self._acceleration_rad_s2 = np.array(robot.acceleration_rad_s2)
-        self._reaction_s, self._limits = reaction_s, limits
-        self._tool_m, self.slow_share = tool_m, slow_share
-        self.disobeys = self.implausible = ""
-        self.repeats_s = 0.0
-        self._now_s = self._changed_s = self._advanced_s = -math.inf
-        self._arm: ArmState | None = None
-        self._orders: deque[tuple[float, float]] = deque()  # (since when, share)
-        self._rate = 0.0  # share of the planned speed that the arm may have at most
-        self._path: JointTrajectory | None = None  # the last one
-        self._begun_s, self._held_s = -math.inf, math.inf
-        self._path_s: float | None = None
-        self._allowed_s = self._excess_s = 0.0
-        self._played_s = -math.inf  # until when its way is reckoned: a state may be older than the tick
-        self._held_at_m: Array | None = None
-        self._still_s = math.inf
-        self._anchor: Array | None = None
-        self._mismatches = np.zeros(len(JOINTS), dtype=int)
+    robot: RobotModel = field(repr=False)
+    reaction_s: float
+    limits: StopLimits
+    tool_m: Callable[[Array], Array]
+    slow_share: Callable[[JointTrajectory], float]
+    disobeys: str = field(default="", init=False)
+    implausible: str = field(default="", init=False)
+    repeats_s: float = field(default=0.0, init=False)
+    _now_s: float = field(default=-math.inf, init=False)
+    _changed_s: float = field(default=-math.inf, init=False)
+    _advanced_s: float = field(default=-math.inf, init=False)
+    _arm: ArmState | None = field(default=None, init=False)
+    _orders: deque[tuple[float, float]] = field(default_factory=deque, init=False)  # (since when, share)
+    _rate: float = field(default=0.0, init=False)  # share of the planned speed that the arm may have at most
+    _path: JointTrajectory | None = field(default=None, init=False)  # the last one
+    _begun_s: float = field(default=-math.inf, init=False)
+    _held_s: float = field(default=math.inf, init=False)
+    _path_s: float | None = field(default=None, init=False)
+    _allowed_s: float = field(default=0.0, init=False)
+    _excess_s: float = field(default=0.0, init=False)
+    _played_s: float = field(default=-math.inf, init=False)  # its way is reckoned until then: a state may be older
+    _held_at_m: Array | None = field(default=None, init=False)
+    _still_s: float = field(default=math.inf, init=False)
+    _anchor: Array | None = field(default=None, init=False)
+    _mismatches: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(JOINTS), dtype=np.int64), init=False)
+
+    def __post_init__(self) -> None:
+        self._range_rad = np.array(self.robot.range_rad) + RANGE_SLACK_RAD
+        self._speed_rad_s = np.array(self.robot.speed_rad_s) * SPEED_SLACK
+        self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
 
     def see(self, now_s: float, arm: ArmState, share: float, path: JointTrajectory | None) -> None:
         """One more tick.
@@ -120,7 +122,7 @@ class ArmMonitor:
 
     def _may(self, time_s: float) -> float:
         """The greatest share that was ordered within the reaction before a time."""
-        while len(self._orders) > 1 and self._orders[1][0] <= time_s - self._reaction_s:
+        while len(self._orders) > 1 and self._orders[1][0] <= time_s - self.reaction_s:
             self._orders.popleft()
         return max((share for begun_s, share in self._orders if begun_s <= time_s), default=self._orders[0][1])
 
@@ -136,7 +138,7 @@ class ArmMonitor:
             most = self._may(time_s)
             if most < self._rate:
                 most = max(most, self._rate - self._braking(way_s) * step_s)
-            if time_s - self._held_s > self._limits.time_s:
+            if time_s - self._held_s > self.limits.time_s:
                 most = 0.0
             self._rate = most
             way_s += most * step_s
@@ -157,7 +159,7 @@ class ArmMonitor:
 
     def _ahead(self, arm: ArmState) -> str:
         """The way along the path grew by more than it may."""
-        if arm.path_s is None or not arm.moving or self._now_s - self._begun_s <= self._reaction_s + LONGEST_S / 4:
+        if arm.path_s is None or not arm.moving or self._now_s - self._begun_s <= self.reaction_s + LONGEST_S / 4:
             self._path_s, self._allowed_s = arm.path_s, 0.0
             return self._too_far(arm)
         if self._arm is not None and arm.time_s == self._arm.time_s:  # nothing new
@@ -177,12 +179,12 @@ class ArmMonitor:
         if self._held_s == math.inf or self._still_s < self._now_s - SETTLES_S:
             self._held_at_m = None
             return ""
-        tool_m = self._tool_m(np.array(arm.positions_rad))
+        tool_m = self.tool_m(np.array(arm.positions_rad))
         self._held_at_m = tool_m if self._held_at_m is None else self._held_at_m
         way_m = float(np.linalg.norm(tool_m - self._held_at_m))
         return (
             Message("the tool went {way_m} m since it was to stand", way_m=f"{way_m:.2f}")
-            if way_m > self._limits.way_m
+            if way_m > self.limits.way_m
             else ""
         )
 
@@ -250,7 +252,7 @@ class ArmMonitor:
         """Positions changed otherwise than the told speeds have it."""
         before = self._arm
         took_s = 0.0 if before is None else arm.time_s - before.time_s
-        if before is None or not 0 <= took_s <= max(LONGEST_S, self._reaction_s):
+        if before is None or not 0 <= took_s <= max(LONGEST_S, self.reaction_s):
             return ""
         if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
             return ""

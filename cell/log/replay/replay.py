@@ -119,13 +119,16 @@ class Replay:
 
     def _go_on(self, before: LoggedTick) -> None:
         """Take the state that the log holds after a tick."""
-        state = before.state or {}
+        state, where = (
+            before.state or {},
+            f"cannot be replayed from tick {before.number + 1} at {before.time_s:.2f} s on",
+        )
         if "lost" in state:
-            raise LogError(self.log.path, f"cannot be replayed from tick {before.number + 1} on: {state['lost']}")
+            raise LogError(self.log.path, f"{where}: {state['lost']}")
         try:
             anew = go_on_from(state, self.tree, self._services, self._supervisor)
         except StateError as error:
-            raise LogError(self.log.path, f"cannot be replayed from tick {before.number + 1} on: {error}") from None
+            raise LogError(self.log.path, f"{where}: {error}") from None
         self._journal.take()
         self.remarks.append(f"begins after tick {before.number} at {before.time_s:.2f} s, with the state that was kept")
         if anew and self._by_name:

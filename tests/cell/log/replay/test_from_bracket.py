@@ -133,12 +133,22 @@ def test_a_bracket_that_is_gone_is_refused_by_name(shift: Path) -> None:
 def test_the_state_of_a_hostile_log_is_refused(shift: Path) -> None:
     log = read_log(shift)
     state = copy.deepcopy(dict(log.ticks[0].state or {}))
-    evil = {"n": 10**6, "object": ["cell.recording.sink", "LogSink"], "of": {}}
-    for what in ({"_x": evil}, {"_x": {**evil, "object": ["subprocess", "Popen"]}}):
-        state["nodes"][0][2] = what
+    [fields] = [fields for path, _, fields in state["nodes"] if "CountTicks" in path]
+    seen = fields["_seen"]
+    for kind in ("cell.recording.sink.LogSink", "subprocess.Popen", "skills.motion.separation.np.testing.runstring"):
+        fields["_seen"] = {"n": 10**6, "record": kind, "of": {}}
         object.__setattr__(log.ticks[0], "state", state)
-        with pytest.raises(LogError, match=r"no part of a run's state|does not know"):
+        with pytest.raises(LogError, match=rf"at [\d.]+ s on: .*CountTicks::\d+._seen is a {kind}, which is no part"):
             Replay(log, changes(shift), 9)
+    fields["_seen"] = seen
+    for name in ("execute", "update", "runtime", "children", "_x"):
+        fields[name] = "text"
+        with pytest.raises(LogError, match=rf"CountTicks::\d+ has no field '{name}'"):
+            Replay(log, changes(shift), 9)
+        del fields[name]
+    state["form"] = 1
+    with pytest.raises(LogError, match="of another release"):
+        Replay(log, changes(shift), 9)
 
 
 def test_own_nodes_are_in_the_log_and_never_run_unasked(

@@ -40,7 +40,7 @@ def _own() -> Mapping[str, type]:
 def records(nodes: Iterable[TreeNode]) -> Mapping[str, type]:
     """All that a state may be made of, by name: the program's, and those beside the nodes of a tree."""
     modules = {name: sys.modules[name] for name in {type(node).__module__ for node in nodes}}
-    return {name_of(kind): kind for module in modules.values() for kind in _records(module)} | _own()
+    return {**{name_of(kind): kind for module in modules.values() for kind in _records(module)}, **_own()}
 
 
 def name_of(kind: type) -> str:
@@ -61,7 +61,7 @@ def hints_of(kind: type) -> Mapping[str, Any]:
 
 
 @cache
-def stored_by(kind: type[TreeNode]) -> frozenset[str]:
+def stored_by(kind: type) -> frozenset[str]:
     """Names of the attributes that a node's own code sets; none of them is a method."""
     functions = [one for base in kind.__mro__ for one in vars(base).values() if isinstance(one, FunctionType)]
     names = {step.argval for one in functions for step in dis.get_instructions(one) if step.opname == "STORE_ATTR"}
@@ -74,7 +74,8 @@ def _is_code(member: Any) -> bool:
 
 def fits(value: Any, hint: Any) -> bool:
     """Whether a value is of a type, at any depth; a record was looked at when it was made."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin: Any = get_origin(hint)
+    inner: Any = get_args(hint)
     if hint is Any or hint is object:
         return True
     if origin in (Union, UnionType):
@@ -91,5 +92,5 @@ def fits(value: Any, hint: Any) -> bool:
     if isinstance(value, Mapping):
         return all(fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items())
     if kind is tuple and inner[-1] is not Ellipsis:
-        return len(value) == len(inner) and all(map(fits, value, inner))
+        return len(value) == len(inner) and all(fits(one, of) for one, of in zip(value, inner, strict=True))
     return not isinstance(value, list | tuple | set | frozenset | deque) or all(fits(one, inner[0]) for one in value)

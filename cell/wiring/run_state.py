@@ -165,7 +165,8 @@ def _kept_by(node: TreeNode) -> dict[str, Any]:
 def _attributes_of(node: TreeNode) -> dict[str, Any]:
     """The types of what a node may keep: what it was made with, and what its own code sets."""
     bound = {name for name, value in vars(node).items() if isinstance(value, Connection | Script | Evaluated)}
-    return dict.fromkeys((vars(node).keys() | stored_by(type(node))) - OF_ENGINE - bound, Any) | OF_NODE
+    kind: type = type(node)
+    return dict.fromkeys((vars(node).keys() | stored_by(kind)) - OF_ENGINE - bound, Any) | OF_NODE
 
 
 def _named(tree: Tree, services: Services) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class StateReader:
 
     def fill(self, written: Mapping[str, Any], record: Any) -> None:
         """Give a dataclass that is there already other fields."""
-        kind = type(record)
+        kind: type = type(record)
         for name, value in self.fields(written, vars(record), hints_of(kind), kind.__name__).items():
             setattr(record, name, value)
 
@@ -139,9 +139,10 @@ class StateReader:
         kind = self._class(name)
         if not issubclass(kind, Enum):
             raise _Unreadable(f"is of {name}, which is no enumeration")
-        return kind[member]
+        found: Enum = kind[member]
+        return found
 
-    def _class(self, name: str) -> type[Any]:
+    def _class(self, name: str) -> Any:
         if (kind := self._records.get(name)) is None:
             raise _Unreadable(f"is a {str(name)[:80]}, which is no part of a run's state")
         return kind

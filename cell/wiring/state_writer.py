@@ -36,7 +36,8 @@ class StateWriter:
 
     def record(self, value: Any) -> dict[str, Any]:
         """The fields of a dataclass."""
-        return self.fields({name: getattr(value, name) for name in hints_of(type(value))})
+        kind: type = type(value)
+        return self.fields({name: getattr(value, name) for name in hints_of(kind)})
 
     def __call__(self, value: Any) -> Any:
         if value is None or isinstance(value, bool) or type(value) is int:

@@ -14,7 +14,7 @@ from cell.files.words.message import Message
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartsView
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import FINGERS_DOWN, Array
 from cell.interfaces.skill import Skill
 from trees.engine.errors import NodeError
 from trees.engine.node import SUCCESS
@@ -23,7 +23,6 @@ from trees.engine.status import Status
 from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others
 from trees.nodes.poses import (
-    FINGERS_DOWN,
     TOOL,
     WORLD,
     FramedPose,

@@ -32,10 +32,28 @@ def read_resume_state(path: Path, product: Product, told: Callable[[LoggedTick],
             left = json_of(log.path, log.metadata, "left_off", ResumeState.of) or left
         for tick in log.ticks:
             told(tick)
-            for topic, fields in tick.notes:
-                remembers = remembers or topic == "memory"
-                if not (remembers and topic == "skill"):
-                    left = _after(left, topic, fields, product)
+            remembers = remembers or any(topic == "memory" for topic, _ in tick.notes)
+            left = after_tick(left, tick, product, log.path, remembers=remembers)
+    return left
+
+
+def after_tick(left: ResumeState, tick: LoggedTick, product: Product, path: Path, *, remembers: bool) -> ResumeState:
+    """What is known after the notes of one more tick.
+
+    Args:
+        path: of the log, for messages.
+        remembers: the log has notes of what nodes remember, which tell better what is held than skills do.
+
+    Raises:
+        LogError: a note does not hold what it should.
+    """
+    try:
+        for topic, fields in tick.notes:
+            if not (remembers and topic == "skill"):
+                left = _after(left, topic, fields, product)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"a note of tick {tick.number} at {tick.time_s:.2f} s does not hold what it should"
+        raise LogError(path, f"{what}: {type(error).__name__}: {error}") from None
     return left
 
 

@@ -181,7 +181,7 @@ class Replay:
 
     def _tick(self, tick: LoggedTick) -> Decisions:
         self._services.now.observation, self._services.now.command = tick.observation, Command()
-        judgement = self._supervisor.judge(tick.observation)
+        judgement = self._judged(tick)
         if tick.status == STOPPED:
             return decided(STOPPED, (), (), Command(), judgement)
         if tick.status == STOPPING:
@@ -199,6 +199,13 @@ class Replay:
         except (Exception, SystemExit) as problem:  # as in the controller's loop: what is raised is compared
             status, error, asked = "ERROR", f"{type(problem).__name__}: {problem}", command
         return decided(status, self.tree.status_changes, self._journal.take(), asked, judgement, error)
+
+    def _judged(self, tick: LoggedTick) -> Judgement:
+        try:
+            return self._supervisor.judge(tick.observation)
+        except Exception as error:  # what a log says that is wrong may raise anything in checks of sound values
+            what = f"tick {tick.number} at {tick.time_s:.2f} s cannot be judged: {type(error).__name__}: {error}"
+            raise LogError(self.log.path, what) from None
 
     def _stopping_tick(self, judgement: Judgement) -> Decisions:
         """A tick of the safe stop: the supervisor goes on judging, and the tree is halted once."""

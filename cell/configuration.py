@@ -16,7 +16,8 @@ from cell.files.files import shipped
 from cell.files.model import Disagreement, Model
 from cell.files.yaml_file import load_yaml, place_of
 from cell.interfaces.bench import JOINTS, Bench, Calibration
-from cell.interfaces.faults import FaultTable, weaker
+from cell.interfaces.faults import SHIPPED as DEFAULT_FAULTS
+from cell.interfaces.faults import FaultTable, shipped_table, weaker
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.robot import NamedRobot, default_robot
@@ -38,7 +39,6 @@ from trees.guard import GuardSettings
 from trees.node_library import USUAL_FOLDER
 
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
-DEFAULT_FAULTS = shipped("config", "faults.yaml")
 SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
 CALIBRATION = "calibration.yaml"  # what `cell calibrate` writes beside a configuration
@@ -254,7 +254,7 @@ def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:
     """Where a cell's table of faults or its separation does less than the shipped one."""
     separation = configuration.motion.separation
     less = separation.weaker(separation.least_reaction_s(*configuration.timing_s))
-    return weaker(table, load_yaml(DEFAULT_FAULTS, FaultTable)) + less
+    return weaker(table, shipped_table()) + less
 
 
 @contextmanager

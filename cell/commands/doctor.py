@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -84,7 +85,15 @@ def examine(path: Path) -> list[Finding]:
     devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), *_bench(configuration, product, path)]
-    return [*machine, *devices, *own, _detectors(configuration, product), *planners, *rest]
+    return [
+        *machine,
+        *devices,
+        *own,
+        _detectors(configuration, product),
+        *planners,
+        *_signed(configuration, path),
+        *rest,
+    ]
 
 
 def _bench(configuration: Configuration, product: Product, path: Path) -> Iterator[Finding]:
@@ -186,6 +195,23 @@ def _font() -> Finding:
 
     what = "a font for pictures of trees (cell show --png)"
     return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}", False)
+
+
+def _signed(configuration: Configuration, path: Path) -> Iterator[Finding]:
+    """Whether a person signed the safety configuration, where something real moves."""
+    from cell.runs.signing import moves_something, required_signature
+    from cell.wiring.safety import safety_from
+
+    with suppress(SettingError):  # said of the drivers
+        if moves_something(find_drivers(configuration).values()):
+            yield _signature(lambda: required_signature(path, safety_from(path)))
+
+
+def _signature(required: Callable[[], object]) -> Finding:
+    try:
+        return Finding(f"safety configuration {required()}", True)
+    except CellError as error:
+        return Finding("signature of the safety configuration", False, str(error), needed=False)
 
 
 def _detectors(configuration: Configuration, product: Product) -> Finding:

@@ -113,7 +113,8 @@ def cell(
     head = "devices: # `cell doctor` tries each without motion, and says what to do (`cell docs real_cell`)\n"
     text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
     write_new(folder, {**files, "config/cell.yaml": text.encode()})
-    steps = "cell doctor; cell teach bracket; cell calibrate; cell bench; cell move park; cell run --dry"
+    tries = ("teach bracket", "calibrate", "bench", "move park", "run --dry", "safety sign --by NAME")
+    steps = "; ".join(f"cell {words}" for words in ("doctor", *tries))
     console().print(
         f"{folder}: write hosts, ports and devices into config/cell.yaml, then, in this folder: {steps}",
         highlight=False,

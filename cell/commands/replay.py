@@ -98,11 +98,19 @@ def replay(
     keys = [str(one) for one in changed]
     if html is not None:
         write_replay(recorded, comparison, (again.remarks, keys, why), found, html)
+    if not as_json and (sha256 := recorded.metadata.get("safety.sha256")) is not None:
+        say(f"safety configuration {sha256[:12]}, {_signer(recorded)}")
     piece = step or from_s > 0 or until_s < float("inf") or perception is not None
     of = None if piece else recorded.ticks_of_run - again.first
     return tell_comparison(
         comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered, changed=keys, crossed=why
     )
+
+
+def _signer(log: Log) -> str:
+    """Who signed the safety configuration of a run."""
+    by, utc = (log.metadata.get(f"safety.signed_{name}") for name in ("by", "utc"))
+    return "not signed: simulated" if by is None else f"signed by {by}, {utc}"
 
 
 def _remark(log: Log, remarks: Iterable[str]) -> None:

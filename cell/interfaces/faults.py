@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
+from cell.files.files import shipped
 from cell.files.model import Disagreement, Model
+from cell.files.yaml_file import load_yaml
+
+SHIPPED = shipped("config", "faults.yaml")
 
 
 class Sign(NamedTuple):
@@ -188,10 +193,20 @@ class FaultTable(Model):
     """What the supervisor does about each sign of trouble: every signal has one row.
 
     Attributes:
+        extends: shipped, where every signal that has no row here has that of the shipped table.
         faults: the rows, in any order.
     """
 
+    extends: Literal["shipped"] | None = None
     faults: tuple[Fault, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_shipped_rows(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("extends") != "shipped" or not isinstance(data.get("faults"), list):
+            return data
+        own = {str(row.get("signal")) for row in data["faults"] if isinstance(row, dict)}
+        return {**data, "faults": data["faults"] + [row for row in shipped_table().faults if row.signal not in own]}
 
     @model_validator(mode="after")
     def _every_signal_once(self) -> FaultTable:
@@ -209,6 +224,12 @@ class FaultTable(Model):
         if wrong:
             raise Disagreement(wrong)
         return self
+
+
+@cache
+def shipped_table() -> FaultTable:
+    """The table that comes with the program."""
+    return load_yaml(SHIPPED, FaultTable)
 
 
 CLEARS = ("itself", "standstill", "person", "never")  # the easiest first

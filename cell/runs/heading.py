@@ -25,6 +25,7 @@ from cell.watching.brackets import BracketTally
 from cell.watching.lateness import Lateness
 from cell.watching.observer import Observer, Outcome
 from cell.watching.statistics import Fluency, RunStatistics
+from cell.wiring.safety import SAFETY
 from learned.inference.onnx_model import digest_of
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from skills.drivers.settings import CanSettings
@@ -51,12 +52,13 @@ def heading(options: RunOptions, files: Files) -> Heading:
 def _configured(options: RunOptions, files: Files) -> Attachments:
     """The configuration and the files that it names, where they lie beside it."""
     configuration = files.configuration
-    assert configuration.faults is not None
+    rows = [row.model_dump(exclude_defaults=True) for row in files.faults.faults]  # a shipped table may become another
     attachments = {
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
-        "faults.yaml": ("application/yaml", configuration.faults.read_bytes()),
+        "faults.yaml": ("application/yaml", yaml.safe_dump({"faults": rows}, sort_keys=False).encode()),
         "product.yaml": ("application/yaml", configuration.product.read_bytes()),
     }
+    attachments[SAFETY] = ("application/json", json.dumps(dict(files.safety.values)).encode())
     attachments |= robot_files(configuration.robot)
     if isinstance(configuration.devices.gripper, CanSettings):
         database = configuration.devices.gripper.database or SHIPPED
@@ -79,6 +81,9 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
         "perception": configuration.perception.words,
     }
     values |= {name: told for name in ("site", "bench") if (told := getattr(configuration.log, name))}
+    values["safety.sha256"] = files.safety.sha256
+    if files.signature is not None:
+        values |= {"safety.signed_by": files.signature.by, "safety.signed_utc": files.signature.utc}
     if files.unsafe:
         values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated or options.devices is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,7 +17,9 @@ from cell.interfaces.faults import FaultTable
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
+from cell.runs.signing import Signature
 from cell.simulator import simulator
+from cell.wiring.safety import SafetyConfiguration, safety_of
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
 from trees.files.loader import unused_entries
@@ -149,7 +152,7 @@ class RunOptions:
             devices = devices.model_copy(update={"simulation": simulation})
         motion = configuration.motion
         if self.share is not None:
-            motion = motion.model_copy(update={"speed_share": self.share})
+            motion = motion.slowed(self.share)
         changed = {"controller": controller, "log": log, "devices": devices, "motion": motion}
         return configuration.model_copy(update=changed)
 
@@ -178,6 +181,7 @@ class Files:
     Attributes:
         left_off: of the run that this one goes on with; empty for a new beginning.
         unsafe: where table or separation do less than the shipped ones.
+        signature: of the safety configuration; None in simulation.
     """
 
     configuration: Configuration
@@ -187,3 +191,14 @@ class Files:
     faults: FaultTable
     left_off: ResumeState = field(default_factory=ResumeState)
     unsafe: tuple[str, ...] = ()
+    signature: Signature | None = None
+
+    @cached_property
+    def safety(self) -> SafetyConfiguration:
+        """What decides on people in this run."""
+        return safety_of(self.configuration, self.faults)
+
+    @property
+    def signed(self) -> str:
+        """The hash of that, and who signed it."""
+        return f"{self.safety.short}, not signed: simulated" if self.signature is None else str(self.signature)

@@ -39,6 +39,7 @@ from cell.running.watchdog import TICK_S, Watchdog
 from cell.runs.assembled import Assembled
 from cell.runs.heading import log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
+from cell.runs.signing import moves_something, required_signature
 from cell.simulator import simulator
 from cell.viewing.gate import Address
 from cell.viewing.moments import Moments
@@ -128,6 +129,9 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
         files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
+        if moves_something(drivers.values()):
+            files = replace(files, signature=required_signature(options.configuration, files.safety))
+        console.print(f"safety configuration {files.signed}", highlight=False, soft_wrap=True)
         assemble = partial(Assembled, options, files, motion, drivers, tally, log, console)
         return _run(assemble, options, files, motion, log, watchdog)
 

@@ -102,6 +102,7 @@ def open_viewers(
         from cell.viewing.page.page import OperatorPage
 
         told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+        told["safety"] = files.safety.short
         told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
         told |= {"shift": "yes"} if options.brackets is not None else {}
         where, settings = Address.parse(options.page, "--page"), files.configuration.page

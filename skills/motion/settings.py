@@ -171,6 +171,7 @@ class MotionSettings(Model):
     separation: SeparationSettings = SeparationSettings()
     _robot: RobotModel = PrivateAttr(default_factory=default_robot)
     _tick_s: float = PrivateAttr(default=LEAST_TICK_S)
+    _configured_share: float | None = PrivateAttr(default=None)
 
     def of(self, robot: RobotModel, tick_s: float = LEAST_TICK_S, trailing_s: float = 0.0) -> MotionSettings:
         """The same for another robot than the UR10, and another control loop than one of 25 Hz.
@@ -187,6 +188,17 @@ class MotionSettings(Model):
     def tick_s(self) -> float:
         """Period of the control loop, at least that of 25 Hz."""
         return self._tick_s
+
+    def slowed(self, share: float) -> MotionSettings:
+        """The same for a run that is to go no faster than a share of the speed; the configured one stays the limit."""
+        settings = self.model_copy(update={"speed_share": min(share, self.speed_share)})
+        settings._configured_share = self.configured_share
+        return settings
+
+    @property
+    def configured_share(self) -> float:
+        """The share of its speed that the arm never exceeds in any run."""
+        return self._configured_share or self.speed_share
 
     @property
     def robot(self) -> RobotModel:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cell.files.files import shipped
+from cell.runs.signing import sign
+from cell.wiring.safety import safety_from
 from sim.twin.control import ask
 from tests.processes import finished, started
 
@@ -57,6 +59,7 @@ def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ())
         text = text.replace(f": {beside}", f": {shipped('config', beside)}")
     config = folder / "twin_cell.yaml"
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
+    sign(config, safety_from(config), "benchmark")
     words = ["twin", "--config", str(config), "--slower", f"{slower:g}", "--at", str(folder / "twin.sock"), *more]
     with started([sys.executable, "-m", "cell", *words], folder) as twin:
         assert twin.stderr is not None  # where the console writes

@@ -19,7 +19,9 @@ from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import ManualClock, WallClock
 from cell.runs.options import RunOptions
 from cell.runs.run import run
+from cell.runs.signing import sign
 from cell.wiring.devices import attached, find_drivers
+from cell.wiring.safety import safety_from
 from skills.drivers.can_gripper import CanGripper
 from tests import ROOT
 from tests.cell.conftest import changed_configuration
@@ -147,7 +149,8 @@ def test_a_driver_beside_the_configuration_is_found(tmp_path_factory: pytest.Tem
 
 
 def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
-    configured(home, **all_real())
+    path = configured(home, **all_real())
+    sign(path, safety_from(path), "tests")
     code = (
         "import sys; from pathlib import Path; from rich.console import Console; from cell.runs import run as runs;"
         "from cell.runs.options import RunOptions;"

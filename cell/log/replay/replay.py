@@ -26,6 +26,7 @@ from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
 from cell.wiring.reload import take_over
 from cell.wiring.run_state import go_on_from
+from cell.wiring.safety import SAFETY, other_limits
 from cell.wiring.services import TickClock, make_services
 from cell.wiring.state_reader import StateError
 from skills.motion.planner import MotionPlanner
@@ -80,6 +81,7 @@ class Replay:
         self.remarks: list[str] = []
         self._by_name, self._memory = self.changes.tree is not None, remembers(log)
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
+        self.remarks += _other_limits(log)
         self._begin(_start(log, bracket))
 
     def _begin(self, place: int) -> None:
@@ -277,3 +279,13 @@ def _notes(ticks: Sequence[LoggedTick], about: str) -> list[dict[str, Any]]:
 
 def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
+
+
+def _other_limits(log: Log) -> list[str]:
+    """Numbers in code that guard people and are others than in the run, a line each; older logs do not tell them."""
+    if (recorded := log.attachments.get(SAFETY)) is None:
+        return []
+    try:
+        return [f"recorded with other limits: {line}" for line in other_limits(recorded.decode())]
+    except (ValueError, RecursionError) as error:
+        raise LogError(log.path, f"has a {SAFETY} that cannot be read: {error}") from None

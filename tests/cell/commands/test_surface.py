@@ -21,7 +21,7 @@ from tests import ROOT
 
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
-    "Start": ["init", "doctor", "docs", "run", "calibrate", "teach", "bench", "move"],
+    "Start": ["init", "doctor", "docs", "run", "calibrate", "teach", "bench", "move", "safety"],
     "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -430,6 +431,48 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(tmp_path, line: str, co
     with pytest.raises(InputError, match=complaint) as caught:
         load_yaml(file, FaultTable)
     assert f"{file}:" in str(caught.value)
+
+
+OWN_ROWS = "{signal: tick_late, action: hold, clear: person, clear_s: 1.0}"
+
+
+def extended(folder: Path, rows: str, extends: str = "shipped") -> FaultTable:
+    file = folder / "faults.yaml"
+    file.write_text(f"extends: {extends}\nfaults:\n{rows}")
+    return load_yaml(file, FaultTable)
+
+
+def test_a_table_that_extends_the_shipped_one_names_only_what_differs(tmp_path: Path) -> None:
+    table = extended(tmp_path, f"  - {OWN_ROWS}\n")
+    own = {fault.signal: fault for fault in table.faults}
+    shipped = {fault.signal: fault for fault in TABLE.faults}
+    assert set(own) == set(SIGNALS)
+    assert [name for name in own if own[name] != shipped[name]] == ["tick_late"]
+    assert own["tick_late"].action == "hold"
+    assert weaker(table, TABLE) == []
+    assert extended(tmp_path, "  []\n").faults == TABLE.faults
+    milder = extended(tmp_path, "  - {signal: arm_lost, action: warn, clear: itself}\n")
+    assert weaker(milder, TABLE) == ["arm_lost: action warn is milder than stop"]
+
+
+@pytest.mark.parametrize(
+    ("extends", "rows", "place", "complaint"),
+    [
+        ("shiped", f"  - {OWN_ROWS}\n", ":1:", "extends"),
+        ("shipped", "  - {signal: arm_lots, action: stop, clear: never}\n", ":3:", "signal"),
+        ("shipped", f"  - {OWN_ROWS}\n  - {OWN_ROWS}\n", ":4:", "tick_late is in the table twice"),
+        ("shipped", "  - {signal: tick_late, action: halt, clear: never}\n", ":3:", "action"),
+        ("shipped", "  - 7\n", ":3:", "keys with values"),
+        ("shipped", "  - {signal: [tick_late], action: hold, clear: never}\n", ":3:", "signal"),
+        ("shipped", "  tick_late: {}\n", ":2:", "a list"),
+    ],
+)
+def test_what_is_wrong_in_an_extended_table_has_its_place(
+    tmp_path: Path, extends: str, rows: str, place: str, complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint) as caught:
+        extended(tmp_path, rows, extends)
+    assert f"faults.yaml{place}" in str(caught.value)
 
 
 def changed(signal: str, **values: object) -> FaultTable:

@@ -184,7 +184,7 @@ function picture(placements) {
 
 function showStill() {
   const { run } = still;
-  $("heading").textContent = [run.product, run.tree, run.unsafe && t("UNSAFE, weaker than the shipped table: {what}", { what: run.unsafe })].filter(Boolean).join(", ");
+  $("heading").textContent = [run.product, run.tree, run.safety && t("safety configuration {hash}", { hash: run.safety }), run.unsafe && t("UNSAFE, weaker than the shipped table: {what}", { what: run.unsafe })].filter(Boolean).join(", ");
   document.title = run.product ?? "cell";
   $("heading").classList.toggle("unsafe", Boolean(run.unsafe));
   $("role").textContent = operates ? "" : t("view-only");

@@ -7,6 +7,9 @@ decides as one without; only hooks, which must be asked for, change what nodes a
 from __future__ import annotations
 
 import json
+import math
+import os
+import secrets
 import struct
 import time
 import uuid
@@ -19,6 +22,8 @@ from pydantic import ValidationError
 
 from cell.errors import InputError
 from cell.recording.schemas import plain
+from cell.viewing.door import GREETING_S
+from cell.viewing.gate import Gate, begins, listen
 from cell.viewing.stepping import WAITS
 from cell.watching.observer import Observer, Outcome, TickRecord
 from cell.watching.why_now import WhyNow
@@ -32,8 +37,9 @@ Key = tuple[Any, Any]
 DEFAULT_PORT = 1667
 PROTOCOL = 2
 FEEDBACK, WHY = "F", "w"  # requests of our own beside Groot2's
-LOOPBACK = "tcp://127.0.0.1"
-REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
+REQUESTS_A_TICK, SERVES_S = 16, 0.004  # so that a flood of requests does not hold up the loop: a tenth of a period
+WHY_S = 0.2  # so long a reason is told again instead of being found anew: with guards asked, it takes a millisecond
+SIGNATURE, SIGNATURE_BYTES = b"\xff", 10  # of ZMTP, what a peer says before it has heard anything
 REQUEST_BYTES = 64 * 1024
 HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
 HEADER = struct.Struct("<BBI")
@@ -108,7 +114,7 @@ class Monitor(Observer):
         self._time_s = 0.0
         self._why_now = WhyNow(lambda: self._tree)
         self._asked_s = time.monotonic()
-        self._context = zmq.Context()
+        self._context, self._gates = zmq.Context(), list[Gate]()
         self._replies = self._bound(zmq.REP, port)
         self._news = self._bound(zmq.PUB, port + 1)
         self.watch(tree)
@@ -119,7 +125,7 @@ class Monitor(Observer):
             "r": self._record,
             "t": lambda _: self._board.take_transitions(),
             FEEDBACK: self._feedback,
-            WHY: lambda _: json.dumps(self._why_now().plain()).encode(),
+            WHY: lambda _: self._told_why(),
         }
 
     def watch(self, tree: Tree) -> None:
@@ -131,6 +137,7 @@ class Monitor(Observer):
         self._hooks = Hooks(tree, self._tell_breakpoint)
         self._owners = Owners()
         self._resting: list[dict[str, Any]] = []  # hooks that act again with the next request
+        self._why, self._why_s = b"", -math.inf
 
     def tick(self, record: TickRecord) -> None:
         self._time_s = record.observation.time_s
@@ -144,11 +151,16 @@ class Monitor(Observer):
 
     def abandon(self) -> None:
         """Close the sockets; harmless where they are closed."""
+        for gate in self._gates:
+            gate.close()
         self._context.destroy(linger=0)
 
     def serve(self) -> None:
         """Answer what was asked since the last time."""
+        until_s = time.perf_counter() + SERVES_S
         for _ in range(REQUESTS_A_TICK):
+            if time.perf_counter() > until_s:
+                break
             try:
                 request = self._replies.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
@@ -198,7 +210,7 @@ class Monitor(Observer):
 
     def _blackboard(self, names: bytes) -> bytes:
         wanted = (
-            names.decode(errors="replace").split(";")
+            list(dict.fromkeys(names.decode(errors="replace").split(";")))
             if names
             else [scope.name or self._tree.name for scope in self._tree.scopes]
         )
@@ -214,6 +226,11 @@ class Monitor(Observer):
         said = {node.uid: node.feedback_message for node in self._tree.nodes if node.feedback_message}
         said |= dict.fromkeys(self._hooks.waiting, WAITS)
         return json.dumps(said).encode()
+
+    def _told_why(self) -> bytes:
+        if time.monotonic() - self._why_s > WHY_S:
+            self._why, self._why_s = json.dumps(self._why_now().plain()).encode(), time.monotonic()
+        return self._why
 
     def _record(self, order: bytes) -> bytes | None:
         if order == b"start":
@@ -242,15 +259,21 @@ class Monitor(Observer):
         self._news.send_multipart([head, str(uid).encode()], zmq.NOBLOCK)
 
     def _bound(self, kind: int, port: int) -> zmq.Socket[bytes]:
-        socket = self._context.socket(kind)
-        socket.setsockopt(zmq.MAXMSGSIZE, REQUEST_BYTES)
+        """A socket behind a gate at a port."""
         try:
-            socket.bind(f"{LOOPBACK}:{port}")
-        except zmq.ZMQError as error:
-            self._context.destroy(linger=0)
+            listening = listen(port)
+        except OSError as error:
+            self.abandon()
             raise InputError(
                 f"port {port} cannot be used: {error.strerror}; choose another with --monitor PORT"
             ) from None
+        socket, name = self._context.socket(kind), f"cell-monitor-{secrets.token_hex(16)}"
+        socket.setsockopt(zmq.MAXMSGSIZE, REQUEST_BYTES)
+        socket.setsockopt(zmq.RCVHWM, REQUESTS_A_TICK)
+        socket.setsockopt(zmq.HANDSHAKE_IVL, round(1e3 * GREETING_S))
+        socket.setsockopt(zmq.IPC_FILTER_UID, os.getuid())  # others of this machine come by the gate, too
+        socket.bind(f"ipc://@{name}")
+        self._gates.append(Gate(listening, f"\0{name}", greets=begins(SIGNATURE, SIGNATURE_BYTES)))
         return socket
 
 

@@ -8,7 +8,9 @@ import threading
 from typing import TYPE_CHECKING
 
 from cell.errors import InputError
-from cell.viewing.gate import Address
+from cell.viewing import gate
+from cell.viewing.door import GREETING_S
+from cell.viewing.gate import Address, Gate, begins, hidden_address
 from cell.viewing.production import Production, Sample
 from cell.watching.observer import Observer, Outcome
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 NAMESPACE = "urn:bracket-cell"
 EVERY_S = 0.5  # so often the values are renewed
 STARTS_S, STOPS_S = 60.0, 5.0
+HELLO, HELLO_BYTES = b"HELF", 32  # OPC 10000-6, 7.1.2.3: a Hello that names no address is so long
 
 
 class OpcuaServer(Observer):
@@ -33,7 +36,7 @@ class OpcuaServer(Observer):
         except ImportError:
             raise InputError("--opcua needs the extra opcua, which brings asyncua") from None
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-        where.listening(1).close()  # so that a port that is taken is told
+        self._listening = where.listening()
         self.address = f"opc.tcp://{where.host}:{where.port}/cell/"
         self._production, self._over, self._ready = production, threading.Event(), threading.Event()
         self._nodes: dict[str, Node] = {}
@@ -54,19 +57,25 @@ class OpcuaServer(Observer):
         from asyncua import ua
         from asyncua.server.server import Server
 
-        server = Server()
+        server, behind = Server(), hidden_address()
         await server.init()
         server.set_endpoint(self.address)
+        server.socket_address = behind, 0
+        server.set_match_discovery_client_ip(False)  # clients are told of the gate, not of what is behind it
+        server.iserver.max_connections = gate.PLACES_N
+        server.iserver.max_pending_activation_seconds = GREETING_S
         server.set_server_name("cell")
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         space = await server.register_namespace(NAMESPACE)
         folder = await server.nodes.objects.add_object(space, "Cell")
         async with server:
+            at = Gate(self._listening, (behind, server.bserver.port), greets=begins(HELLO, HELLO_BYTES))
             while not self._over.is_set():
                 for sample in self._production.samples:
                     await self._show(folder, space, sample)
                 self._ready.set()
                 await asyncio.sleep(EVERY_S)
+            at.close()
 
     async def _show(self, folder: Node, space: int, sample: Sample) -> None:
         name, labels, value = sample

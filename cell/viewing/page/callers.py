@@ -6,12 +6,14 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import uvicorn
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-CONNECTIONS_N = 64
-ASKS_S = 5.0  # a connection that has not said in this time what it wants is closed
+from cell.viewing import door
+from cell.viewing.door import Caller
+
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -21,16 +23,17 @@ HEADERS = {
 
 
 class Connection(H11Protocol):
-    """A caller, who must say in time what it wants; so callers that say nothing take no handles of the controller."""
+    """A caller, who must say in time what it wants, and then again; `request.state.caller` is who it is."""
 
     _patience: asyncio.TimerHandle | None = None
 
+    def __init__(self, server: uvicorn.Server, caller: Caller) -> None:
+        super().__init__(server.config, server.server_state, {"caller": caller})
+        self.over = asyncio.Event()
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_N:
-            transport.close()
-        else:
-            self._wait()
+        self._wait()
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
@@ -42,9 +45,10 @@ class Connection(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_waiting()
         super().connection_lost(exc)
+        self.over.set()
 
     def _wait(self) -> None:
-        self._patience = self.loop.call_later(ASKS_S, self.transport.close)
+        self._patience = self.loop.call_later(door.GREETING_S, self.transport.close)
 
     def _stop_waiting(self) -> None:
         if self._patience is not None:

@@ -31,15 +31,15 @@ from cell.files.words.catalogue import catalogue, languages
 from cell.interfaces.observation import Image
 from cell.interfaces.operator import OperatorOrder, OrderKind
 from cell.settings import PageSettings
+from cell.viewing import door
+from cell.viewing.door import Caller, Door, handed_over
 from cell.viewing.gate import LOOPBACK, Address
-from cell.viewing.page import callers
 from cell.viewing.page.callers import Connection, NamedAlone
 
 STATIC = Path(__file__).parent / "static"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
-CLIENTS_N = 16
-BACKLOG_N = 32  # so many are let in before one that is too much is closed: handles do not run out
+CLIENTS_N = {None: 8, "look": 12, "operate": 16}  # pages that are open, of who has this token or less
 KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
 STOP_S = 3.0
@@ -81,10 +81,10 @@ class PageServer:
         self._number = 0
         self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
         self._jpeg: tuple[int, bytes] = (-1, b"")
-        self._news: set[asyncio.Event] = set()
+        self._news: dict[asyncio.Event, Role | None] = {}  # of each page that is open, and whose token it has
         self._closing = False
         self.scheme = "http" if settings.certificate is None else "https"
-        self._socket = where.listening(BACKLOG_N)
+        self._socket = where.listening()
         self.port: int = self._socket.getsockname()[1]
         names = (LOOPBACK, "localhost") if where.local else (where.host,)
         self._hosts = {f"{name}:{self.port}" for name in names} | (set() if where.local else {where.host})
@@ -101,12 +101,10 @@ class PageServer:
         app = NamedAlone(Starlette(routes=routes), self._hosts, self.scheme)
         config = uvicorn.Config(
             app,
-            http=Connection,
             log_level="critical",
             lifespan="off",
             access_log=False,
             timeout_graceful_shutdown=1,
-            backlog=BACKLOG_N,
             ssl_certfile=settings.certificate,
             ssl_keyfile=settings.key,
         )
@@ -129,14 +127,17 @@ class PageServer:
         """The same for who operates, or only looks."""
         return f"{self.scheme}://{self.where.host}:{self.port}/#{self.tokens[role]}"
 
-    def _role(self, request: Request) -> Role | None:
-        """What somebody may do, by a token in a header or, where a browser sends none, in the address."""
-        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
-        given = request.headers.get("x-cell-token") or request.query_params.get("token") or bearer
+    def _token(self, request: Request, given: str | None = None) -> Role | None:
+        """Whose token somebody has, in a header but where another place is given; it keeps a place at the door."""
+        given = request.headers.get("x-cell-token", "") if given is None else given
         for role, token in self.tokens.items():
             if hmac.compare_digest(given.encode(), token.encode()):
+                self._door.knows(request.state.caller)
                 return role
-        return "look" if self.where.local else None
+        return None
+
+    def _may_look(self, request: Request) -> bool:
+        return self._token(request) is not None or self.where.local
 
     @property
     def watched(self) -> bool:
@@ -176,7 +177,15 @@ class PageServer:
     def _serve(self) -> None:
         with asyncio.Runner() as runner:
             self._loop = runner.get_loop()
-            runner.run(self._server.serve(sockets=[self._socket]))
+            runner.run(self._open())
+
+    async def _open(self) -> None:
+        async with Door(self._socket, self._receive) as self._door:
+            await self._server.serve(sockets=[])
+
+    async def _receive(self, caller: Caller) -> None:
+        connection = Connection(self._server, caller)
+        await handed_over(caller, connection, connection.over, self._server.config.ssl)
 
     def _tell(self) -> None:
         for news in self._news:
@@ -186,7 +195,7 @@ class PageServer:
         return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
 
     async def _told_scene(self, request: Request) -> Response:
-        if self._role(request) is None:
+        if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         return Response(self._scene, media_type="application/json")
 
@@ -200,13 +209,13 @@ class PageServer:
         return Response(orjson.dumps(told), media_type="application/json")
 
     async def _told_metrics(self, request: Request) -> Response:
-        if self._role(request) is None:
+        if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         return Response(self._metrics(), media_type="text/plain; version=0.0.4")
 
     async def _camera(self, request: Request) -> Response:
         """The image with the number that is asked for, or the newest."""
-        if self._role(request) is None:
+        if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         images, wanted = list(self._images), request.query_params.get("sequence", "")
         if not images:
@@ -217,22 +226,24 @@ class PageServer:
         return Response(self._jpeg[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     async def _events(self, request: Request) -> Response:
-        role = self._role(request)
-        if role is None:
+        token = self._token(request, request.query_params.get("token"))  # EventSource sends no headers
+        if token is None and not self.where.local:
             return PlainTextResponse(NO_ROLE, 401)
-        if len(self._news) >= CLIENTS_N:
+        ranks = list(CLIENTS_N)
+        open_n = sum(ranks.index(other) <= ranks.index(token) for other in self._news.values())
+        if open_n >= CLIENTS_N[token]:
             return PlainTextResponse("too many pages are open already", 503)
-        return _Events(self, role)
+        return _Events(self, token)
 
     async def _order(self, request: Request) -> Response:
-        if "x-cell-token" not in request.headers or self._role(request) != "operate":
+        if self._token(request) != "operate":
             problem = "this page is view-only; to give orders, open the address that `cell run` printed"
             return PlainTextResponse(problem, 401)
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return PlainTextResponse("an order must be JSON", 415)
         body = b""
         try:
-            async with asyncio.timeout(callers.ASKS_S):
+            async with asyncio.timeout(door.GREETING_S):
                 async for piece in request.stream():
                     body += piece
                     if len(body) > BODY_BYTES:
@@ -253,19 +264,20 @@ class PageServer:
 class _Events(Response):
     """Server-sent events for one client: what stands still, then the newest state each time that it took the last."""
 
-    def __init__(self, server: PageServer, role: Role) -> None:
+    def __init__(self, server: PageServer, token: Role | None) -> None:
         super().__init__()
-        self._server, self._role = server, role
+        self._server, self._whose = server, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
         server, news = self._server, asyncio.Event()
         news.set()
         headers = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
         gone = asyncio.ensure_future(_gone(receive))
-        server._news.add(news)
+        gone.add_done_callback(lambda _: news.set())
+        server._news[news] = self._whose
         try:
             await send({"type": "http.response.start", "status": 200, "headers": headers})
-            await self._tell(send, b"role", self._role.encode())
+            await self._tell(send, b"role", (self._whose or "look").encode())
             await self._tell(send, b"still", server._still)
             told = -1
             while not gone.done() and not (server._closing and told == server._number):
@@ -273,14 +285,14 @@ class _Events(Response):
                     told = server._number
                     await self._tell(send, b"state", server._state)
                 news.clear()
-                if told == server._number and not server._closing:
-                    await asyncio.wait({gone, asyncio.ensure_future(news.wait())}, return_when="FIRST_COMPLETED")
+                if told == server._number and not server._closing and not gone.done():
+                    await news.wait()
             await send({"type": "http.response.body", "body": b"", "more_body": False})
         except TimeoutError:
             return  # too slow: the connection ends, and the page connects anew
         finally:
             gone.cancel()
-            server._news.discard(news)
+            del server._news[news]
 
     async def _tell(self, send: Send, name: bytes, data: bytes) -> None:
         body = b"event: " + name + b"\ndata: " + data + b"\n\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import socket
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from cell.errors import InputError
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.settings import LogSettings
-from cell.viewing import gate
+from cell.viewing import door, gate
 from cell.viewing.live_server import LiveServer
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record
@@ -105,6 +106,14 @@ def test_the_end_of_a_run_ends_the_connection(live: LiveServer) -> None:
     live.abandon()
 
 
+def test_the_end_of_a_run_with_a_viewer_says_nothing(live: LiveServer, capfd: pytest.CaptureFixture[str]) -> None:
+    with live_viewer(live.port) as viewer, socket.create_connection(("127.0.0.1", live.port), 5):
+        viewer.learn("/tick")
+        live.close(OUTCOME)
+    gc.collect()
+    assert capfd.readouterr().err == ""
+
+
 UPGRADE = (
     "GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n{origin}"
     "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
@@ -128,7 +137,12 @@ def status(port: int, request: str) -> bytes:
         ("127.0.0.1:{port}", None, b"101"),
         ("localhost:{port}", "https://app.foxglove.dev", b"101"),
         ("localhost:{port}", "http://localhost:8080", b"101"),
-        ("localhost:{port}", "file://", b"101"),
+        ("localhost:{port}", "https://127.0.0.1", b"101"),
+        ("localhost:{port}", "file://", b"403"),
+        ("127.0.0.1:{port}", "chrome-extension://abcdefgh", b"403"),
+        ("127.0.0.1:{port}", "app://localhost", b"403"),
+        ("127.0.0.1:{port}", "http://localhost@evil.example", b"403"),
+        ("127.0.0.1:{port}", "http://[", b"403"),
         ("127.0.0.1:{port}", "http://evil.example", b"403"),
         ("127.0.0.1:{port}", "https://app.foxglove.dev.evil.example", b"403"),
         ("127.0.0.1:{port}", "http://localhost.evil.example", b"403"),
@@ -144,9 +158,9 @@ def test_pages_of_other_sites_stay_outside(live: LiveServer, host: str, origin: 
 
 
 def test_callers_that_say_nothing_or_too_much_are_hung_up_on(live: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate, "HEAD_S", 0.2)
+    monkeypatch.setattr(door, "GREETING_S", 0.2)
     with ExitStack() as stack:
-        callers = range(gate.CONNECTIONS_N + 40)
+        callers = range(gate.PLACES_N + 40)
         idle = [stack.enter_context(socket.create_connection(("127.0.0.1", live.port), 5)) for _ in callers]
         assert {one.recv(1) for one in idle} == {b""}
     assert status(live.port, "GET / HTTP/1.1\r\nX: " + "x" * 10 * gate.HEAD_BYTES) == b""

@@ -6,8 +6,10 @@ import json
 import os
 import socket
 import struct
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,11 +24,13 @@ from rich.console import Console
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
+from cell.viewing.door import GREETING_S
 from cell.viewing.live_view import Keys, MonitorClient, Screen, view
 from cell.viewing.monitor import Monitor
 from cell.viewing.stepping import Stepper
 from cell.viewing.tree_lines import Line
 from cell.watching.observer import SentCommand, TickRecord
+from cell.watching.why_now import Why
 from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
@@ -475,6 +479,61 @@ def test_a_monitor_tells_why_in_the_words_of_the_tree(make: Callable[..., Bench]
         assert "Count" in bench.served(client.why)
     finally:
         client.close()
+
+
+@pytest.mark.parametrize("begun", [b"", b"\xff", b"\xff\0\0\0\0\0\0\0\x01\x7f", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"])
+def test_half_greetings_take_no_more_than_their_places(make: Callable[..., Bench], begun: bytes) -> None:
+    bench = make()
+    with ExitStack() as stack:
+        ports = (bench.port, bench.port + 1)
+        crowd = [stack.enter_context(socket.create_connection(("127.0.0.1", ports[n % 2]), 5)) for n in range(200)]
+        for one in crowd:
+            with suppress(ConnectionError):
+                one.sendall(begun)
+        client = MonitorClient(bench.port)
+        stack.callback(client.close)
+        assert bench.served(client.statuses) == bench.statuses()
+        for one in crowd:
+            one.settimeout(4 * GREETING_S)
+            with suppress(ConnectionError):
+                while one.recv(64):
+                    pass
+
+
+def test_a_flood_of_questions_holds_up_no_tick(make: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reason is found anew a few times a second, and what takes long is answered in a later tick."""
+    bench, asked = make(), list[float]()
+
+    def slow() -> Why:
+        asked.append(time.sleep(0.01) or 0.01)
+        return Why()
+
+    bench.tick()
+    bench.monitor._why_now = slow  # type: ignore[assignment]
+    assert len({bench.ask("w")[1] for _ in range(100)}) == 1
+    assert len(asked) == 1
+    answered = list[bytes]()
+
+    def answer(request: list[bytes]) -> list[bytes]:
+        answered.append(request[0])
+        time.sleep(0.01)
+        return [b""]
+
+    monkeypatch.setattr(bench.monitor, "answer", answer)
+    with ExitStack() as stack:
+        context = zmq.Context()
+        stack.callback(context.destroy, 0)
+        for _ in range(10):
+            client = stack.enter_context(context.socket(zmq.REQ))
+            client.connect(f"tcp://127.0.0.1:{bench.port}")
+            client.send(HEADER.pack(2, ord("w"), 1))
+        until_s = time.monotonic() + 10
+        while not answered and time.monotonic() < until_s:
+            bench.monitor.serve()
+        before = len(answered)
+        time.sleep(0.3)
+        bench.monitor.serve()
+        assert len(answered) == before + 1
 
 
 def test_a_view_waits_until_a_run_begins() -> None:

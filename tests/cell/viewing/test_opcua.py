@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import socket
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 
 import pytest
 
 from cell.errors import InputError
+from cell.viewing.door import GREETING_S
 from cell.viewing.gate import Address
 from cell.viewing.production import Production
 
@@ -15,19 +19,49 @@ from cell.viewing.opcua_server import OpcuaServer  # noqa: E402 - without the ex
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # the library makes its address space in seconds
 
+HELLO = struct.pack("<4s7I", b"HELF", 32, 0, 65535, 65535, 0, 0, 0)
 
-def test_a_client_reads_the_numbers_and_cannot_write_them() -> None:
+
+@pytest.fixture
+def server() -> Iterator[OpcuaServer]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    server = OpcuaServer(Production(), Address(port, option="--opcua"))
-    try:
+    made = OpcuaServer(Production(), Address(port, option="--opcua"))
+    yield made
+    made.abandon()
+
+
+def test_a_client_reads_the_numbers_and_cannot_write_them(server: OpcuaServer) -> None:
+    with sync.Client(server.address) as client:
+        state = client.get_node("ns=2;s=cell_state.running")
+        assert state.read_value() == 1.0
+        with pytest.raises(Exception, match=r"UserAccessDenied|denied|not permit"):
+            state.write_value(0.0)
+
+
+def test_clients_are_told_of_the_address_that_people_type(server: OpcuaServer) -> None:
+    told = sync.Client(server.address).connect_and_get_server_endpoints()
+    assert {endpoint.EndpointUrl for endpoint in told} == {server.address}
+
+
+@pytest.mark.parametrize(
+    "begun", [b"", b"HELF\xff\xff\xff\x00", b"GET / HTTP/1.1\r\n\r\n" + b" " * 32, HELLO, HELLO[:-1]]
+)
+def test_half_greetings_take_no_more_than_their_places(server: OpcuaServer, begun: bytes) -> None:
+    """Whatever they say before a session begins, they are hung up on, and a client comes in meanwhile."""
+    host, port = server.address.partition("//")[2].partition("/")[0].split(":")
+    with ExitStack() as stack:
+        callers = [stack.enter_context(socket.create_connection((host, int(port)), 5)) for _ in range(200)]
+        for one in callers:
+            with suppress(ConnectionError):
+                one.sendall(begun)
         with sync.Client(server.address) as client:
-            state = client.get_node("ns=2;s=cell_state.running")
-            assert state.read_value() == 1.0
-            with pytest.raises(Exception, match=r"UserAccessDenied|denied|not permit"):
-                state.write_value(0.0)
-    finally:
-        server.abandon()
+            assert client.get_node("ns=2;s=cell_state.running").read_value() == 1.0
+        for one in callers:
+            one.settimeout(4 * GREETING_S)
+            with suppress(ConnectionError):
+                while one.recv(64):
+                    pass
 
 
 def test_a_port_that_is_taken_is_told() -> None:

@@ -22,7 +22,7 @@ if (location.hash) {
   sessionStorage.setItem("token", token);
   history.replaceState(null, "", location.pathname);
 }
-const given = token ? `token=${encodeURIComponent(token)}` : "";
+const shown = token ? { "X-Cell-Token": token } : {};
 const $ = (id) => document.getElementById(id);
 let still = null; // what does not change with the ticks
 let last = null; // the newest state
@@ -47,7 +47,7 @@ function make(tag, attributes = {}, ...children) {
 
 async function say(kind, value = "", question = null) {
   const body = JSON.stringify(question === null ? { kind, value } : { kind, value, question });
-  const headers = { "Content-Type": "application/json", "X-Cell-Token": token };
+  const headers = { "Content-Type": "application/json", ...shown };
   try {
     const answer = await fetch("order", { method: "POST", headers, body });
     refused(answer.ok ? "" : await answer.text());
@@ -445,7 +445,7 @@ function show(state) {
 }
 
 function follow() {
-  const events = new EventSource(`events?${given}`);
+  const events = new EventSource(token ? `events?token=${encodeURIComponent(token)}` : "events"); // which sends no headers
   events.addEventListener("role", (event) => {
     operates = event.data === "operate";
     front = "";
@@ -473,7 +473,7 @@ async function build() {
   space = { show: () => {} };
   try {
     if (!make("canvas").getContext("webgl2")) throw new Error("WebGL");
-    const [{ Space }, answer] = await Promise.all([import("./scene.js"), fetch(`scene.json?${given}`)]);
+    const [{ Space }, answer] = await Promise.all([import("./scene.js"), fetch("scene.json", { headers: shown })]);
     space = new Space($("view"), await answer.json(), still);
     if (last) showRobot(last);
   } catch (problem) {
@@ -487,7 +487,7 @@ async function watchCamera() {
   const camera = $("camera");
   try {
     const hand = seen;
-    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}&${given}` : `camera.jpg?${given}`);
+    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}` : "camera.jpg", { headers: shown });
     if (answer.status === 200) {
       const image = await createImageBitmap(await answer.blob());
       [camera.width, camera.height] = [image.width, image.height];

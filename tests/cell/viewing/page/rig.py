@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import base64
 import http.client
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from hashlib import sha256
+from ipaddress import ip_address
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from cell.interfaces.command import Command, Display
 from cell.interfaces.faults import Judgement
@@ -193,3 +202,20 @@ class PageRig:
 
 def _change(kind: str, uid: int, old: Status, new: Status) -> StatusChange:
     return StatusChange(f"Shift/{kind}::{uid}", uid, old, new, "")
+
+
+def certified(folder: Path, host: str) -> tuple[PageSettings, str]:
+    """TLS files for a host, and the digest of their key by which Chromium trusts them and no others."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "a cell")])
+    now = datetime.now(UTC)
+    made = (
+        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number(), now, now + timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ip_address(host))]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    settings = PageSettings(certificate=folder / "cell.pem", key=folder / "cell.key")
+    (folder / "cell.pem").write_bytes(made.public_bytes(Encoding.PEM))
+    (folder / "cell.key").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public = key.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    return settings, base64.b64encode(sha256(public).digest()).decode()

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import os
 import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
 from functools import partial
-from hashlib import sha256
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.settings import PageSettings
 from cell.viewing.gate import Address
 from tests.cell.viewing.page.moments import brought_to
-from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig
+from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig, certified
 from tests.docs.page_moments import GL
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -385,23 +376,6 @@ def test_without_the_token_one_can_look_only(browser: Any) -> None:
     assert made.complaints == []
     made.context.close()
     rig.page.abandon()
-
-
-def certified(folder: Path, host: str) -> tuple[PageSettings, str]:
-    """TLS files for a host, and the digest of their key by which Chromium trusts them and no others."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "a cell")])
-    now = datetime.now(UTC)
-    made = (
-        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number(), now, now + timedelta(days=1))
-        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ip_address(host))]), critical=False)
-        .sign(key, hashes.SHA256())
-    )
-    settings = PageSettings(certificate=folder / "cell.pem", key=folder / "cell.key")
-    (folder / "cell.pem").write_bytes(made.public_bytes(Encoding.PEM))
-    (folder / "cell.key").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    public = key.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
-    return settings, base64.b64encode(sha256(public).digest()).decode()
 
 
 def test_by_tls_a_tablet_that_trusts_the_certificate_operates_and_no_other(

@@ -69,6 +69,7 @@ class OpcuaServer(Observer):
         space = await server.register_namespace(NAMESPACE)
         folder = await server.nodes.objects.add_object(space, "Cell")
         async with server:
+            assert server.bserver is not None  # it has begun
             at = Gate(self._listening, (behind, server.bserver.port), greets=begins(HELLO, HELLO_BYTES))
             while not self._over.is_set():
                 for sample in self._production.samples:

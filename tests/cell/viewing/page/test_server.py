@@ -317,7 +317,7 @@ def test_whoever_has_no_token_keeps_no_operator_outside(rig: PageRig) -> None:
 
 @pytest.mark.parametrize("first", ["", "look"])
 def test_pages_of_who_may_do_less_leave_room_for_who_may_do_more(rig: PageRig, first: str) -> None:
-    tokens: dict[str, str] = {"": "", **rig.page._server.tokens}
+    tokens = {"": "", **{str(role): token for role, token in rig.page._server.tokens.items()}}
     with ExitStack() as stack:
 
         def opened(role: str) -> int:

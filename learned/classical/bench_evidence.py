@@ -27,6 +27,7 @@ Mask = NDArray[np.uint8]
 
 RISES = "something stands over the bench that is not seen as a hand"
 NO_HAND = "something reaches into the view that is not seen as a hand"
+TURNS = {"mirrored": (1,), "upside down": (0, 1), "mirrored and upside down": (0,)}  # by the axes that are turned over
 GRID = 4  # pixels of the image in one of the small image, along both axes
 LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how long something must be wrong
 STRETCH = 8  # points of an edge that are one landmark
@@ -42,6 +43,7 @@ LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
 LIT, DARKEST, MOST_SHADOW = 1.1, 0.3, 0.9  # shares of the reference in a shadow, and share of pixels for a shadow
 THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
 ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
+MOST_OFF, TURNED = 40.0, 0.6  # levels by which a pixel counts at most; of what is off, less is so once turned over
 MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
@@ -160,9 +162,10 @@ class BenchEvidence:
         if now_s >= self._looked_s + LOOK_EVERY_S:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
-        wrong = wrong or self._by_depth(frame, hidden)
+        turned = self._turned(small)
+        wrong = turned or wrong or self._by_depth(frame, hidden)
         doubtful = self._astray == 1 and not self._missing  # shadows and parts hide edges, too
-        step_s = min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
+        step_s = LASTS_S / 2 if turned else min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
         self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
         self._wrong = wrong or self._wrong
         told = self._wrong if self._wrong_s >= LASTS_S else ""
@@ -202,6 +205,23 @@ class BenchEvidence:
         if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
             return "the bench is not seen"
         return wrong
+
+    def _turned(self, small: Mask) -> str:
+        """Whether the reference is seen turned over, in words; empty where it is seen as it is, or is not known."""
+        known = self._frames >= FRAMES_VALID
+        if known.mean() < LEAST_FREE:
+            return ""
+        reference = self._reference * (float(small.mean()) / max(1.0, float(self._reference[known].mean())))
+        image = small.astype(np.float32)
+
+        def off(axes: tuple[int, ...]) -> float:
+            seen = known & np.flip(known, axes)
+            return float(np.minimum(np.abs(np.flip(image, axes) - reference), MOST_OFF)[seen].mean())
+
+        straight = off(())
+        turns = {words: off(axes) for words, axes in TURNS.items()}
+        words = min(turns, key=lambda one: turns[one])
+        return f"the image is {words}" if turns[words] < TURNED * straight else ""
 
     def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
         """How much brighter an image is than the reference."""

@@ -6,7 +6,7 @@ colours of the run's first frames. Of this bench: see bench_evidence.py.
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +22,8 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.bench_evidence import GRID, THICK, THICK_SHARE, BenchEvidence, Mask, near_robot, robot_outline
 from learned.classical.box_model import View, obstacle_mask
-from learned.classical.image_lag import ImageLag
+from learned.classical.due_change import DueChange
+from learned.classical.grain import Grain
 from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
@@ -31,10 +32,6 @@ LEAST_CONTRAST, LEAST_COLOUR = 6.0, 4.0  # standard deviation of grey levels; le
 BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
 LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
 LEAST_SHARPNESS = 0.5  # of the baseline's
-REMEMBERED, OLD_FRAMES = 4096, 5  # frames, none of which may come again; one before the last few is an old one
-AGAIN = 4  # frames before, one of which must be old, too: what is still may look the same once, by chance
-STUCK_FRAMES, STUCK_SHARE, CELL = 5, 0.02, 5  # frames and share of cells, of so many sampled pixels, that stay the same
-NOISE, NOISE_SHARE, NOISY_FRAMES = 30, 0.12, 12  # levels, share of pixels that change by more, frames in a row
 LEAST_STEP = 10.0  # grey levels across an edge of the plate
 STEP_PX, SEARCH_PX = 4, 16  # across which an edge of the plate is measured, and how far it is looked for
 SOFT_REACH_PX, LEAST_STEEPNESS = 8, 0.54  # of a step, how much lies within STEP_PX: so much at a blur of 2.9 px
@@ -90,7 +87,7 @@ class ImageHealth:
         self._edges = edges[~covered.any(axis=(1, 2))]
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
-        self._fresh, self._lag = _Freshness(), ImageLag()
+        self._fresh, self._due = Freshness(bench.overhead.rate_hz), DueChange(_uncovered(view, bench))
         self._evidence = BenchEvidence(bench, product)
         self._soft = 0
         self.unseen = self.unexplained = ""
@@ -109,10 +106,10 @@ class ImageHealth:
         health = health or _glaring(looked, robot) or self._focus(looked.grey)
         if not nothing:  # such an image says nothing of where the camera looks
             self._evidence.see(frame, looked.small, looked.grey, hands)
-            self._lag.see(frame, looked.small, robot)
-        self.unseen = self._fresh.repeats or self._lag.late or self._evidence.unseen
+            self._due.see(frame, looked.small, robot)
+        self.unseen = self._fresh.repeats or self._due.late or self._evidence.unseen
         self.unexplained = self._evidence.unexplained
-        return health or self.unseen or self.unexplained
+        return health or self._due.stuck or self.unseen or self.unexplained
 
     def prepare(self, image: NDArray[np.uint8]) -> None:
         """Do before anybody asks what follows from the image alone."""
@@ -140,73 +137,93 @@ class ImageHealth:
         return "blurred" if self._soft >= SOFT_FRAMES else ""
 
 
-class _Freshness:
-    """Whether images are new ones, as a whole, by quarters and by small cells.
+@dataclass(frozen=True)
+class FreshnessLimits:
+    """Limits of `Freshness`.
 
     Attributes:
-        repeats: that an image came again which is not the one before, in words; empty where it did not. Where it is an
-            old one, nobody knows from then on how old images are.
+        cell: [samples] side of the squares that are looked at by themselves.
+        stuck_frames: [frames] in which a square stays the same.
+        stuck_share: share of such squares, from which part of the image is frozen.
+        noise: [grey levels] by which noise changes a sample.
+        noise_share: share of samples that change by more.
+        noisy_frames: [frames] in a row.
+        rhythm: [frames] in which a camera that repeats its images shows it.
+        repeats: [frames] of these at least that repeat the one before, and at least that do not.
+        again: [frames] of the last `rhythm` ones that are old; by chance one may look so, as what is still does.
     """
 
-    def __init__(self) -> None:
-        self._weights = np.random.default_rng(0).integers(1, 2**62, (CELL * CELL * 3), np.int64)
-        self._numbers: OrderedDict[tuple[int, int], int] = OrderedDict()  # of the frame, by quarter and hash
-        self._cells: NDArray[np.int64] | None = None
+    cell: int = 5
+    stuck_frames: int = 5
+    stuck_share: float = 0.02
+    noise: int = 30
+    noise_share: float = 0.12
+    noisy_frames: int = 12
+    rhythm: int = 12
+    repeats: int = 4
+    again: int = 2
+
+
+class Freshness:
+    """Whether images are new ones, as a whole and in part.
+
+    Args:
+        rate_hz: images a second that the camera is set to.
+
+    Attributes:
+        repeats: that old images came again, in words; from then on nobody knows how old images are.
+    """
+
+    def __init__(self, rate_hz: float, limits: FreshnessLimits = FreshnessLimits()) -> None:
+        self._rate_hz, self._limits = rate_hz, limits
+        self._grain = Grain()
         self._before: NDArray[np.uint8] | None = None
+        self._same: NDArray[np.intp] = np.zeros((1, 1), np.intp)  # frames in a row in which each cell was the same
         self._noisy = 0
-        self._same: NDArray[np.intp] = np.zeros(0, np.intp)  # frames in a row in which each cell was the same
-        self._number = 0
-        self._agos: tuple[int, ...] = ()
-        self._old = False
+        self._repeated: deque[bool] = deque(maxlen=limits.rhythm)
+        self._agos: deque[int] = deque(maxlen=limits.rhythm)
         self.repeats = ""
 
     def judge(self, samples: NDArray[np.uint8]) -> str:
         """Whether it is stuck, in words."""
-        cells = self._hashes(samples)
-        same = cells == self._cells if self._cells is not None else np.zeros(cells.shape, bool)
-        self._same = np.where(same, self._same + 1, 0) if self._cells is not None else np.zeros(cells.shape, np.intp)
-        self._cells, self._number = cells, self._number + 1
-        noisy = self._before is not None and self._noise(samples, self._before)
-        self._noisy, self._before = (self._noisy + 1 if noisy else 0), samples
-        ago = self._ago(cells)
-        if not self._old:
-            self._agos = (*self._agos[-AGAIN:], ago)
-            self._old = sum(one > OLD_FRAMES for one in self._agos) > 1
-            self.repeats = f"an image of {ago} frames ago came again" if self._old or 1 < ago <= OLD_FRAMES else ""
-        if ago == 1:
+        before, self._before = self._before, samples
+        if before is None:
+            return ""
+        changes, limits = cv2.absdiff(samples, before), self._limits
+        repeated = not changes.any()
+        self._repeated.append(repeated)
+        if not repeated:
+            self._grain.see(samples)
+            self._agos.append(self._grain.ago)
+        self._noisy = self._noisy + 1 if float((changes > limits.noise).mean()) > limits.noise_share else 0
+        if not self.repeats and np.count_nonzero(self._agos) >= limits.again:
+            self.repeats = f"an image of {max(self._agos)} frames ago came again"
+        return self._rhythm() or self._stuck(changes) or "noise in part" * (self._noisy >= limits.noisy_frames)
+
+    def _rhythm(self) -> str:
+        """Whether a camera sends each image several times, in words."""
+        old = sum(self._repeated)
+        if min(old, len(self._repeated) - old) < self._limits.repeats:
+            return ""
+        fresh_hz = self._rate_hz * (1 - old / len(self._repeated))
+        return f"sent several times: {fresh_hz:.3g} new ones a second, not {self._rate_hz:g} as rate_hz says"
+
+    def _stuck(self, changes: NDArray[np.uint8]) -> str:
+        limits = self._limits
+        rows, columns = changes.shape[0] // limits.cell, changes.shape[1] // limits.cell
+        cells = changes[: rows * limits.cell, : columns * limits.cell].reshape(rows, limits.cell, columns, -1)
+        self._same = np.where(cells.any(axis=(1, 3)), 0, self._same + 1)
+        if self._repeated[-1]:
             return "frozen"
-        if (self._same + 1 >= STUCK_FRAMES).mean() > STUCK_SHARE:
-            return "frozen in part"
-        return "noise in part" if self._noisy >= NOISY_FRAMES else ""
-
-    def _noise(self, samples: NDArray[np.uint8], before: NDArray[np.uint8]) -> bool:
-        """Whether many pixels are quite other ones than in the frame before."""
-        changes = cv2.absdiff(samples, before)
-        return float((changes > NOISE).mean()) > NOISE_SHARE
-
-    def _hashes(self, samples: NDArray[np.uint8]) -> NDArray[np.int64]:
-        rows, columns = samples.shape[0] // CELL, samples.shape[1] // CELL
-        whole = samples[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL * 3)
-        hashes: NDArray[np.int64] = np.einsum(
-            "iajb,ab->ij", whole.astype(np.int64), self._weights.reshape(CELL, CELL * 3)
-        )
-        return hashes
-
-    def _ago(self, cells: NDArray[np.int64]) -> int:
-        """How many frames ago a quarter of the image was the same; 0 for never."""
-        middle = cells.shape[0] // 2, cells.shape[1] // 2
-        ago = 0
-        for quarter, (rows, columns) in enumerate((r, c) for r in _halves(middle[0]) for c in _halves(middle[1])):
-            key = quarter, hash(cells[rows, columns].tobytes())
-            ago = max(ago, self._number - self._numbers.pop(key, self._number))
-            self._numbers[key] = self._number
-        while len(self._numbers) > 4 * REMEMBERED:
-            self._numbers.popitem(last=False)
-        return ago
+        in_part = (self._same + 1 >= limits.stuck_frames).mean() > limits.stuck_share
+        return "frozen in part" if in_part else "frozen, but for its noise" * self._grain.copies
 
 
-def _halves(middle: int) -> tuple[slice, slice]:
-    return slice(0, middle), slice(middle, None)
+def _uncovered(view: View, bench: Bench) -> NDArray[np.bool_]:
+    """Small pixels that no obstacle hides."""
+    covered = obstacle_mask(view, bench)
+    size = view.model.width_px // GRID, view.model.height_px // GRID
+    return np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA)) == 0
 
 
 def _look(image: NDArray[np.uint8]) -> _Looked:

@@ -32,7 +32,7 @@ class NoRenderHost:
 
     def begin(self, frame: Frame) -> Callable[[], BenchView | PartsView]:
         """The answer is there at once."""
-        answer = self._watch(frame) if frame.camera == "overhead" else self._find(frame)
+        answer = self._watch(frame.beside(None)) if frame.camera == "overhead" else self._find(frame)  # no arm is seen
         return lambda: answer
 
     def _find(self, frame: Frame) -> PartsView:

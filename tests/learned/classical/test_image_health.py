@@ -17,7 +17,7 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HandSample
 from learned.classical.bench_evidence import Landmarks
 from learned.classical.box_model import View, obstacle_mask
-from learned.classical.image_health import ImageHealth
+from learned.classical.image_health import Freshness, ImageHealth
 from learned.classical.track_health import TrackHealth, motion_of
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 from tests.learned.classical.scenes import classical_bench_watcher
@@ -345,15 +345,50 @@ def test_landmarks_that_an_obstacle_hides_are_not_asked_for_and_others_are() -> 
     assert 0.5 * len(every.groups) < len(kept.groups) < len(every.groups)
 
 
-def test_one_image_that_looks_like_an_old_one_is_chance_and_two_are_old_images() -> None:
-    from learned.classical.image_health import _Freshness
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda one: noisy(one.number, one.frames[29].image), "frozen, but for its noise"),
+        (
+            lambda one: np.hstack([one.image[:, :240], noisy(one.number, one.frames[29].image[:, 240:])]),
+            "frozen, but for its noise",
+        ),
+        (
+            lambda one: np.vstack([one.image[:240], noisy(one.number, one.frames[29].image[240:])]),
+            "frozen, but for its noise",
+        ),
+        (lambda one: noisy(one.number, one.frames[one.number % 10 + 20].image), "an image of 10 frames ago came again"),
+        (lambda one: np.ascontiguousarray(one.image[:, ::-1]), "the image is mirrored"),
+        (lambda one: np.ascontiguousarray(one.image[::-1, ::-1]), "the image is upside down"),
+    ],
+)
+def test_copies_under_fresh_noise_and_turned_images_are_told_within_five_frames(
+    seen: list[Seen], spoil: Odd, words: str
+) -> None:
+    health, frames = ImageHealth(BENCH, PRODUCT), [frame for frame, _ in seen]
+    told = [
+        health.judge(
+            replace(frame, image=spoil(Shot(number, frame.image, frames)) if number >= 30 else frame.image), hands
+        )
+        for number, (frame, hands) in enumerate(seen[:35])
+    ]
+    assert not any(told[:30])
+    assert words in told[30:]
 
-    rng = np.random.default_rng(0)
-    frames = [rng.integers(0, 255, (90, 120, 3), dtype=np.uint8) for _ in range(40)]
-    once, again = _Freshness(), _Freshness()
-    for number in [*range(20), 3, *range(20, 40)]:
+
+def test_a_camera_that_sends_each_image_twice_is_named_for_it(seen: list[Seen]) -> None:
+    health = ImageHealth(BENCH, PRODUCT)
+    told = [health.judge(replace(frame, image=seen[number // 2][0].image)) for number, (frame, _) in enumerate(seen)]
+    assert set(told[20:]) == {"sent several times: 7.5 new ones a second, not 15 as rate_hz says"}
+
+
+def test_one_image_that_looks_like_an_old_one_is_chance_and_two_are_old_images() -> None:
+    still = np.full((90, 120, 3), 120, np.uint8)
+    frames = [noisy(number, still) for number in range(40)]
+    once, again = Freshness(15.0), Freshness(15.0)
+    for number in [*range(30), 3, *range(30, 40)]:
         once.judge(frames[number])
         assert once.repeats == ""
-    for number in [*range(20), 3, 4]:
+    for number in [*range(30), 13, 14]:
         again.judge(frames[number])
     assert again.repeats == "an image of 17 frames ago came again"

@@ -1,4 +1,4 @@
-"""Images that are older than their stamps: the arm is seen where it was."""
+"""Images that are older than their stamps, or copies: where the arm moved they must change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
-from learned.classical.image_lag import ImageLag
+from learned.classical.due_change import DueChange
 
 RATE_HZ, ROWS, COLUMNS = 15.0, 90, 120
 SIDE, STEP = 30, 3  # small pixels: of the arm, and by which it moves in a frame
@@ -41,27 +41,35 @@ def outline(number: int) -> NDArray[np.uint8]:
     return mask
 
 
-def late(behind: int, hand: int | None = None, known: bool = True, frames: int = 90) -> str:
-    """What is said of images that are so many frames behind their stamps."""
-    lag = ImageLag()
-    for number in range(frames):
+def judged(behind: int = 0, hand: int | None = None, known: bool = True, frozen: int = 999) -> tuple[str, str]:
+    """What is said of images that are a number of frames behind their stamps, or of one image from a frame on."""
+    due = DueChange(np.ones((ROWS, COLUMNS), bool))
+    for number in range(90):
         small = image(number - behind, hand)
+        if number >= frozen:
+            small = (image(frozen) + np.random.default_rng(number).integers(-1, 2, small.shape)).astype(np.uint8)
         frame = Frame("overhead", number, number / RATE_HZ, small, Pose((0, 0, 1)), ROBOT if known else None)
-        lag.see(frame, small, outline(number))
-    return lag.late
+        due.see(frame, small, outline(number))
+        if number == frozen + 7:
+            assert due.stuck == "not changing where the robot moves"
+    return due.late, due.stuck
 
 
 @pytest.mark.parametrize("hand", [None, 10, 80])
 @pytest.mark.parametrize("behind", [0, 1])
-def test_images_in_time_are_not_late_whatever_a_hand_does(behind: int, hand: int | None) -> None:
-    assert late(behind, hand) == ""
+def test_images_in_time_are_neither_late_nor_stuck_whatever_a_hand_does(behind: int, hand: int | None) -> None:
+    assert judged(behind, hand) == ("", "")
 
 
 @pytest.mark.parametrize("behind", [3, 5, 8, 12])
 def test_images_of_a_buffer_are_noticed_once_the_arm_moves(behind: int) -> None:
-    assert late(behind, frames=10) == ""
-    assert late(behind).startswith("the image is late: the arm is seen where it was")
+    late, stuck = judged(behind)
+    assert late.startswith("the image is late: the arm is seen where it was") or stuck
+
+
+def test_a_frozen_image_is_stuck_within_eight_frames_of_motion_and_for_as_long_as_it_is_frozen() -> None:
+    assert judged(frozen=20)[1] == "not changing where the robot moves"
 
 
 def test_without_the_arms_place_nothing_is_said() -> None:
-    assert late(8, known=False) == ""
+    assert judged(8, known=False) == ("", "")

@@ -29,6 +29,7 @@ EDGES: tuple[Edge, ...] = get_args(Edge)
 TEXTS = ("health", "unseen", "unexplained", "hand_unknown")
 
 Range = tuple[Array, Array]
+ALWAYS = ("fingertips_m", "palm_m", "box_px", "confidence")  # what every tracker tells
 STAMPS: Range = (np.array(-1e12), np.array(1e12))  # [s] of any clock
 
 
@@ -76,7 +77,7 @@ class ViewRange:
             return Message("a hand is not plausible: it is {told}", told=f"{hand!r:.60}")
         for name, (least, most) in self.ranges.items():
             told: Any = getattr(hand, name)
-            if not _within(told, least, most) and (told is not None or name in ("fingertips_m", "palm_m", "box_px")):
+            if not _within(told, least, most) and (told is not None or name in ALWAYS):
                 return Message("a hand is not plausible: {name} is {told}", name=name, told=f"{told!r:.60}")
         if not math.dist(hand.palm_m, hand.fingertips_m) <= HAND_M:
             return Message("a hand is not plausible: {name} is {told}", name="palm_m", told=f"{hand.palm_m!r:.60}")

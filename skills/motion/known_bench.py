@@ -72,11 +72,11 @@ class ViewRange:
             return "a hole was seen at a time that is no number"
         return next((words for hand in view.hands if (words := self._doubt(hand, view.time_s, now_s))), "")
 
-    def _doubt(self, hand: HandSample, view_s: float, now_s: float) -> str:
+    def _doubt(self, hand: Any, view_s: float, now_s: float) -> str:
         if not isinstance(hand, HandSample):
             return Message("a hand is not plausible: it is {told}", told=f"{hand!r:.60}")
         for name, (least, most) in self.ranges.items():
-            told: Any = getattr(hand, name)
+            told = getattr(hand, name)
             if not _within(told, least, most) and (told is not None or name in ALWAYS):
                 return Message("a hand is not plausible: {name} is {told}", name=name, told=f"{told!r:.60}")
         if not math.dist(hand.palm_m, hand.fingertips_m) <= HAND_M:

@@ -195,7 +195,8 @@ def test_the_share_is_the_largest_from_which_a_standing_hand_is_kept() -> None:
 
 def test_what_is_far_away_lets_the_arm_go_on_and_what_is_near_does_not() -> None:
     ahead = (ACROSS, 0.5)
-    far = judge(PARK, hand(3.0, 2.0), 0.15, False, ahead)
+    beyond = Person(MONITOR.persons.wall(hand(3.0, 2.0)), 0.15, S.hand_speed_m_s, (0.0, 0.0))
+    far = MONITOR.judge(PARK, [beyond], False, ahead)
     near = judge(PARK, hand(0.48, -0.50, (-0.2, 0.0)), 0.15, False, ahead)
     assert far.share >= 1.0
     assert near.share < 0.5

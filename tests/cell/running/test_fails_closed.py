@@ -48,8 +48,14 @@ NO_NUMBERS: tuple[Any, ...] = ("", "near", b"\0", (), (0.5,), {}, object(), 10**
 def full(hand: HandSample) -> HandSample:
     """The same with every field told."""
     tips = hand.fingertips_m
-    more = {"thumb_m": tips, "index_m": tips, "held_m": tips, "forearm_rad": 0.0, "acceleration_m_s2": (0.0, 0.0)}
-    return replace(hand, **more, height_m=0.1, fingertips_height_m=0.1)
+    more: dict[str, Any] = {
+        "thumb_m": tips,
+        "index_m": tips,
+        "held_m": tips,
+        "forearm_rad": 0.0,
+        "acceleration_m_s2": (0.0, 0.0),
+    }
+    return replace(hand, **more, forearm_rad=0.0, height_m=0.1, fingertips_height_m=0.1)
 
 
 @st.composite
@@ -141,7 +147,7 @@ VIEWS: dict[str, Any] = {
     "time_s": ODD_FLOATS,
     "left_by": [("lefft",), ("",), (None,), (math.nan,)],
     "other_hands": [(None,), ({},), ("hand",)],
-    "holes": [{"p1": HoleView("o1", 1.0, value)} for value in (math.nan, math.inf, None)],
+    "holes": [{"p1": HoleView("o1", 1.0, value)} for value in (math.nan, math.inf, -math.inf)],
     **{name: [None, math.nan, 0, b""] for name in ("health", "unseen", "unexplained", "hand_unknown")},
 }
 

@@ -42,7 +42,8 @@ def spoilt(name: str, place: int, value: float) -> Reading:
         return replace(SOUND, heights_m=(value, HEIGHTS_M[1]) if place == 0 else (HEIGHTS_M[0], value))
     if name == "height_errors_m":
         return replace(SOUND, size=replace(SIZE, height_errors_m=(value, 0.02) if place == 0 else (0.02, value)))
-    return replace(SOUND, size=replace(SIZE, **{name: value}))
+    changes: dict[str, Any] = {name: value}
+    return replace(SOUND, size=replace(SIZE, **changes))
 
 
 NAMES = st.sampled_from(["palm", "pinch", "heights_m", "height_errors_m", "log_angle", "angle_error"])
@@ -112,7 +113,8 @@ ODD: tuple[Any, ...] = (math.nan, math.inf, -math.inf, 1e9, -5.0, None, "")
 def test_a_tracker_of_somebodys_own_makes_no_hand_that_cannot_be(name: str, value: Any) -> None:
     if name.endswith("height_m") and value is None:  # a tracker that does not tell it
         return
-    odd = replace(OWN, **{name: (value, 0.1) if name in ("palm_m", "fingertips_m") else value})
+    changes: dict[str, Any] = {name: (value, 0.1) if name in ("palm_m", "fingertips_m") else value}
+    odd = replace(OWN, **changes)
     product = load_product(load_configuration())
     for main, others in ((odd, ()), (OWN, (odd,))):
         own = OwnTracker([main], others)

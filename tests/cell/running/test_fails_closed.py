@@ -55,7 +55,7 @@ def full(hand: HandSample) -> HandSample:
         "forearm_rad": 0.0,
         "acceleration_m_s2": (0.0, 0.0),
     }
-    return replace(hand, **more, forearm_rad=0.0, height_m=0.1, fingertips_height_m=0.1)
+    return replace(hand, **more, height_m=0.1, fingertips_height_m=0.1)
 
 
 @st.composite

@@ -135,7 +135,8 @@ class DueChange:
 
 def _alone(outline: Mask, others: list[Mask]) -> Mask:
     """Where the robot is in this outline and in no other."""
-    return outline & ~np.logical_or.reduce(others)
+    alone: Mask = outline & ~np.logical_or.reduce(others)
+    return alone
 
 
 def _within(visible: Mask, rows: slice, columns: slice) -> Mask:

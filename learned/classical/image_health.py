@@ -198,7 +198,11 @@ class Freshness:
         self._noisy = self._noisy + 1 if float((changes > limits.noise).mean()) > limits.noise_share else 0
         if not self.repeats and np.count_nonzero(self._agos) >= limits.again:
             self.repeats = f"an image of {max(self._agos)} frames ago came again"
-        return self._rhythm() or self._stuck(changes) or "noise in part" * (self._noisy >= limits.noisy_frames)
+        return (
+            self._rhythm()
+            or self._stuck(np.asarray(changes, np.uint8))
+            or "noise in part" * (self._noisy >= limits.noisy_frames)
+        )
 
     def _rhythm(self) -> str:
         """Whether a camera sends each image several times, in words."""
@@ -223,7 +227,8 @@ def _uncovered(view: View, bench: Bench) -> NDArray[np.bool_]:
     """Small pixels that no obstacle hides."""
     covered = obstacle_mask(view, bench)
     size = view.model.width_px // GRID, view.model.height_px // GRID
-    return np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA)) == 0
+    small: NDArray[np.bool_] = np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA)) == 0
+    return small
 
 
 def _look(image: NDArray[np.uint8]) -> _Looked:

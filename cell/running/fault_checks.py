@@ -273,6 +273,12 @@ def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None
     return Detection("; ".join(told)) if told else None
 
 
+def _hand_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    told = "" if seen.bench is None else seen.bench.hand_unknown
+    words = told or "it is not seen any more, and no edge is told by which it left" * memory.hands.vanished
+    return Detection(_with("where the hand is, is not known:", words)) if words else None
+
+
 def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
     return Detection(memory.hands.blind) if memory.hands.blind else None
 
@@ -330,7 +336,7 @@ CHECKS: Mapping[str, Check] = {
     "camera_unhealthy": _of_view(_health),
     "bench_not_seen": _of_view(lambda view: _with("overhead camera:", view.unseen)),
     "camera_moved": _camera_moved,
-    "hand_unknown": _of_view(lambda view: _with("where the hand is, is not known:", view.hand_unknown)),
+    "hand_unknown": _hand_unknown,
     "hand_detector_blind": _blind,
     "hand_cues_disagree": _of_view(lambda view: view.unexplained),
     "command_contested": _contested,

@@ -31,9 +31,12 @@ class HandMemory:
 
     Attributes:
         blind: why the hand detector cannot be believed, in words, until somebody acknowledges it or a hand is seen.
+        vanished: a hand was seen, and since then the views say neither where it is nor by which edge it left.
     """
 
     blind: str = ""
+    vanished: bool = False
+    _in_view: bool = field(default=False, init=False)  # or not told where else
     _sequence: int = field(default=-1, init=False)
     _hand_s: float = field(default=-math.inf, init=False)  # when a hand was seen last
     _held_s: float = field(default=-math.inf, init=False)  # and something between the fingers
@@ -54,6 +57,8 @@ class HandMemory:
     def _look(self, view: BenchView) -> None:
         if view.hands:
             self._hand_s, self.blind = view.time_s, ""
+        self._in_view = bool(view.hands) or (self._in_view and not view.left_by and not view.hand_unknown)
+        self.vanished = self._in_view and not view.hands
         for place, hole in view.holes.items():
             before = self._holes.get(place)
             if before is not None and before.part != hole.part and hole.seen_s > before.seen_s:

@@ -70,3 +70,16 @@ def test_it_lasts_until_somebody_acknowledges_it_or_a_hand_is_seen() -> None:
         assert memory.blind
         memory.see(seen(60, hand, False, True, acknowledged))
         assert not memory.blind
+
+
+def test_a_hand_that_is_gone_must_have_left_by_an_edge() -> None:
+    """What a detector no longer answers is not what is no longer there."""
+    memory, held = HandMemory(), []
+    for number, told in enumerate(("hand", "", "", "left", "", "hand", "", "unknown")):
+        one = seen(number, hand_at(0.7, 0.1) if told == "hand" else None, False, False)
+        assert one.bench is not None
+        unknown = "it vanished inside the view" * (told == "unknown")
+        view = replace(one.bench, left_by=("left",) if told == "left" else (), hand_unknown=unknown)
+        memory.see(replace(one, bench=view))
+        held.append(memory.vanished)
+    assert held == [False, True, True, False, False, False, True, False]

@@ -400,6 +400,7 @@ def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
 
 
 OF_VIEW = (
+    "hand_not_plausible",
     "hand_too_near",
     "bench_in_the_future",
     "camera_unhealthy",

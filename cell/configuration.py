@@ -18,19 +18,15 @@ from cell.files.yaml_file import load_yaml, place_of
 from cell.interfaces.bench import JOINTS, Bench, Calibration
 from cell.interfaces.faults import SHIPPED as DEFAULT_FAULTS
 from cell.interfaces.faults import FaultTable, shipped_table, weaker
-from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.robot import NamedRobot, default_robot
+from cell.kinds import DETECTORS, KindSettings, files_of, kind_of
 from cell.settings import (
-    LEARNED_KINDS,
-    WEIGHTS,
     ControllerSettings,
     LogSettings,
     PageSettings,
     Perception,
     Planners,
-    PlannerSettings,
-    SemanticPlannerSettings,
 )
 from cell.simulator import simulator
 from skills.drivers.settings import SignalSettings, UrSettings
@@ -113,19 +109,12 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     path = Path(path)
     read = load_yaml(path, Configuration)
     folder = path.parent.resolve()
-    planners = {
-        name: planner.model_copy(update={"weights": _weights(name, planner, folder)} | _beside(planner, folder))
-        for name, planner in read.planners
-    }
-    detectors = {
-        name: own.model_copy(update={"weights": folder / own.weights})
-        for name in LEARNED_KINDS
-        if (own := getattr(read.perception, name)) is not None and own.weights is not None
-    }
+    planners = {name: planner.model_copy(update=_beside(planner, folder)) for name, planner in read.planners}
+    detectors = ((name, getattr(read.perception, name)) for name in DETECTORS)
     perception: dict[str, object] = {
-        **detectors,
+        **{name: own.model_copy(update=_beside(own, folder)) for name, own in detectors if own is not None},
         "folder": read.perception.folder and folder / read.perception.folder,
-        "crops": _crops(read, planners["grasp"].weights, folder),
+        "crops": _crops(read, planners["grasp"], path),
     }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
@@ -183,7 +172,7 @@ def detected_by(configuration: Configuration, kind: str | None) -> Configuration
     """The same cell with all detectors of one kind, classical or learned; None leaves the configured ones."""
     if kind is None:
         return configuration
-    chosen = {"kind": kind, **dict.fromkeys(LEARNED_KINDS)}
+    chosen = {"kind": kind, **dict.fromkeys(DETECTORS)}
     return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=chosen)})
 
 
@@ -217,12 +206,10 @@ def for_shift(configuration: Configuration, brackets: int) -> Configuration:
     )
 
 
-def _beside(planner: PlannerSettings, folder: Path) -> dict[str, Path]:
-    """Files of a semantic planner that stand beside the configuration."""
-    if not isinstance(planner, SemanticPlannerSettings):
-        return {}
-    files = {"goals": planner.goals, "confusions": planner.confusions}
-    return {name: folder / file for name, file in files.items() if file is not None}
+def _beside(chosen: KindSettings, folder: Path) -> dict[str, Path]:
+    """Files of a detector or planner that are named relative to the configuration."""
+    names = ("weights", "goals", "confusions")
+    return {name: folder / file for name in names if (file := getattr(chosen, name, None)) is not None}
 
 
 def _tls(page: PageSettings, folder: Path) -> dict[str, Path]:
@@ -230,15 +217,17 @@ def _tls(page: PageSettings, folder: Path) -> dict[str, Path]:
     return {name: folder / file for name, file in files.items() if file is not None}
 
 
-def _crops(read: Configuration, grasp: Path, folder: Path) -> Path | None:
-    """The network that the grasp planner wants beside the part detector."""
+def _crops(read: Configuration, grasp: KindSettings, path: Path) -> Path | None:
+    """The network that the grasp planner wants beside the part detector; none for kinds that are yet to be found."""
     if read.perception.crops is not None:
-        return folder / read.perception.crops
-    return crops_file(grasp) if read.planners.grasp.kind == "paper" else None
-
-
-def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:
-    return WEIGHTS / weights_file(name, planner.kind) if planner.weights is None else folder / planner.weights
+        return path.parent.resolve() / read.perception.crops
+    if ":" in grasp.kind:
+        return None  # a class of the user's own is loaded where it is made
+    try:
+        crops = kind_of("grasp", grasp).crops
+    except SettingError:  # whoever makes the planners says so, with all else that is wrong
+        return None
+    return crops and crops(next(iter(files_of("grasp", grasp).values())))
 
 
 def load_faults(configuration: Configuration) -> FaultTable:

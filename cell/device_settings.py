@@ -8,10 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
-    PrivateAttr,
     SerializeAsAny,
     Tag,
     ValidationInfo,
@@ -20,6 +18,7 @@ from pydantic import (
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.devices import ROLES
+from cell.plugins import Chosen
 from cell.simulator import NoSimulation, installed, simulator
 from skills.drivers.settings import ArmKind, CameraKind, CanSettings, GripperKind, SignalSettings, kinds_of
 
@@ -66,7 +65,7 @@ class PagePanel(Model):
     at: str = "8780"
 
 
-class OwnDevice(Model):
+class OwnDevice(Chosen):
     """A device with a driver of your own; the driver's settings stand next to `kind`.
 
     Attributes:
@@ -74,26 +73,10 @@ class OwnDevice(Model):
             the entry points `cell.devices`.
     """
 
-    model_config = ConfigDict(extra="allow")
     kind: str = Field(
         pattern=r"^[\w.-]+(:\w+)?$",
         json_schema_extra={"not": {"enum": _OURS}},
     )
-    _folder: Path = PrivateAttr(Path())
-
-    def model_post_init(self, context: Any) -> None:
-        """Keep where the file stands."""
-        self._folder = Path((context or {}).get("folder", ".")).resolve()
-
-    @property
-    def folder(self) -> Path:
-        """Where the file stands that names the driver."""
-        return self._folder
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What stands next to `kind`, as it was read."""
-        return dict(self.model_extra or {})
 
     @property
     def inputs(self) -> tuple[str, ...]:

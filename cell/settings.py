@@ -10,17 +10,12 @@ from pydantic import (
     model_validator,
 )
 
-from cell.files.files import shipped
 from cell.files.model import Model
 from cell.files.units import Duration
 from cell.files.words.catalogue import languages
-from cell.interfaces.planning import weights_file
+from cell.kinds import DETECTORS, TRAINED_DEFAULTS, WEIGHTS, Files, KindSettings, files_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
-from learned.hands.mediapipe.hands import ON_THE_BENCH, folder_in_use, model_folder, network_file
 from learned.semantic.settings import NewGoals
-
-WEIGHTS = shipped("learned", "weights")
-LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
 
 
 class ControllerSettings(Model):
@@ -37,24 +32,13 @@ class ControllerSettings(Model):
     stop_timeout_s: float = Field(default=2.0, gt=0, le=60)
 
 
-class DetectorSettings(Model):
-    """One of the detectors.
-
-    Attributes:
-        kind: which implementation answers; "classical" needs no weights.
-        weights: file of weights, relative to this file; the shipped one of this kind by default.
-    """
-
-    kind: str
-    weights: Path | None = None
-
-
 class Perception(Model):
     """The detectors that read camera frames.
 
     Attributes:
         kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
-        hands: what finds the hand, if another kind than that: classical, slim, mediapipe.
+        hands: what finds the hand, if another kind than that: classical, slim, mediapipe, or your own (`cell docs
+            drivers`), likewise below.
         actions: what recognises the hand's action: classical, slim, paper.
         holes: what reads the holes: classical, plate.
         parts: what finds parts in the wrist camera's view: classical, centre, rcnn.
@@ -68,91 +52,52 @@ class Perception(Model):
     """
 
     kind: Literal["classical", "learned"] = "learned"
-    hands: DetectorSettings | None = None
-    actions: DetectorSettings | None = None
-    holes: DetectorSettings | None = None
-    parts: DetectorSettings | None = None
+    hands: KindSettings | None = None
+    actions: KindSettings | None = None
+    holes: KindSettings | None = None
+    parts: KindSettings | None = None
     folder: Path | None = None
     crops: Path | None = None
     latency_s: float | None = Field(default=None, ge=0, le=2)
     classical: ClassicalSettings = ClassicalSettings()
 
-    def chosen(self, detector: str) -> DetectorSettings:
+    def chosen(self, detector: str) -> KindSettings:
         """The settings of a detector, by its key: its own ones, or what `kind` says."""
-        own: DetectorSettings | None = getattr(self, detector)
-        return own or DetectorSettings(kind=LEARNED_KINDS[detector] if self.kind == "learned" else "classical")
+        own: KindSettings | None = getattr(self, detector)
+        return own or KindSettings(kind=TRAINED_DEFAULTS[detector] if self.kind == "learned" else "classical")
 
     def with_detector(self, detector: str, kind: str, weights: Path | None = None) -> Perception:
         """The same with another detector; without weights, those that are configured for this kind."""
         own = self.chosen(detector)
-        file = weights or (own.weights if own.kind == kind else None)
-        return self.model_copy(update={detector: DetectorSettings(kind=kind, weights=file)})
+        if own.kind != kind:
+            own = KindSettings(kind=kind)
+        return self.model_copy(update={detector: own.model_copy(update={"weights": weights or own.weights})})
 
     def weights(self, detector: str) -> Path:
-        """The file of weights of a detector that is not classical."""
-        settings = self.chosen(detector)
-        if (detector, settings.kind) == ("hands", "mediapipe"):
-            return settings.weights or network_file(model_folder(), "landmark", ON_THE_BENCH)
-        return settings.weights or (self.folder or WEIGHTS) / weights_file(detector, settings.kind)
+        """The main file of weights of a detector that has such."""
+        return next(iter(self.files(detector).values()))
 
-    def networks(self, detector: str) -> dict[str, Path]:
-        """Every file of weights that the answers of a detector hang on, by name; none for a classical one.
+    def files(self, detector: str) -> Files:
+        """Every file that the answers of a detector depend on, by its name in logs; the main one first.
 
-        The first is that of `weights`; others stand beside it.
+        Raises:
+            SettingError: there is no such kind.
         """
-        kind = self.chosen(detector).kind
         beside = {"parts.crops": self.crops} if detector == "parts" and self.crops is not None else {}
-        if kind == "classical":
-            return beside
-        main = self.weights(detector)
-        if detector == "hands":
-            from learned.hands.model import finder_file, refiner_file
-
-            slim = main if kind == "slim" else (self.folder or WEIGHTS) / weights_file("hands", "slim")
-            beside = {f"{detector}.finder": finder_file(slim), f"{detector}.refiner": refiner_file(slim)}
-            if kind != "mediapipe":
-                return {detector: main, **beside}
-            folder = folder_in_use(main)
-            landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))
-            return {detector: landmark, f"{detector}.palm": palm, f"{detector}.closer": slim, **beside}
-        if (detector, kind) == ("parts", "centre"):
-            from learned.parts.model import pose_file
-            from learned.parts.stacked import stacked_file
-
-            if (stacked := stacked_file(main)).is_file():
-                beside |= {f"{detector}.stacked": stacked}
-            return {detector: main, f"{detector}.pose": pose_file(main), **beside}
-        if (detector, kind) == ("parts", "rcnn"):
-            from learned.parts.boxes import head_file, pose_file_of
-
-            pose = pose_file_of(main)
-            return {detector: main, f"{detector}.head": head_file(main), f"{detector}.pose": pose, **beside}
-        return {detector: main}
+        return {**files_of(detector, self.chosen(detector), self.folder or WEIGHTS), **beside}
 
     @property
     def words(self) -> str:
         """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
-        own = [f"{name} {settings.kind}" for name in LEARNED_KINDS if (settings := getattr(self, name)) is not None]
+        own = [f"{name} {settings.kind}" for name in DETECTORS if (settings := getattr(self, name)) is not None]
         return ", ".join((self.kind, *own))
 
 
-class PlannerSettings(Model):
-    """A planner.
-
-    Attributes:
-        kind: which implementation answers.
-        weights: file of weights, relative to this file; the shipped one of this kind by default.
-    """
-
-    kind: str
-    weights: Path | None = None
-
-
-class SemanticPlannerSettings(PlannerSettings):
+class SemanticPlannerSettings(KindSettings):
     """The planner that infers the goal.
 
     Attributes:
-        kind: factored, paper or bayes; auto is factored where its weights are of this product, else bayes.
+        kind: factored, bayes or another; auto is factored where its weights are of this product, else bayes.
         weights: file of weights, relative to this file; the shipped one of this kind by default.
         goals: file of finished goals, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
@@ -167,6 +112,10 @@ class SemanticPlannerSettings(PlannerSettings):
     confusions: Path | None = None
 
 
+class GraspPlannerSettings(KindSettings):
+    """The planner of grasps."""
+
+
 class Planners(Model):
     """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
 
@@ -176,7 +125,7 @@ class Planners(Model):
     """
 
     semantic: SemanticPlannerSettings
-    grasp: PlannerSettings
+    grasp: GraspPlannerSettings
 
 
 class PageSettings(Model):

@@ -8,9 +8,17 @@ from typing import Annotated
 import typer
 import yaml
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
+from cell.commands.options import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    SeedOption,
+    SlowerOption,
+    folder_for,
+    told_in,
+    writable,
+)
 from cell.commands.terminal import console, print_json, table
-from cell.commands.training.weights import folder_for, told_in, writable
 from cell.configuration import CALIBRATION, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.files.files import whole_or_none

@@ -17,16 +17,17 @@ import can
 
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
 from cell.commands.terminal import print_json
-from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import CellError, Problem, SettingError
-from cell.files.packages import damaged_packages, missing_packages
+from cell.files.packages import damaged_packages, missing_packages, need_torch
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
+from cell.kinds import made
 from cell.simulator import DISTRIBUTION, installed, simulator
 from cell.wiring.bench_checks import bench_problems
 from cell.wiring.detectors import check_detectors, fitted
 from cell.wiring.devices import examined, find_drivers
+from learned.semantic.goals import OpenGoals
 from skills.drivers.settings import CanSettings
 
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
@@ -226,13 +227,10 @@ def _detectors(configuration: Configuration, product: Product) -> Finding:
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:
-    from learned.grasp.model import load_grasp_planner
-    from learned.semantic.model import load_semantic_planner
-
-    loaders: dict[str, Callable[..., object]] = {"semantic": load_semantic_planner, "grasp": load_grasp_planner}
     planner = getattr(configuration.planners, name)
+    goals = OpenGoals.of(product, configuration.planners.semantic.new_goals)
     try:
-        loaders[name](planner.kind, planner.weights, product)
+        made(name, planner, product=product, goals=goals, confusions=None)
     except CellError as error:
         return Finding(f"{name} planner {planner.kind}", False, f"{error}; cell train --only {name}")
     return Finding(f"{name} planner {planner.kind}", True)

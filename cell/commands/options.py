@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, Problem
-from cell.files.files import own_or_shipped
+from cell.files.files import own_or_shipped, shipped
 from cell.files.yaml_file import place_of
 
 if TYPE_CHECKING:
@@ -188,7 +191,6 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
     if config is None:
         return node_registry(more=own_nodes)
-    from cell.configuration import load_configuration, load_product
 
     configuration = load_configuration(config)
     return node_registry(load_product(configuration, config), own_nodes, configuration)
@@ -196,7 +198,6 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
 def bench_of(config: Path) -> tuple[list[Problem], list[Problem]]:
     """What a run would not begin with on the bench of a configuration, and what is doubtful there."""
-    from cell.configuration import load_configuration, load_product
     from cell.wiring.bench_checks import bench_problems
 
     configuration = load_configuration(config)
@@ -250,3 +251,32 @@ def _file(path: Path) -> Mapping[Any, Any]:
     if not isinstance(content, dict):
         raise InputError(f"--set {path}: the file must hold names and values, like part: o2")
     return content
+
+
+def folder_for(config: Path) -> Path:
+    """Where what is learned for a configuration goes: beside it; for the shipped one, into the working folder."""
+    return Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
+
+
+def writable(path: Path, *suffixes: str, option: str = "--out") -> Path:
+    """The file, in which something can be written; told before work that takes minutes or hours, not after it.
+
+    Raises:
+        InputError: it is a folder, its name ends in something else, or no file can be made there.
+    """
+    if path.suffix not in suffixes:
+        raise InputError(f"{option} {path}: must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder; name a file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def told_in(config: Path, path: Path) -> Path:
+    """A file or folder as a configuration names it: relative to the configuration's own folder."""
+    return Path(os.path.relpath(path.resolve(), config.resolve().parent))

@@ -13,10 +13,11 @@ from cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, 
 from cell.commands.terminal import console, product_of, report_scores
 from cell.commands.training.shipped import Step, of_paper, scaled, steps_of_shipped, train_steps
 from cell.commands.training.tasks import TASKS
-from cell.commands.training.weights import Training, need_torch, writing
+from cell.commands.training.weights import Training, writing
 from cell.errors import InputError
+from cell.files.packages import need_torch
 from cell.interfaces.product import Product
-from learned.semantic.data import load_demonstrations
+from learned.semantic.records import load_demonstrations
 
 OPTIONS = (
     *("network", "data", "simulated", "begin", "epochs", "every", "only", "plan", "budget", "recorded", "jobs", "out"),

@@ -8,6 +8,7 @@ import json
 import re
 import sys
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -82,3 +83,15 @@ def _damage(package: metadata.Distribution) -> str:
         if size and found != int(size):
             return f"{name} has {found} bytes, not {size}"
     return ""
+
+
+def need_torch(*, experiments: bool = False) -> None:
+    """Check that training can run here, and that experiments can.
+
+    Raises:
+        InputError: packages are missing; the message says how to get them.
+    """
+    needed = ("torch", "onnx", "onnxscript", *(("scipy",) if experiments else ()))
+    missing = [name for name in needed if find_spec(name) is None]
+    if missing:
+        raise InputError(f"training needs {', '.join(missing)}; install with: {how_to_train()}")

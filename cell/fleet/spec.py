@@ -28,8 +28,8 @@ from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.fleet.store import is_address
 from cell.interfaces.devices import ROLES
+from cell.kinds import DETECTORS, WEIGHTS, files_of
 from cell.recording.identity import code_version
-from cell.settings import LEARNED_KINDS, WEIGHTS
 from trees.loading import load_tree
 from trees.node_library import node_registry
 
@@ -211,8 +211,8 @@ def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Pa
         if file.resolve().is_relative_to(config_folder):
             files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
     files |= {name: file.read_bytes() for name, file in own.items()}
-    weights = [file for name in LEARNED_KINDS for file in configuration.perception.networks(name).values()]
-    weights += [planner.weights for _, planner in configuration.planners if planner.weights is not None]
+    weights = [file for name in DETECTORS for file in configuration.perception.files(name).values()]
+    weights += [file for name, planner in configuration.planners for file in files_of(name, planner).values()]
     made_of = [f"commit {' '.join(code_version().values())}"]
     for file in dict.fromkeys(file.resolve() for file in weights):
         if not file.is_file():

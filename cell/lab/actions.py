@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
+from cell.files.data_folder import DataFolder
 from cell.files.row_store import Row
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import Action, ActionDetector, HandSample, HandTracker, HoleView, Segment
@@ -30,7 +31,6 @@ from learned.bench_watcher import DetectorChain
 from learned.inference.onnx_model import OnnxModel
 from learned.inference.scores import wilson
 from sim.data.actions import segment_ends, write_segments
-from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
 from sim.data.placed import placed
 from sim.data.recording import Source, record

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from cell.configuration import Configuration
+from cell.files.data_folder import DataFolder
 from cell.interfaces.bench import Bench, CameraCalibration, Mount
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HoleReader, PartDetector
@@ -27,7 +28,6 @@ from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.model import VOTES, Reading
 from learned.parts.data import Scene
 from learned.parts.evaluate import Findings, evaluate_parts
-from sim.data.folder import DataFolder
 from sim.data.plates import write_plates
 from sim.data.sight import true_calibration
 from sim.data.splits import sometimes_steel

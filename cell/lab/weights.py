@@ -13,23 +13,23 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
+from cell.kinds import TRAINED_DEFAULTS
 from cell.lab.actions import evaluate_segments
 from cell.lab.hands import evaluate_hands
 from cell.lab.holes_and_parts import Cameras, Task, score_holes, score_parts
-from cell.settings import LEARNED_KINDS
 from cell.wiring.detectors import Detectors
 from cell.wiring.drawn_frames import tray_camera
 from learned.grasp.crops import load_crops
 from learned.grasp.evaluate import embedded, evaluate_scenes
-from learned.grasp.model import load_grasp_planner
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import SceneSettings
 from learned.semantic.evaluate import evaluate_scenarios
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.paper_planner import load_semantic_planner
 from sim.data.splits import seeds as seeds_of
 
 NETWORKS = (
-    *LEARNED_KINDS.items(),
+    *TRAINED_DEFAULTS.items(),
     ("grasp", "pairwise"),
     ("grasp", "paper"),
     ("semantic", "factored"),

@@ -15,11 +15,11 @@ from cell.files.files import read_text, write_whole
 from cell.files.model import Model
 from cell.interfaces.product import Product
 from cell.pictures.labels import LabelFolder, PictureLabels
-from learned.hands.data import HandRow
+from learned.hands.records import HandRow
 from learned.hands.regions import POINTS
-from learned.holes.data import Hole
-from learned.parts.data import UNKNOWN, PartRow
-from learned.training.rows import mistakes
+from learned.holes.records import Hole
+from learned.parts.records import UNKNOWN, PartRow
+from learned.records import mistakes
 
 HAND, HOLE, EMPTY, COVERED = "hand", "hole ", "empty", "covered"
 NEAREST_PX = 12.0  # from the middle of a box to the hole that it is of

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cell.files.data_folder import DataFolder
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.observation import Image
-from learned.hands.data import HandRow, LabelledFrame
+from learned.hands.data import LabelledFrame
 from learned.hands.mediapipe.hands import MediaPipeHands
-from sim.data.folder import DataFolder
+from learned.hands.records import HandRow
 
 
 @dataclass(frozen=True, eq=False)

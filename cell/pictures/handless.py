@@ -18,9 +18,9 @@ from cell.interfaces.bench import CameraSetup
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
 from cell.pictures.compositor import Compositor
-from learned.hands.data import HandRow
 from learned.hands.reading import HandReader
-from learned.training.still_dataset import read_image
+from learned.hands.records import HandRow
+from learned.records import read_image
 
 NEARER = 2.5  # so much larger than to fill the image a photograph is shown, at most
 LAID_SHARE = 0.4  # of images in which pieces lie on a frame, where there are frames

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from cell.errors import InputError
+from cell.files.data_folder import DataFolder
 from cell.files.files import MANIFEST, whole_folder, write_whole
 from cell.files.model import Model
 from cell.interfaces.bench import Bench, CameraSetup
@@ -19,12 +20,10 @@ from cell.interfaces.observation import Image
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.pictures.sources import Source, camera_pose
-from learned.hands.data import FrameRow, HandRow
-from learned.holes.data import Hole, PlateRow, holes_of
-from learned.parts.data import UNKNOWN, PartRow, TrayRow
-from learned.training.rows import one_of, read_rows
-from learned.training.still_dataset import StillRow, read_image
-from sim.data.folder import DataFolder
+from learned.hands.records import FrameRow, HandRow
+from learned.holes.records import Hole, PlateRow, holes_of
+from learned.parts.records import UNKNOWN, PartRow, TrayRow
+from learned.records import StillRow, one_of, read_image, read_rows
 
 FRAMES, IMAGES = "frames", "images"
 ROWS: Mapping[str, Mapping[str, type[Any]]] = {

@@ -23,10 +23,10 @@ from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
 from cell.pictures.compositor import Compositor
 from cell.pictures.sources import PICTURES
-from learned.hands.data import HandRow
 from learned.hands.mediapipe.hands import MediaPipeHands
 from learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
-from learned.training.still_dataset import read_image
+from learned.hands.records import HandRow
+from learned.records import read_image
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
 PALM_OUTLINE = (0, 1, 5, 9, 13, 17)

@@ -29,7 +29,8 @@ from learned.inference.onnx_model import OnnxModel
 from learned.inference.scores import ScoreCounter
 from learned.parts.data import Scene, load_scenes
 from learned.parts.evaluate import Findings, evaluate_parts
-from learned.training.still_dataset import Still, read_image
+from learned.records import read_image
+from learned.training.still_dataset import Still
 
 Scores = dict[str, float]
 CLASSICAL, TRIVIAL, PICTURES = "_classical", "_trivial", "pictures_"

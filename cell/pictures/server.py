@@ -23,8 +23,8 @@ from starlette.staticfiles import StaticFiles
 from cell.errors import InputError
 from cell.pictures.labels import LabelFolder, PictureLabels
 from cell.pictures.suggestions import Suggester
-from learned.parts.data import UNKNOWN
-from learned.training.rows import mistakes
+from learned.parts.records import UNKNOWN
+from learned.records import mistakes
 
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = "127.0.0.1"

@@ -19,7 +19,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.log.read.frames import Frames
 from cell.log.read.reader import read_log
-from cell.wiring.drawn_frames import overhead_frames
+from cell.plugins import attribute
 from skills.motion.kinematics import Kinematics
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
@@ -169,7 +169,11 @@ def _simulated(seed: int, camera: str, configuration: Configuration, product: Pr
     """The person alone before the overhead camera."""
     if camera != "overhead":
         raise InputError(f"sim:{seed}: shows the overhead camera only; for others see: cell lab data objects")
-    frames = overhead_frames(configuration, product, seed)
+    try:
+        draw = attribute("cell.wiring.drawn_frames:overhead_frames")
+    except ModuleNotFoundError as error:
+        raise InputError(f"sim:{seed}: needs the laboratory, which draws such frames ({error})") from None
+    frames = draw(configuration, product, seed)
     return Source(f"sim{seed}", False, True, configuration.bench.overhead.rate_hz, frames)
 
 

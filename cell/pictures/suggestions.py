@@ -17,13 +17,13 @@ from cell.interfaces.product import Product
 from cell.pictures.labels import PictureLabels
 from cell.settings import Perception
 from cell.wiring.detectors import Detectors
-from learned.hands.data import HandRow
 from learned.hands.mediapipe.hands import MediaPipeHands, model_folder
 from learned.hands.mediapipe.tracker import MediaPipeReader
-from learned.holes.data import Hole
+from learned.hands.records import HandRow
 from learned.holes.model import VOTES
-from learned.parts.data import PartRow
-from learned.training.still_dataset import StillRow
+from learned.holes.records import Hole
+from learned.parts.records import PartRow
+from learned.records import StillRow
 
 
 class Often:

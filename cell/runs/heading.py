@@ -15,11 +15,12 @@ import yaml
 from cell.errors import InputError, Place, Problem
 from cell.interfaces.devices import Devices
 from cell.interfaces.robot import PACKAGE, RobotModel
+from cell.kinds import DETECTORS, files_of
 from cell.recording.identity import identity
 from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.runs.options import Files, RunOptions
-from cell.settings import LEARNED_KINDS, LogSettings
+from cell.settings import LogSettings
 from cell.simulator import simulator
 from cell.watching.brackets import BracketTally
 from cell.watching.lateness import Lateness
@@ -103,13 +104,12 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
 def _networks(files: Files) -> dict[str, str]:
     """Kinds of the planners, and digests of all weights."""
     values: dict[str, str] = {}
-    for name in LEARNED_KINDS:
-        for network, file in files.configuration.perception.networks(name).items():
-            values |= _weights(network, file)
+    networks = [files.configuration.perception.files(name) for name in DETECTORS]
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind
-        if planner.weights is not None and planner.weights.exists():
-            values |= _weights(name, planner.weights)
+        networks.append(files_of(name, planner))
+    for network, file in (item for found in networks for item in found.items()):
+        values |= _weights(network, file)
     return values
 
 

@@ -1,15 +1,10 @@
-"""Makes the detectors that the configuration names, and the executors that run them.
-
-Trained detectors are imported only where they are chosen. Each is made by one function of its package, which takes
-bench, product and the files of weights; a new kind is one more line in TRAINED.
-"""
+"""Makes the detectors that the configuration names, and the executors that run them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from cell.configuration import Configuration
@@ -17,69 +12,24 @@ from cell.errors import ModelError, SettingError
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.devices import Devices
 from cell.interfaces.frame import Frame
-from cell.interfaces.perception import ActionDetector, BenchView, HandTracker, HoleReader, PartDetector, PartsView
+from cell.interfaces.perception import BenchView, PartDetector, PartsView
 from cell.interfaces.product import Product
+from cell.kinds import DETECTORS, WEIGHTS, kind_of, made
 from cell.remote.detecting import Detect, DetectByCamera, pixel_shape
 from cell.remote.worker import await_ready
 from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
-from cell.settings import LEARNED_KINDS, Perception
+from cell.settings import Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
 from learned.classical.box_model import check_image
-from learned.inference.onnx_model import OnnxModel
+from learned.inference.onnx_model import ModelCard, OnnxModel
 from learned.parts.lying_parts import LyingParts
 
-Maker = Callable[[Bench, Product, Mapping[str, Path]], Any]  # files as `Perception.networks` names them
-NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
 LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
 BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
 UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
 ERROR_SCORES = ("palm_p95_mm", "pinch_p95_mm")  # of the hand tracker's card
 UNKNOWN_ERROR_M = 0.06  # of a hand tracker whose card does not tell: what is farther off counts as not found
-
-
-def _actions(bench: Bench, product: Product, files: Mapping[str, Path], kind: str) -> ActionDetector:
-    from learned.actions.model import load_actions
-
-    return load_actions(bench, product, files["actions"], kind)
-
-
-def _plate(bench: Bench, product: Product, files: Mapping[str, Path]) -> HoleReader:
-    from learned.holes.model import PlateHoleReader
-
-    return PlateHoleReader.load(bench, product, files["holes"])
-
-
-def _centre(bench: Bench, product: Product, files: Mapping[str, Path]) -> PartDetector:
-    from learned.parts.model import CentrePartDetector
-
-    return CentrePartDetector.load(bench, product, files["parts"])
-
-
-def _rcnn(bench: Bench, product: Product, files: Mapping[str, Path]) -> PartDetector:
-    from learned.parts.boxes import BoxPartDetector
-
-    return BoxPartDetector.load(bench, product, files["parts"])
-
-
-def _slim_hands(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracker:
-    from learned.hands.model import slim_tracker
-
-    return slim_tracker(bench, product, files["hands"])
-
-
-def _mediapipe_hands(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracker:
-    from learned.hands.mediapipe.tracker import mediapipe_tracker
-
-    return mediapipe_tracker(bench, product, files["hands"], files["hands.closer"])
-
-
-TRAINED: Mapping[str, Mapping[str, Maker]] = {
-    "hands": {"slim": _slim_hands, "mediapipe": _mediapipe_hands},
-    "actions": {kind: partial(_actions, kind=kind) for kind in ("slim", "paper")},
-    "holes": {"plate": _plate},
-    "parts": {"centre": _centre, "rcnn": _rcnn},
-}
 
 
 SILENT_S = {"overhead": 0.5, "wrist": 1.0}  # so long a detector may take at real pace; then the cell holds
@@ -95,8 +45,8 @@ def detectors_of(
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
     """What answers overhead frames."""
-    made = Detectors(bench, product, perception)
-    return DetectorChain(bench, product, made.make("hands"), made.make("holes"), made.make("actions"))
+    detectors = Detectors(bench, product, perception)
+    return DetectorChain(bench, product, detectors.make("hands"), detectors.make("holes"), detectors.make("actions"))
 
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
@@ -130,27 +80,22 @@ class Detectors:
         Raises:
             SettingError: there is no such kind, or its weights are missing or do not fit the product.
         """
-        kind = self._perception.chosen(task).kind
-        if kind == "classical":
-            return self._with_crops(task, getattr(self._classical, task)())
-        maker = TRAINED[task].get(kind)
-        if maker is None:
-            legal = ", ".join(("classical", *TRAINED[task]))
-            raise SettingError((("perception", task), f"no detector of kind {kind!r}; legal: {legal}"))
+        perception, given = self._perception, {"bench": self._bench, "product": self._product}
+        chosen, folder = perception.chosen(task), perception.folder or WEIGHTS
         try:
-            made = maker(self._bench, self._product, self._perception.networks(task))
+            detector = made(task, chosen, folder, classical=self._classical, **given)
         except ModelError as error:
             raise SettingError((("perception", task), str(error))) from error
-        return self._with_crops(task, made)
+        return self._with_crops(task, detector)
 
-    def _with_crops(self, task: str, made: Any) -> Any:
+    def _with_crops(self, task: str, detector: Any) -> Any:
         """The part detector with the features of crops that a grasp planner wants; others as they are."""
         if task != "parts" or self._perception.crops is None:
-            return made
+            return detector
         from learned.grasp.crops import CropReader
 
         try:
-            return CropReader.load(made, self._bench, self._perception.crops)
+            return CropReader.load(detector, self._bench, self._perception.crops)
         except ModelError as error:
             raise SettingError((("planners", "grasp"), str(error))) from error
 
@@ -162,19 +107,19 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
     for. For another product they are classical, until somebody trains them. One that is chosen by itself stays.
 
     Raises:
-        SettingError: weights cannot be read.
+        SettingError: weights cannot be read, or there is no such kind.
     """
     if perception.kind != "learned":
         return perception, ""
     wanted = {"parts": tuple(product.parts), "positions": product.positions}
-    for task, kind in LEARNED_KINDS.items():
+    for task in DETECTORS:
         if getattr(perception, task) is not None:
             continue
         try:
-            path = perception.weights(task)
-            known = OnnxModel.load(path, f"{task}.{kind}").card.vocabulary
+            card, path = card_of(perception, task), perception.weights(task)
         except ModelError as error:
             raise SettingError((("perception", "kind"), str(error))) from error
+        known = {} if card is None else card.vocabulary
         for use, words in wanted.items():
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
@@ -206,16 +151,15 @@ def hand_error_m(perception: Perception) -> float:
 
 
 def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:
-    """Make each trained detector once, before any device is opened.
+    """Make each detector once, before any device is opened.
 
     Raises:
         SettingError: with every problem.
     """
-    made, problems = Detectors(bench, product, perception), []
-    for task in TRAINED:
+    detectors, problems = Detectors(bench, product, perception), []
+    for task in DETECTORS:
         try:
-            if perception.networks(task):
-                made.make(task)
+            detectors.make(task)
         except SettingError as error:
             problems += [place for place in error.places if place not in problems]
     if problems:
@@ -258,10 +202,22 @@ def _noted_ms(perception: Perception, task: str) -> float | None:
 
 
 def _scores(perception: Perception, task: str) -> Mapping[str, float]:
-    """Of a trained detector's card; empty where there is none."""
-    if (kind := perception.chosen(task).kind) in NO_CARD:
-        return {}
-    return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores
+    """What is known of a detector: by its model card, or by its class."""
+    card = card_of(perception, task)
+    return kind_of(task, perception.chosen(task)).scores if card is None else card.scores
+
+
+def card_of(perception: Perception, task: str) -> ModelCard | None:
+    """The model card of a detector; None where its kind has none.
+
+    Raises:
+        SettingError: there is no such kind.
+        ModelError: its weights cannot be read.
+    """
+    chosen = perception.chosen(task)
+    if not kind_of(task, chosen).card:
+        return None
+    return OnnxModel.load(perception.weights(task), f"{task}.{chosen.kind}").card
 
 
 @contextmanager

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from cell.configuration import Configuration
 from cell.device_settings import KINDS, NoPanel, OwnDevice, PagePanel, SimulatedDevice
 from cell.errors import CellError, DeviceFault, SettingError
-from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, DeviceCheck, Devices, EmptyPanel, Gripper, Panel, Signals
 from cell.interfaces.product import Product
 from cell.interfaces.robot import Calibration
+from cell.plugins import asked, attribute, found_by, lacking, offered_by_packages, settings_of
 from skills.drivers.settings import CALIBRATIONS, DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
 
 ENTRY_POINTS = "cell.devices"
@@ -38,10 +34,6 @@ AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are 
 VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
 PANELS = (NoPanel, PagePanel)  # the page is opened by who runs: it shows more than a panel
 TIMELESS = (*PANELS, RecordedSettings)
-
-
-class NoSettings(BaseModel):
-    """Of a driver that names no model of its settings."""
 
 
 @dataclass(frozen=True)
@@ -139,17 +131,11 @@ def _our_driver(role: str, device: Any) -> type:
         return EmptyPanel
     name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
     try:
-        found: type = _found(name)
+        found: type = attribute(name)
     except ImportError as error:
         what = f"the driver needs the package {error.name}: pip install 'bracket-cell[{EXTRAS.get(str(error.name))}]'"
         raise SettingError((_kind(role), what)) from error
     return found
-
-
-def _found(name: str) -> Any:
-    """What MODULE:NAME names."""
-    module, _, name = name.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 def examined(
@@ -166,7 +152,7 @@ def examined(
     }  # fmt: skip
     for role, driver in drivers.items():
         ours = EXAMINERS.get(type(driver.settings))  # type: ignore[arg-type]
-        look = getattr(driver.make, "examine", None) if ours is None else _found(ours)
+        look = getattr(driver.make, "examine", None) if ours is None else attribute(ours)
         if look is None:
             continue
         given = {**offered, "settings": driver.settings, "role": role}
@@ -205,7 +191,7 @@ def joints_by_hand(configuration: Configuration, product: Product) -> Iterator[C
     """
     reader = READERS.get(type(configuration.devices.arm))
     if reader is not None:
-        read = _found(reader)
+        read = attribute(reader)
         yield lambda: read(configuration.devices.arm)
         return
     with opened_alone(configuration, product, "arm") as (arm, _):
@@ -221,108 +207,21 @@ def own_calibration(configuration: Configuration) -> Calibration:
     read = CALIBRATIONS.get(type(configuration.devices.arm))
     if read is None:
         raise SettingError((_kind("arm"), "this arm tells no calibration of its own"))
-    found: Calibration = _found(read)(configuration.devices.arm)
+    found: Calibration = attribute(read)(configuration.devices.arm)
     return found
 
 
 def _own_driver(role: str, device: OwnDevice) -> Driver:
-    make = _class_of(role, device)
-    lacking = [name for name in _methods(PROTOCOLS[role]) if not callable(getattr(make, name, None))]
-    if lacking:
-        raise SettingError((_kind(role), f"{device.kind} lacks {', '.join(lacking)}; see `cell docs drivers`"))
-    return Driver(role, make, _settings_of(role, make, device), _asked(role, make))
-
-
-def _class_of(role: str, device: OwnDevice) -> type:
-    """The class of your own driver.
-
-    Raises:
-        SettingError: there is none.
-    """
-    module, _, name = device.kind.partition(":")
-    if not name:
-        points = entry_points(group=ENTRY_POINTS, name=device.kind)
-        if not points:
-            installed = sorted({point.name for point in entry_points(group=ENTRY_POINTS)})
-            legal = ", ".join((*KINDS[role], *installed))
-            what = f"no kind {device.kind!r} of {role}; legal: {legal}, or MODULE:CLASS"
-            raise SettingError((_kind(role), what))
-        module, _, name = next(iter(points)).value.partition(":")
-    found = getattr(_imported(role, module, device.folder), name, None)
-    if not isinstance(found, type):
-        raise SettingError((_kind(role), f"{module} has no class {name!r}"))
-    return found
-
-
-def _imported(role: str, module: str, folder: Path) -> Any:
-    """A module in the folder of the configuration, in the working folder, or installed.
-
-    Raises:
-        SettingError: there is none, or it cannot be loaded.
-    """
-    folders = [str(folder), str(Path.cwd())]
-    before = sys.path[:]
-    sys.path[:0] = folders
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        where = f"; looked for in {' and '.join(dict.fromkeys(folders))}" if error.name == module else ""
-        raise SettingError((_kind(role), f"no module {error.name!r}{where}")) from None
-    except (Exception, SystemExit) as error:  # a user's module may raise anything, or end the program
-        what = f"{module} cannot be loaded: {type(error).__name__}: {error}"
-        raise SettingError((_kind(role), what)) from error
-    finally:
-        sys.path[:] = [*before, *(one for one in folders if one not in before)]  # for what it imports later on
-
-
-def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
-    """What stands next to `kind`, as the driver's own model; paths are relative to the file.
-
-    Raises:
-        SettingError: with every problem.
-    """
-    model = getattr(make, "Settings", NoSettings)
-    if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        raise SettingError((_kind(role), f"{device.kind}.Settings is not a pydantic model"))
-    given, legal = device.settings, ("kind", *model.model_fields)
-    problems: list[tuple[tuple[str, ...], str]] = [
-        (("devices", role, name), f"unknown key {name!r}; {suggestion(name, legal)}")
-        for name in given
-        if name not in legal
-    ]
-    try:
-        read = model.model_validate({name: value for name, value in given.items() if name in legal})
-    except ValidationError as error:
-        for details in error.errors():
-            places = tuple(map(str, details["loc"]))
-            missing = details["type"] == "missing"
-            said = f"key {places[-1]!r} is missing" if missing else f"{'.'.join((role, *places))}: {details['msg']}"
-            problems.append((("devices", role, *places), said))
-    if problems:
-        raise SettingError(*problems)
-    paths = {name: device.folder / value for name, value in read if isinstance(value, Path)}
-    return read.model_copy(update=paths)
+    section, installed = ("devices", role), offered_by_packages(ENTRY_POINTS)
+    make = found_by(device.kind, installed, section, device.folder, KINDS[role])
+    if missing := lacking(make, PROTOCOLS[role], "close"):
+        raise SettingError((_kind(role), f"{device.kind} lacks {', '.join(missing)}; see `cell docs drivers`"))
+    settings = settings_of(make, device.kind, device.settings, section, device.folder)
+    return Driver(role, make, settings, _asked(role, make))
 
 
 def _asked(role: str, make: Callable[..., Any]) -> tuple[str, ...]:
-    """What a driver's constructor wants, by the names of its parameters.
-
-    Raises:
-        SettingError: it wants something that there is not.
-    """
-    parameters = inspect.signature(make).parameters.values()
-    named = [one for one in parameters if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
-    unknown = [one.name for one in named if one.name not in OFFERED and one.default is one.empty]
-    if unknown:
-        what = f"the driver asks for {', '.join(unknown)}; there is: {', '.join(OFFERED)}"
-        raise SettingError((_kind(role), what))
-    return tuple(one.name for one in named if one.name in OFFERED)
-
-
-def _methods(protocol: type) -> list[str]:
-    """What a driver must be able to do."""
-    own = [name for name, value in vars(protocol).items() if callable(value) and not name.startswith("_")]
-    return list(dict.fromkeys((*own, "close")))
+    return asked(make, OFFERED, ("devices", role), "driver")
 
 
 def _refuse_mixture(configuration: Configuration, drivers: Drivers) -> None:

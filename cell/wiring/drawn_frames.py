@@ -45,8 +45,8 @@ def tray_scenes(
     Args:
         mixed: some parts lie or are stacked, some objects are unknown.
     """
+    from cell.files.data_folder import DataFolder
     from learned.parts.data import load_scenes
-    from sim.data.folder import DataFolder
     from sim.data.objects import write_objects
 
     settings = settings_of(configuration.devices.simulation)

@@ -14,8 +14,9 @@ import numpy as np
 from cell.configuration import Configuration
 from cell.interfaces.frame import Frame
 from cell.interfaces.product import Product
+from cell.kinds import kind_of
 from cell.settings import Perception
-from cell.wiring.detectors import LATENCY_SCORE, NO_CARD, Detectors, tray_view
+from cell.wiring.detectors import LATENCY_SCORE, Detectors, tray_view
 from cell.wiring.drawn_frames import overhead_frames, tray_scenes
 from learned.bench_watcher import DetectorChain
 from learned.inference.onnx_model import CARD_KEY, ModelCard, save_onnx
@@ -77,7 +78,7 @@ def note_latencies(perception: Perception, found: Mapping[str, float]) -> list[P
     """Write p95 [ms] by detector onto the cards of the trained ones; returns the files."""
     written = []
     for name, value in found.items():
-        if perception.chosen(name).kind in NO_CARD:
+        if not kind_of(name, perception.chosen(name)).card:
             continue
         written.append(perception.weights(name))
         note_scores(written[-1], {LATENCY_SCORE: round(value, 2)})

@@ -15,13 +15,14 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
+from cell.kinds import made
 from cell.settings import Perception
-from learned.grasp.model import load_grasp_planner
-from learned.inference.onnx_model import OnnxModel
+from cell.wiring.detectors import card_of
+from learned.grasp.model import RulePlanner
 from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Layout
-from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.model import BayesPlanner, FactoredPlanner
 from learned.semantic.risk import act_probability
 from skills.motion.planner import MotionPlanner
 from trees.engine.outside import LoggedAnswers
@@ -67,9 +68,7 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     Raises:
         SettingError: weights are missing or do not fit the product, or there is no such kind; all are reported at once.
     """
-    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
-    assert semantic.weights is not None
-    assert grasp.weights is not None
+    semantic = configuration.planners.semantic
 
     def load_semantic() -> tuple[SemanticPlanner, SemanticPlanner, OpenGoals, Confusions | None]:
         goals = OpenGoals.of(product, semantic.new_goals)
@@ -78,25 +77,26 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
         layout = Layout.of(product)
         path = semantic.confusions
         confusions = _told(configuration.perception, layout) if path is None else Confusions.load(path, layout)
-        chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
-        return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals, confusions
+        chosen = made("semantic", semantic, product=product, goals=goals, confusions=confusions)
+        return chosen, BayesPlanner(product, goals, confusions), goals, confusions
 
     loaders: dict[str, Callable[[], Any]] = {
         "semantic": load_semantic,
-        "grasp": partial(load_grasp_planner, grasp.kind, grasp.weights, product),
+        "grasp": partial(made, "grasp", configuration.planners.grasp, product=product),
     }
     loaded: dict[str, Any] = {}
-    problems: list[tuple[tuple[str, ...], str]] = []
+    problems: list[tuple[tuple[str | int, ...], str]] = []
     for name, load in loaders.items():
         try:
             loaded[name] = load()
+        except SettingError as error:
+            problems += error.places
         except (InputError, ModelError) as error:
             problems.append((("planners", name), str(error)))
     if problems:
         raise SettingError(*problems)
     chosen, rule, goals, confusions = loaded["semantic"]
-    rule_grasp = load_grasp_planner("rule", grasp.weights, product)
-    return Planners(chosen, rule, loaded["grasp"], rule_grasp, goals.product, goals, confusions)
+    return Planners(chosen, rule, loaded["grasp"], RulePlanner(product), goals.product, goals, confusions)
 
 
 def _told(perception: Perception, layout: Layout) -> Confusions | None:
@@ -105,10 +105,8 @@ def _told(perception: Perception, layout: Layout) -> Confusions | None:
     Raises:
         ModelError: its weights cannot be read.
     """
-    kind = perception.chosen("actions").kind
-    if kind == "classical":
-        return None
-    told = OnnxModel.load(perception.weights("actions"), f"actions.{kind}").card.config.get("confusion")
+    card = card_of(perception, "actions")
+    told = None if card is None else card.config.get("confusion")
     return Confusions.counted(layout, told["classes"], told["counts"]) if isinstance(told, dict) else None
 
 

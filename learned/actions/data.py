@@ -27,7 +27,7 @@ from learned.actions.segments import (
 )
 from learned.actions.settings import WHOLE_FRAMES, Classes
 from learned.actions.variation import KEPT_PX, OtherCamera, Variation, cut_out, varied_track
-from learned.training.rows import EXPORT, SampleRow, SegmentRow, TrueAction, read_rows
+from learned.records import EXPORT, SampleRow, SegmentRow, TrueAction, read_rows
 
 RATE_HZ = 15.0  # of the paper's camera
 

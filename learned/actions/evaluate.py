@@ -8,23 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.perception import ActionKind
 from learned.actions.data import Segments, asked
-from learned.actions.segments import SegmentReader
-from learned.actions.settings import KINDS, Classes
+from learned.actions.events import Floats
+from learned.actions.segments import SegmentReader, known_features, posterior_of
+from learned.actions.settings import Classes
 from learned.actions.variation import Variation
-from learned.inference.onnx_model import ModelCard, Network
+from learned.inference.onnx_model import Network
 
 BATCH = 64
-FIRST_FEATURES = 6  # of cards that do not say how many
 TIMED = 200  # answers whose time is taken
 TIME_AXIS = {"track": 2, "frames": 1}
 # What a tracker adds to segments that are not trained on.
 TRACKER = Variation(worse=0.0, shift_px=1.5, gain=0.0, blank=0.0, flat=0.0, retaken=0.0, covered=0.0)
-# Training shows assemblies far more often than they are met with. These are half of the way back, in logarithms: all of
-# it would hide assemblies of which little is seen. Chosen on validation recordings by physics.
-MORE_OFTEN: dict[ActionKind, float] = {"screw": 1.0, "transit": 2.0, "idle": 1.65}
-Floats = NDArray[np.float64]
 
 
 def answers(
@@ -78,19 +73,6 @@ def _shuffled(values: NDArray[Any], name: str, rng: np.random.Generator) -> NDAr
     """Each segment's frames in another order."""
     axis = TIME_AXIS[name]
     return np.stack([rng.permutation(one, axis=axis - 1) for one in values])
-
-
-def known_features(card: ModelCard, track: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Of the features of tracks (n, features, frames) those that a network was trained with: old ones know fewer."""
-    return track[:, : int(str(card.config.get("track_features", FIRST_FEATURES)))]
-
-
-def posterior_of(logits: NDArray[np.float32]) -> Floats:
-    """Softmax over the last axis, the classes, corrected for how often they are met with (Saerens 2002)."""
-    raised = np.exp(logits.astype(float) - logits.max(axis=-1, keepdims=True))
-    raised[..., -len(KINDS) :] *= [MORE_OFTEN[kind] for kind in KINDS]
-    found: Floats = raised / raised.sum(axis=-1, keepdims=True)
-    return found
 
 
 def class_scores(segments: Segments, posterior: Floats, classes: Classes) -> dict[str, float]:

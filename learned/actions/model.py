@@ -11,10 +11,9 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Action, HoleView, Segment
 from cell.interfaces.product import Product
-from learned.actions.evaluate import Floats, known_features, posterior_of
-from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
+from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
 from learned.actions.hole_events import DroppedParts, FilledHoles, seen_unfilled
-from learned.actions.segments import SegmentReader
+from learned.actions.segments import SegmentReader, known_features, posterior_of
 from learned.actions.settings import WHOLE_FRAMES, Classes
 from learned.inference.onnx_model import OnnxModel
 

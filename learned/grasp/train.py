@@ -24,11 +24,11 @@ from learned.grasp.evaluate import Look, embedded, evaluate_grasp, evaluate_scen
 from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import words_of
-from learned.grasp.model import load_grasp_planner
 from learned.grasp.network import PairNet, pair_data
 from learned.grasp.noise_augmentation import SCENES_EACH, observed_again, random_scenes, with_random_parts
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.paper import PaperNet, graph_data
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, PairwiseSettings, PaperSettings, TrainingSettings
 from learned.inference.onnx_model import ModelCard, Network

@@ -10,10 +10,11 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.data import HandRow, LabelledFrame
+from learned.hands.data import LabelledFrame
 from learned.hands.reading import HandReader, Reading
+from learned.hands.records import HandRow
 from learned.inference.scores import ScoreCounter, latencies
-from learned.training.still_dataset import read_image
+from learned.records import read_image
 
 FOUND_M = 0.06
 LEAST_VISIBLE, EDGE_PX = 0.5, 8.0

@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.errors import ModelError
 from cell.interfaces.bench import Bench, CameraSetup
+from cell.interfaces.planning import weights_file
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.hands.height import PalmLength
@@ -59,13 +60,19 @@ def refiner_file(path: Path) -> Path:
     return path.with_name(f"{path.stem}_refiner{path.suffix}")
 
 
-def slim_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
+def slim_files(weights: Path | None, folder: Path) -> dict[str, Path]:
+    """All files of the tracker; by default those of a folder."""
+    reader = weights or folder / weights_file("hands", "slim")
+    return {"hands": reader, "hands.finder": finder_file(reader), "hands.refiner": refiner_file(reader)}
+
+
+def slim_tracker(bench: Bench, product: Product, weights: Path) -> HandTracks:
     """The tracker with the weights of a file.
 
     Raises:
         ModelError: the file, or the one beside it, cannot be used.
     """
-    reader = SlimReader(bench.overhead, tuple(product.parts), path)
+    reader = SlimReader(bench.overhead, tuple(product.parts), weights)
     return HandTracks(bench, reader, reader.palm_length, NEW_CONFIDENCE)
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from learned.holes.data import Hole, Plate
+from learned.holes.data import Plate
 from learned.holes.model import Reading
+from learned.holes.records import Hole
 from learned.inference.scores import wilson
 
 BARE, COVERED = 0.04, 0.15  # share hidden up to which an answer is due, and from which none is

@@ -139,13 +139,13 @@ class PlateHoleReader:
         self._views: dict[str, HoleView] = {}
 
     @staticmethod
-    def load(bench: Bench, product: Product, path: Path) -> PlateHoleReader:
+    def load(bench: Bench, product: Product, weights: Path) -> PlateHoleReader:
         """With the network of a file.
 
         Raises:
             ModelError: the file is missing, damaged, of another kind, or trained for other parts.
         """
-        return PlateHoleReader(bench, product, OnnxModel.load(path, KIND))
+        return PlateHoleReader(bench, product, OnnxModel.load(weights, KIND))
 
     def prepare(self, image: Image) -> None:
         """Look at the holes before anybody asks."""

@@ -13,7 +13,7 @@ import numpy as np
 from cell.errors import InputError
 from cell.interfaces.pose import Array
 from learned.hands.mediapipe.hands import MIDDLE_BASE, WRIST, MediaPipeHands
-from learned.training.still_dataset import read_image
+from learned.records import read_image
 
 Truth = dict[str, list[Array]]
 

@@ -26,15 +26,8 @@ from learned.lab.semantic_optimum import Joint, exact_joint, run_states, uniform
 from learned.semantic.data import states_of
 from learned.semantic.evaluate import Answers, success, under_noise
 from learned.semantic.graph import Layout
-from learned.semantic.scenarios import (
-    TRAIN_RATIO,
-    Scenarios,
-    from_the_right,
-    sampled,
-    scenarios,
-    split,
-    sub_demonstrations,
-)
+from learned.semantic.misdetection import Scenarios
+from learned.semantic.scenarios import TRAIN_RATIO, from_the_right, sampled, scenarios, split, sub_demonstrations
 from learned.semantic.settings import DETECTION_ERROR, FactoredSettings, PaperSettings
 from learned.semantic.train import Settings
 

@@ -7,8 +7,9 @@ from pydantic import Field
 
 from cell.files.model import Model
 from cell.interfaces.product import Product
-from learned.semantic.data import Demonstration, PlacementRecord, demonstrations_of
+from learned.semantic.data import demonstrations_of
 from learned.semantic.graph import Floats, Layout
+from learned.semantic.records import Demonstration, PlacementRecord
 from learned.semantic.scenarios import Demonstrators, scenarios
 
 

@@ -15,8 +15,9 @@ from learned.lab.paper.htn import HtnPlanner
 from learned.lab.semantic_optimum import Joint, best_coverage, trade_off
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
 from learned.semantic.graph import Bools, Floats, Layout
-from learned.semantic.model import BayesPlanner, FactoredPlanner, PaperPlanner
-from learned.semantic.scenarios import Scenarios
+from learned.semantic.misdetection import Scenarios
+from learned.semantic.model import BayesPlanner, FactoredPlanner
+from learned.semantic.paper_planner import PaperPlanner
 from learned.semantic.settings import FactoredSettings, PaperSettings
 from learned.semantic.train import OUTPUTS, Settings, train_network
 from learned.training.torch_model import TorchModel

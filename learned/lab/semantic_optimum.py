@@ -9,8 +9,8 @@ from math import comb
 import numpy as np
 
 from learned.lab.semantic_demonstrators import set_probabilities
-from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
-from learned.semantic.scenarios import Demonstrators, action_pairs
+from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout, action_pairs
+from learned.semantic.scenarios import Demonstrators
 
 LEAST = 1e-12  # less probable reports are left out
 

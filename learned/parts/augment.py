@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
 from learned.inference.exposure import POOR, levelled, spoiled
-from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.data import Label, Scene
 from learned.parts.maps import (
     AXIS,
     BOX,
@@ -25,6 +25,7 @@ from learned.parts.maps import (
     STRIDE,
     UPRIGHT,
 )
+from learned.parts.records import UNKNOWN
 
 NEAREST = 1  # cells around a middle that learn to point at it
 LEAST_SHOWN = 0.03  # share of its box; less of a thing is neither right nor wrong

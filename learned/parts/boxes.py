@@ -39,6 +39,12 @@ def pose_file_of(regions: Path) -> Path:
     return beside if beside.is_file() else shipped("learned", "weights", beside.name)
 
 
+def box_files(weights: Path | None, folder: Path) -> dict[str, Path]:
+    """All files of the detector; by default those of a folder."""
+    regions = weights or folder / weights_file("parts", "rcnn")
+    return {"parts": regions, "parts.head": head_file(regions), "parts.pose": pose_file_of(regions)}
+
+
 class BoxPartDetector(PosedPartDetector):
     """By Faster R-CNN, whose boxes tell no direction: the pose net tries TURNS of them for each."""
 
@@ -47,14 +53,14 @@ class BoxPartDetector(PosedPartDetector):
         self._regions, self._head = regions, head
 
     @staticmethod
-    def load(bench: Bench, product: Product, path: Path) -> BoxPartDetector:
+    def load(bench: Bench, product: Product, weights: Path) -> BoxPartDetector:
         """With the networks of three files: the first stage's, the second's beside it, and a pose net's.
 
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        first, second = OnnxModel.load(path, KIND), OnnxModel.load(head_file(path), HEAD_KIND)
-        return BoxPartDetector(bench, product, first, second, OnnxModel.load(pose_file_of(path), POSE_KIND))
+        first, second = OnnxModel.load(weights, KIND), OnnxModel.load(head_file(weights), HEAD_KIND)
+        return BoxPartDetector(bench, product, first, second, OnnxModel.load(pose_file_of(weights), POSE_KIND))
 
     def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
         first = self._regions.run({"image": network_input(image)})

@@ -5,49 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
-from pydantic import Field
 
-from cell.files.model import Model
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import PartType, Product
-from cell.interfaces.solid import Solid
-from learned.training.rows import Box, PoseRow, Vector, one_of
-from learned.training.still_dataset import Still, StillRow, load_stills
+from cell.interfaces.product import Product
+from learned.parts.maps import surface_of
+from learned.parts.records import UNKNOWN, PartRow, TrayRow
+from learned.records import one_of
+from learned.training.still_dataset import Still, load_stills
 
-UNKNOWN = "unknown"
 AXIS_M = 0.01  # way along a part's x axis that is projected
 NEAREST_M = 0.02  # to the camera, of a part that can be seen
-
-
-class PartRow(Model):
-    """A thing in an image; of a person's own pictures its type and its box are enough.
-
-    Attributes:
-        part: its type, or "unknown".
-        posture, world_from_part: how and where it really is; None where nobody knows.
-        on: rows of this image that carry it.
-        box_px, visible_px: around what is seen of it, and how many pixels that are.
-        whole_box_px: (left, top, right, bottom) of all of it, what others hide included; None where it is out of view.
-    """
-
-    part: str
-    posture: Literal["upright", "lying"] | None = None
-    world_from_part: PoseRow | None = None
-    on: tuple[int, ...] = ()
-    size_m: Vector | None = None
-    box_px: Box | None = None
-    visible_px: int | None = Field(default=None, ge=0)
-    whole_box_px: Box | None
-
-
-class TrayRow(StillRow):
-    """An image of the tray, and everything in it."""
-
-    parts: tuple[PartRow, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +102,3 @@ def _label(number: int, entry: PartRow, still: Still, product: Product) -> Label
     shown = 1.0 if entry.visible_px is None else entry.visible_px / max((right - left) * (bottom - top), 1)
     upright = None if entry.posture is None else entry.posture == "upright"
     return Label(entry.part, pose, upright, outline, centre, axis, shown)
-
-
-def surface_of(kind: PartType) -> Array:
-    """Points (n, 3) that the outlines of a part's body and peg go through, in the part's frame."""
-    diameter, length = kind.peg_diameter_m, kind.peg_length_m
-    peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
-    points: Array = np.concatenate([solid.points() for solid in (*kind.solids, peg)])
-    return points

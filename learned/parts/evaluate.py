@@ -12,8 +12,9 @@ import numpy as np
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import PartDetection, PartDetector
 from cell.interfaces.product import Product
-from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.data import Label, Scene
 from learned.parts.maps import overlap
+from learned.parts.records import UNKNOWN
 
 IOU = tuple(0.5 + 0.05 * step for step in range(10))
 NEAREST_M = 0.02  # a standing part is compared with the nearest found one of its type up to here

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import PartType
+from cell.interfaces.solid import Solid
 
 INPUT_PX = (320, 240)
 STRIDE = 4
@@ -162,3 +164,11 @@ def half_turned(crops: Crops) -> Crops:
     turned = crops[..., ::-1, ::-1].copy()
     turned[:, 3:] *= -1
     return turned
+
+
+def surface_of(kind: PartType) -> Array:
+    """Points (n, 3) that the outlines of a part's body and peg go through, in the part's frame."""
+    diameter, length = kind.peg_diameter_m, kind.peg_length_m
+    peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
+    points: Array = np.concatenate([solid.points() for solid in (*kind.solids, peg)])
+    return points

@@ -15,13 +15,14 @@ from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.planning import weights_file
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from cell.interfaces.resting_pose import over_floor_m
 from learned.inference.exposure import levelled
 from learned.inference.onnx_model import Network, OnnxModel
-from learned.parts.data import UNKNOWN, surface_of
-from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks
+from learned.parts.maps import INPUT_PX, Peak, crops_of, half_turned, network_input, overlap, peaks, surface_of
+from learned.parts.records import UNKNOWN
 from learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
@@ -42,6 +43,13 @@ SAME_BOX = 0.5  # intersection over union, from which something else is the same
 def pose_file(centre: Path) -> Path:
     """Where the pose net is that belongs to a centre net."""
     return centre.with_name(f"{centre.stem}_pose{centre.suffix}")
+
+
+def centre_files(weights: Path | None, folder: Path) -> dict[str, Path]:
+    """All files of the detector by the centre net; by default those of a folder."""
+    centre = weights or folder / weights_file("parts", "centre")
+    stacked = {"parts.stacked": file} if (file := stacked_file(centre)).is_file() else {}
+    return {"parts": centre, "parts.pose": pose_file(centre), **stacked}
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,14 +279,14 @@ class CentrePartDetector(PosedPartDetector):
         self._centre = centre
 
     @staticmethod
-    def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
+    def load(bench: Bench, product: Product, weights: Path) -> CentrePartDetector:
         """With the networks of a file and those beside it: the pose net, and what tells of stacks where that is there.
 
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        centre, pose = OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
-        stacked = stacked_file(path)
+        centre, pose = OnnxModel.load(weights, CENTRE_KIND), OnnxModel.load(pose_file(weights), POSE_KIND)
+        stacked = stacked_file(weights)
         stacks = StackReader.load(product.parts, stacked) if stacked.is_file() else None
         return CentrePartDetector(bench, product, centre, pose, stacks)
 

@@ -28,9 +28,10 @@ from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, levelled, spoiled
 from learned.inference.onnx_model import Inputs
 from learned.parts.boxes import HEAD_KIND, KIND, REGIONS, head_file
-from learned.parts.data import UNKNOWN, Scene
+from learned.parts.data import Scene
 from learned.parts.evaluate import LEAST_SHOWN
 from learned.parts.maps import INPUT_PX, network_input
+from learned.parts.records import UNKNOWN
 from learned.parts.settings import NARROW, RcnnTraining
 from learned.training.recipe import Recipe, Task
 from learned.training.still_dataset import data_hash

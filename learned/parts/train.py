@@ -17,10 +17,11 @@ from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, mean_level, spoiled
 from learned.inference.onnx_model import Inputs, OnnxModel
 from learned.parts.augment import sample
-from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.data import Label, Scene
 from learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
 from learned.parts.model import CENTRE_KIND, POSE_KIND, pose_file
 from learned.parts.network import CentreAnswer, CentreNet, PoseNet
+from learned.parts.records import UNKNOWN
 from learned.parts.settings import CentreTraining, PoseTraining
 from learned.training.recipe import Recipe, Task, checkpoint_of, on_examples
 from learned.training.still_dataset import data_hash

@@ -17,10 +17,11 @@ from cell.interfaces.resting_pose import lies_raised
 from learned.inference.exposure import POOR, mean_level, spoiled
 from learned.inference.onnx_model import Inputs, Network
 from learned.parts.augment import turned
-from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.data import Label, Scene
 from learned.parts.maps import INPUT_PX, PLANES, Peak, overlap, peaks
 from learned.parts.model import AXIS_PX, LEAST_SCORE
 from learned.parts.network import StackNet
+from learned.parts.records import UNKNOWN
 from learned.parts.settings import StackTraining
 from learned.parts.stacked import CROP_PX, STACKED_KIND, stack_crops
 from learned.training.recipe import Recipe, Task, on_examples

@@ -19,10 +19,9 @@ from pydantic import Field, ValidationError
 from cell.errors import InputError, Place, Problem
 from cell.files.files import write_whole
 from cell.files.model import Model
-from learned.semantic.graph import Bools, Floats, Ints, Layout
-from learned.semantic.scenarios import action_pairs
+from learned.records import EXPORT, DetectedAction, SegmentRow, read_rows
+from learned.semantic.graph import Bools, Floats, Ints, Layout, action_pairs
 from learned.semantic.settings import DETECTION_ERROR
-from learned.training.rows import EXPORT, DetectedAction, SegmentRow, read_rows
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)

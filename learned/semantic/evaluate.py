@@ -9,15 +9,15 @@ import numpy as np
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.model import FactoredPlanner, PaperPlanner
+from learned.semantic.misdetection import Scenarios, misdetect
+from learned.semantic.model import FactoredPlanner
+from learned.semantic.paper_planner import PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
     Demonstrators,
-    Scenarios,
     bound,
     consistent,
     from_the_right,
-    misdetect,
     runs,
     scenarios,
     split,

@@ -106,3 +106,9 @@ def one_hot(seen: Ints, parts: int) -> Floats:
     """Edges (..., n, m) of rows (..., m) of part types, none where a position is EMPTY."""
     edges: Floats = (seen[..., None, :] == np.arange(parts)[:, None]).astype(np.float32)
     return edges
+
+
+def action_pairs(layout: Layout) -> list[tuple[int, int]]:
+    """The assembly actions that a detector knows: every (part type, position) of some goal, sorted."""
+    positions = range(len(layout.positions))
+    return sorted({(int(row[position]), position) for row in layout.types for position in positions})

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 
-from cell.errors import InputError, ModelError
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, SemanticPlanner
+from cell.errors import ModelError
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard, Network, OnnxModel
 from learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
 from learned.semantic.goals import OpenGoals
-from learned.semantic.graph import Floats, Ints, Layout
+from learned.semantic.graph import Floats, Layout
 from learned.semantic.posterior import (
     BayesPosterior,
     Likelihood,
@@ -27,7 +26,6 @@ from learned.semantic.posterior import (
 )
 from learned.semantic.settings import DETECTION_ERROR
 
-SemanticKind = Literal["auto", "paper", "factored", "bayes"]
 FACTORED_OUTPUTS = ("goals", "still_open", "wanted", "prior", "usual", "following")
 LEAST_BELIEF = 1e-9  # placements believed less are left out of the answer
 SURE = 0.9  # placements of a goal that nobody knows are planned from this probability on
@@ -52,43 +50,29 @@ class Answer:
 
 def load_semantic_planner(
     kind: str,
-    path: Path | None,
+    weights: Path,
     product: Product,
     goals: OpenGoals | None = None,
     confusions: Confusions | None = None,
-) -> SemanticPlanner:
-    """The planner that the configuration names.
+) -> FactoredPlanner | BayesPlanner:
+    """The planner of a file of weights.
 
     Args:
-        kind: "paper", "factored", or "bayes", which has no weights and ignores `path`; "auto" is "factored"
-            where its weights are of this product, else "bayes", which is as good where nobody's habits were recorded.
-        path: weights from `cell train --only semantic`.
-        goals: learned beside the product's own; `paper` knows only those that it was trained on.
-        confusions: what the action detector takes for what; read by `factored` and `bayes`.
+        kind: "factored", or "auto": that where the weights are of this product, else `BayesPlanner`, which is as good
+            where nobody's habits were recorded.
+        weights: from `cell train --only semantic`.
+        goals: learned beside the product's own.
+        confusions: what the action detector takes for what.
 
     Raises:
-        InputError: no such kind.
         ModelError: the weights are missing, damaged, of another kind, trained for another product, or cannot answer.
     """
-    if kind == "bayes":
+    model, wanted = OnnxModel.load(weights, "semantic.factored"), Layout.of(product).vocabulary
+    if kind == "auto" and model.card.vocabulary != wanted:
         return BayesPlanner(product, goals, confusions)
-    if kind == "auto":
-        kind = "factored"
-        if path is None or OnnxModel.load(path, "semantic.factored").card.vocabulary != Layout.of(product).vocabulary:
-            return BayesPlanner(product, goals, confusions)
-    if kind not in get_args(SemanticKind):
-        raise InputError(f"no semantic planner {kind!r}; there are {', '.join(get_args(SemanticKind))}")
-    if path is None:
-        raise InputError(f"the semantic planner {kind!r} needs a weights file: `cell train --only semantic`")
-    model = OnnxModel.load(path, f"semantic.{kind}")
-    wanted = Layout.of(product).vocabulary
-    known = model.card.vocabulary.get("goals", ())
-    if kind == "paper" and set(wanted["goals"]) <= set(known):
-        wanted = {**wanted, "goals": known}  # fewer than it was trained for
     for use, words in wanted.items():
         model.require_vocabulary(use, words)
-    planner: SemanticPlanner
-    planner = PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model, goals, confusions)
+    planner = FactoredPlanner(product, model, goals, confusions)
     planner.plan(AssemblyState({}))  # weights that cannot answer at all fail here, before anything moves
     return planner
 
@@ -191,41 +175,6 @@ class FactoredPlanner(LearnedPlanner):
         return replace(alike, goals=alike.goals * goals, still_open=alike.still_open * still_open)
 
 
-class PaperPlanner(LearnedPlanner):
-    """The paper's graph network and LSTM decoder; plans are decoded once for every goal and mixed by belief.
-
-    The product may have fewer goals than the network was trained for.
-    """
-
-    def __init__(self, product: Product, model: Network) -> None:
-        super().__init__(product, model)
-        known, wanted = model.card.vocabulary["goals"], self.layout.vocabulary["goals"]
-        self._goals = [known.index(goal) for goal in wanted]
-
-    def plan(self, state: AssemblyState) -> AssemblyPlan:
-        edges = self.layout.encode(state)
-        found = {name: values[self._goals] for name, values in self._model.run({"edges": edges}).items()}
-        belief, words = found["belief"] / max(float(found["belief"].sum()), LEAST_BELIEF), found["words"]
-        placements = np.tensordot(belief, wanted_by_words(self.layout, words), 1) * (1.0 - edges.any(axis=0))
-        guidance = _read(self.layout, words[int(np.argmax(belief))])
-        return assembly_plan(self.layout, edges, Answer(belief, placements, belief @ found["following"], guidance))
-
-
-def wanted_by_words(layout: Layout, words: Ints) -> Floats:
-    """(z, n, m) from decoded words (z, n, T): one where a plan names a position before its end.
-
-    Plans are decoded object by object; a position that several of a goal's plans name is shared among them.
-    """
-    goals, parts, _ = words.shape
-    saying = (words != len(layout.words) - 1).cumprod(axis=2).astype(bool)
-    wanted = np.zeros((goals, parts, len(layout.words)), np.float32)
-    goal, part, step = np.nonzero(saying)
-    wanted[goal, part, words[goal, part, step]] = 1.0
-    wanted = wanted[:, :, parts:-1]
-    shared: Floats = wanted / np.maximum(wanted.sum(axis=1, keepdims=True), 1.0)
-    return shared
-
-
 def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, following: Floats) -> Answer:
     """A posterior with the plans of its most probable goal; `wanted` (z, n, m), `following` (z, n).
 
@@ -266,16 +215,6 @@ def templated_guidance(layout: Layout, edges: Floats, wanted: Floats) -> dict[st
     return {
         name: tuple(layout.positions[i] for i in still if types[i] == part) for part, name in enumerate(layout.parts)
     }
-
-
-def _read(layout: Layout, words: Ints) -> dict[str, tuple[str, ...]]:
-    """Guidance as decoded (n, T), word for word up to the end of each plan; the guard judges it."""
-    end = len(layout.words) - 1
-    plans = {}
-    for name, row in zip(layout.parts, words.tolist(), strict=True):
-        length = row.index(end) if end in row else len(row)
-        plans[name] = tuple(layout.words[word] for word in row[:length])
-    return plans
 
 
 def assembly_plan(layout: Layout, edges: Floats, answer: Answer) -> AssemblyPlan:

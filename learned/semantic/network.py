@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from learned.semantic.graph import EMPTY, Layout
+from learned.semantic.misdetection import Scenarios
 from learned.semantic.posterior import Noise
-from learned.semantic.scenarios import Scenarios
 from learned.semantic.settings import FactoredSettings
 
 SHARPNESS = 5.0  # scale of the slot table's parameters: one rate suits them and the rest, and slots become certain

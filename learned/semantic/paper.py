@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from learned.semantic.graph import EMPTY, Ints, Layout, one_hot
-from learned.semantic.scenarios import Scenarios
+from learned.semantic.misdetection import Scenarios
 from learned.semantic.settings import PaperSettings
 
 IGNORED = -100  # label of what no loss looks at, as cross_entropy has it

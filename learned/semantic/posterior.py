@@ -10,8 +10,7 @@ import numpy as np
 
 from cell.errors import ModelError
 from learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
-from learned.semantic.graph import Floats, Layout
-from learned.semantic.scenarios import action_pairs
+from learned.semantic.graph import Floats, Layout, action_pairs
 from learned.semantic.settings import DETECTION_ERROR
 
 

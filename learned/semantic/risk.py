@@ -14,8 +14,8 @@ from cell.interfaces.planning import UNKNOWN_GOAL
 from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
+from learned.semantic.misdetection import Scenarios, misdetect
 from learned.semantic.model import BayesPlanner, FactoredPlanner
-from learned.semantic.scenarios import Scenarios, misdetect
 
 STATES = 90  # drawn states: some 30 ms
 NONE_OF_THESE = 0.5  # from this belief on the robot asks instead of acting

@@ -14,13 +14,15 @@ from torch import Tensor, nn
 
 from cell.errors import InputError
 from cell.interfaces.product import Product
-from learned.semantic.data import load_demonstrations, states_of
+from learned.semantic.data import states_of
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.misdetection import Scenarios, misdetect
 from learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, factored_loss, goal_prior
 from learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
-from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, misdetect, scenarios, split, sub_demonstrations
+from learned.semantic.paper_planner import load_semantic_planner
+from learned.semantic.records import load_demonstrations
+from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
 from learned.semantic.settings import FactoredSettings, PaperSettings
 from learned.training.recipe import Recipe, Task
 

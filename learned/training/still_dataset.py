@@ -8,30 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import InputError
-from cell.files.model import Model
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
-from learned.training.rows import CameraRow, PoseRow, read_rows
-
-
-class StillRow(Model):
-    """An image and how it was taken.
-
-    Attributes:
-        log: the recording that it is of; images of one are learned from together or not at all.
-        world_from_camera: where the camera was believed to be.
-    """
-
-    file: str
-    log: str
-    camera: str = ""
-    true_camera: CameraRow
-    world_from_camera: PoseRow
+from learned.records import StillRow, read_image, read_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +60,6 @@ def load_stills(
 
         stills += read_rows(folder / f"{what}.jsonl", row, made, header=f"cell.{what}", how=how)
     return stills
-
-
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """An image file as RGB.
-
-    Raises:
-        InputError: it is missing or damaged.
-    """
-    read = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if read is None:
-        raise InputError(f"{path}: is not an image, or is not there")
-    return np.ascontiguousarray(read[..., ::-1], np.uint8)
 
 
 def data_hash(stills: Sequence[Still]) -> str:

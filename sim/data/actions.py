@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.files.data_folder import DataFolder
 from cell.interfaces.hand_window import hand_window, last_at_hole, seen_frames, small_frame, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES, HandTracker
 from cell.interfaces.pose import Array
-from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
 from sim.data.placed import holes_of
 from sim.data.recording import CAMERA, Assembly, Source

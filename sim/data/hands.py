@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.files.data_folder import DataFolder
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import Side
 from cell.interfaces.pose import Array
-from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment, Source
 from sim.data.sight import (
     CAMERA_POSITIONS,

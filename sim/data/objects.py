@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.files.data_folder import DataFolder
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.data.folder import DataFolder
 from sim.data.sight import Masks, Projection, box_of, told_pose, true_camera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import ScenePoses, visible_poses

@@ -11,12 +11,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.files.data_folder import DataFolder
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.data.actions import COVERED_BY
 from sim.data.fallen import FallenParts, tilted
-from sim.data.folder import DataFolder
 from sim.data.sight import Masks, Projection, told_pose, true_camera
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import ScenePoses, visible_poses

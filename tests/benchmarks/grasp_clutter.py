@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 
 from learned.grasp.evaluate import evaluate_scenes
-from learned.grasp.model import load_grasp_planner
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import TRAY_SCENES, SceneSettings
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS

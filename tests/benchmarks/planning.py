@@ -22,10 +22,10 @@ import yaml
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from learned.grasp.crops import EMBEDDING
-from learned.grasp.model import load_grasp_planner
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.semantic.graph import Layout
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.paper_planner import load_semantic_planner
 from learned.semantic.scenarios import scenarios
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from cell.interfaces.planning import crops_file
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.inference.scores import wilson
 from sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing, clearing_stacks

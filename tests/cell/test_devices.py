@@ -246,7 +246,7 @@ def test_names_of_installed_drivers_are_entry_points(home: Path, monkeypatch: py
     from importlib.metadata import EntryPoint, EntryPoints
 
     point = EntryPoint("acme", "lab:Device", "cell.devices")
-    monkeypatch.setattr("cell.wiring.devices.entry_points", lambda **by: EntryPoints([point]).select(**by))
+    monkeypatch.setattr("cell.plugins.entry_points", lambda **by: EntryPoints([point]).select(**by))
     path = configured(home, **{**all_real(), "arm": {"kind": "acme", "host": "a"}})
     assert find_drivers(load_configuration(path))["arm"].make.__name__ == "Device"
     assert "legal: simulated, ur, recorded, acme, or MODULE:CLASS" in refused(configured(home, arm={"kind": "acne"}))

@@ -11,8 +11,8 @@ from cell.errors import SettingError
 from cell.files.files import shipped
 from cell.wiring.detectors import check_detectors
 from cell.wiring.services import load_planners
-from learned.grasp.model import PaperPlanner as GraspPlanner
-from learned.semantic.model import PaperPlanner as SemanticPlanner
+from learned.grasp.paper_planner import PaperPlanner as GraspPlanner
+from learned.semantic.paper_planner import PaperPlanner as SemanticPlanner
 
 PAPER = shipped("config", "paper.yaml")
 CONFIGURATION, OURS = load_configuration(PAPER), load_configuration()

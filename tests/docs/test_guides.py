@@ -13,8 +13,7 @@ import yaml
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Arm, Camera, Gripper, Panel
-from learned.grasp.model import load_grasp_planner
-from learned.semantic.model import load_semantic_planner
+from cell.wiring.services import load_planners
 from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 
@@ -42,11 +41,7 @@ def test_the_files_that_a_guide_makes_fit_together(done: tuple[str, Path, dict[s
     path = done[1] / "config" / "cell.yaml"
     configuration = load_configuration(path)
     product = load_product(configuration, path)
-    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
-    assert semantic.weights is not None
-    assert grasp.weights is not None
-    load_semantic_planner(semantic.kind, semantic.weights, product)
-    load_grasp_planner(grasp.kind, grasp.weights, product)
+    load_planners(configuration, product)
 
 
 @pytest.mark.parametrize("done", ["bench.md"], indirect=True)

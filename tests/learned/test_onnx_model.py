@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from cell.errors import ModelError
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx, seal, sealed, without_digest
 
 CARD = ModelCard(

@@ -14,7 +14,8 @@ from cell.commands.main import main
 from cell.commands.training.weights import shipped_weights
 from cell.files.files import shipped
 from learned.inference.onnx_model import OnnxModel
-from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.model import BayesPlanner, FactoredPlanner
+from learned.semantic.paper_planner import load_semantic_planner
 from tests.learned.products import DEFAULT, HARDER
 
 
@@ -113,7 +114,6 @@ def test_auto_is_the_learned_planner_where_its_weights_fit_and_exact_inference_e
     assert weights == shipped_weights("semantic", "factored")
     assert isinstance(load_semantic_planner("auto", weights, DEFAULT), FactoredPlanner)
     assert isinstance(load_semantic_planner("auto", weights, HARDER), BayesPlanner)
-    assert isinstance(load_semantic_planner("auto", None, DEFAULT), BayesPlanner)
 
 
 @pytest.mark.parametrize(

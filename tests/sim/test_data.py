@@ -19,6 +19,7 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import InputError
+from cell.files.data_folder import DataFolder, DataPiece
 from cell.interfaces.frame import Frame
 from cell.interfaces.hand_window import last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES, HandSample
@@ -29,7 +30,6 @@ from learned.holes.model import hole_crops, squares_m
 from learned.parts.data import load_scenes
 from sim.data.actions import MOST_OF, write_holes, write_segments
 from sim.data.fallen import FallenParts
-from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
 from sim.data.placed import holes_of

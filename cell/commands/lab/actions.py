@@ -11,10 +11,9 @@ from typing import Annotated
 from typer import Option
 
 from cell.commands.lab.shared import Cameras, Shared, share_words
-from cell.commands.options import takes
+from cell.commands.options import takes, writable
 from cell.commands.terminal import console, print_json, table
 from cell.commands.training.networks import save_confusions
-from cell.commands.training.weights import writable
 from cell.errors import InputError
 from cell.files.row_store import Row, RowStore
 from cell.interfaces.product import Product
@@ -60,7 +59,7 @@ def evaluate(
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": shared.physics, "cameras": shared.cameras.value}
     perception = configuration.perception
-    used = [*perception.networks("hands").values(), *perception.networks("holes").values()]
+    used = [*perception.files("hands").values(), *perception.files("holes").values()]
     used += [perception.with_detector("actions", kind).weights("actions") for kind in kinds if kind in TRAINABLE]
     used += [shared.weights] if shared.weights is not None else []
     there = [path for path in used if path.is_file()]

@@ -23,7 +23,7 @@ from cell.errors import InputError
 from cell.files.model import Model
 from cell.files.row_store import RowStore
 from cell.files.yaml_file import load_yaml, write_values
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.inference.onnx_model import digest_of
 
 BARS = Path(__file__).parents[2] / "lab" / "bars.yaml"

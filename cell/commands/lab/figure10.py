@@ -10,9 +10,9 @@ from cell.commands.lab.shared import Shared
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json
 from cell.commands.training.made_data import make_data
-from cell.commands.training.weights import need_torch
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
+from cell.files.packages import need_torch
 
 
 @takes(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")

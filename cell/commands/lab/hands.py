@@ -13,6 +13,7 @@ from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedO
 from cell.commands.terminal import console, print_json, table
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import InputError, ModelError
+from cell.files.data_folder import DataFolder
 from cell.files.files import whole_folder
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
@@ -28,7 +29,6 @@ from learned.hands.model import SlimReader
 from learned.inference.onnx_model import OnnxModel
 from learned.lab.mediapipe_fetch import fetch as fetch_networks
 from learned.lab.photographs import compare_photographs, load_truth
-from sim.data.folder import DataFolder
 
 _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
 

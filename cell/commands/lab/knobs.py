@@ -14,9 +14,9 @@ from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration
 from cell.errors import InputError
 from cell.files.row_store import RowStore
+from cell.kinds import DETECTORS
 from cell.lab import knobs as scoring
 from cell.lab.knobs import SCORED, Sample, Scored, at, plot_knobs
-from cell.wiring.detectors import TRAINED
 from trees.engine.literals import constant
 
 KNOB = "--knob light.ambient=0.1,0.5"
@@ -55,7 +55,7 @@ def knobs(
         "seeds": shared.seeds,
     }
     told |= {"physics": shared.physics}
-    used = [path for task in TRAINED for path in configuration.perception.networks(task).values() if path.is_file()]
+    used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["knob", "value"], {"command": "knobs", **told}, scoring, *used)
     whole = _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, shared.physics)))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]

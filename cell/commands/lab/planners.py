@@ -21,9 +21,10 @@ from cell.commands.lab.shared import Shared
 from cell.commands.log_terminal import read
 from cell.commands.options import CONFIGURATION, ConfigOption, SeedOption, takes
 from cell.commands.terminal import console, print_json, product_of, report_scores
-from cell.commands.training.weights import need_torch, shipped_weights
+from cell.commands.training.weights import shipped_weights
 from cell.configuration import load_configuration
 from cell.errors import InputError
+from cell.files.packages import need_torch
 from cell.fleet.engine import mapped
 from cell.interfaces.planning import AssemblyState, SemanticPlanner, crops_file
 from cell.interfaces.product import Product
@@ -34,16 +35,16 @@ from cell.wiring.services import load_planners
 from learned.grasp.crops import TrayCamera, load_crops
 from learned.grasp.data import write_scenes
 from learned.grasp.evaluate import embedded, evaluate_grasp
-from learned.grasp.model import load_grasp_planner
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import TRAY_SCENES, SceneSettings
 from learned.lab.paper.htn import HtnPlanner
 from learned.lab.semantic_certify import case_of, certificate, least_limit
 from learned.lab.semantic_demonstrators import generated_demonstrations, scenario_demonstrations
-from learned.semantic.data import save_demonstrations
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Layout
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.paper_planner import load_semantic_planner
+from learned.semantic.records import save_demonstrations
 
 KEPT = Path("data")  # finished cells of experiments, a file for each product
 PAGE_ALONE = "--page is for --experiment; scores of one planner go to the terminal, or --json"

@@ -14,9 +14,9 @@ from cell.errors import InputError
 from cell.files.row_store import RowStore
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
+from cell.kinds import WEIGHTS
 from cell.lab import weights as scoring
 from cell.lab.weights import NETWORKS, Comparison, compared
-from cell.settings import WEIGHTS
 from learned.inference.onnx_model import OnnxModel
 
 SIZES_ALONE = "pairwise"  # knows no part by its name

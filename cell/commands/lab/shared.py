@@ -28,8 +28,8 @@ from cell.configuration import Configuration, load_configuration, load_product, 
 from cell.errors import InputError
 from cell.files.row_store import RowStore
 from cell.interfaces.product import Product
+from cell.kinds import WEIGHTS
 from cell.pictures.scoring import Scorer, load, note
-from cell.settings import WEIGHTS
 from learned.inference.onnx_model import digest_of
 from learned.lab.experiments import code_version
 from sim.data.splits import seeds as split_of

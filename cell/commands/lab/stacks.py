@@ -13,15 +13,15 @@ from typer import Option
 from cell.commands.lab.planners import KEPT
 from cell.commands.options import JsonOption, SchedulerOption, SeedOption, WorkersOption
 from cell.commands.terminal import console, print_json, table
-from cell.commands.training.weights import need_torch
 from cell.errors import InputError
+from cell.files.data_folder import JPEG_QUALITY
 from cell.files.files import MANIFEST, whole_folder, write_whole
+from cell.files.packages import need_torch
 from cell.fleet.engine import mapped
 from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
 from learned.lab.stacks.files import read_stacks
 from learned.lab.stacks.settings import LEARNED, PAPER_IA, RULES, StackTraining
 from learned.lab.stacks.vmrd import write_scene, write_splits
-from sim.data.folder import JPEG_QUALITY
 from sim.stacks.draw import draw_stack
 from sim.stacks.settings import StackSettings
 

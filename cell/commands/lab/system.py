@@ -14,18 +14,19 @@ from typer import Option
 from cell.commands.lab.shared import Cameras, Shared, share_words
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json, table
-from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, detected_by
 from cell.errors import InputError
+from cell.files.packages import need_torch
 from cell.fleet.engine import mapped
 from cell.interfaces.bench import Bench
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
+from cell.kinds import DETECTORS
 from cell.lab import system as scoring
-from cell.wiring.detectors import TRAINED
 from cell.wiring.latency import answers_ms, latencies_ms, note_latencies
 
 KINDS = ("classical", "learned")
+UNTRAINED = ("slim", "paper")  # kinds of action detectors
 _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers", "scheduler", "config", "as_json")
 
 
@@ -44,7 +45,7 @@ def system(
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
     told["cameras"] = cameras
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
-    used = [path for task in TRAINED for path in configuration.perception.networks(task).values() if path.is_file()]
+    used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
     rows = list(kept.rows_of(one for one in wanted if one in kept))
     left = [one for one in wanted if one not in kept]
@@ -108,8 +109,8 @@ def _untrained_ms(
     kind: str, configuration: Configuration, product: Product, frames: int, trays: int, first_seed: int
 ) -> dict[str, dict[str, float]]:
     """As `latencies_ms`, with a network of actions that learned nothing: answers are wrong, and take as long."""
-    if kind not in TRAINED["actions"]:
-        raise InputError(f"--untrained {kind}: unknown kind; legal: {', '.join(TRAINED['actions'])}")
+    if kind not in UNTRAINED:
+        raise InputError(f"--untrained {kind}: unknown kind; legal: {', '.join(UNTRAINED)}")
     need_torch()
     with tempfile.TemporaryDirectory() as made:
         file = Path(made) / weights_file("actions", kind)

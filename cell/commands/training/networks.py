@@ -14,8 +14,8 @@ from cell.commands.training.weights import Training, seconds
 from cell.errors import InputError
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
+from cell.kinds import WEIGHTS
 from cell.pictures.scoring import CLASSICAL, MEASURES, TRIVIAL, Scorer, apart
-from cell.settings import WEIGHTS
 from cell.wiring.latency import note_scores
 from learned.actions.data import Segments
 from learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes

@@ -13,14 +13,17 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from cell.commands.options import told_in
 from cell.commands.terminal import console
 from cell.commands.training.made_data import Children, fingerprint
-from cell.commands.training.weights import need_torch, seconds, told_in
+from cell.commands.training.weights import seconds
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
+from cell.files.packages import need_torch
 from cell.files.row_store import RowStore
 from cell.interfaces.planning import weights_file
-from cell.settings import LEARNED_KINDS, WEIGHTS, Perception
+from cell.kinds import TRAINED_DEFAULTS, WEIGHTS
+from cell.settings import Perception
 from learned.inference.onnx_model import OnnxModel
 
 HIDDEN = "_train"  # the command of `tasks`; an installed cell has no `cell lab train`
@@ -86,7 +89,7 @@ def train_steps(steps: Sequence[Step], out: Path, config: Path, *, jobs: int, pl
             raise
         finally:
             pool.shutdown(cancel_futures=True)
-    if all((out / f"{name}_{kind}.onnx").exists() for name, kind in LEARNED_KINDS.items()):
+    if all((out / f"{name}_{kind}.onnx").exists() for name, kind in TRAINED_DEFAULTS.items()):
         _note_latencies(configuration, config, out)
     say(f"in {config}:", highlight=False)
     for line in _lines(out, config):
@@ -230,8 +233,8 @@ def _words(seconds: float) -> str:
 def _lines(out: Path, config: Path) -> list[str]:
     """What takes the weights into use."""
     perception = [f"perception: {{kind: learned, folder: {told_in(config, out)}}}"]
-    if not all((out / weights_file(name, kind)).exists() for name, kind in LEARNED_KINDS.items()):
-        perception = _own("perception", LEARNED_KINDS, out, config)
+    if not all((out / weights_file(name, kind)).exists() for name, kind in TRAINED_DEFAULTS.items()):
+        perception = _own("perception", TRAINED_DEFAULTS, out, config)
     return [*perception, *_own("planners", PLANNERS, out, config)]
 
 

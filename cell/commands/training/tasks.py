@@ -11,22 +11,14 @@ from typing import Any
 
 import typer
 
-from cell.commands.options import takes
+from cell.commands.options import folder_for, takes, told_in, writable
 from cell.commands.terminal import console, print_json, report_scores
 from cell.commands.training import networks
 from cell.commands.training import tasks as planners
 from cell.commands.training.shares import require_apart
-from cell.commands.training.weights import (
-    Training,
-    folder_for,
-    need_torch,
-    new_weights,
-    seconds,
-    told_in,
-    writable,
-    writing,
-)
+from cell.commands.training.weights import Training, new_weights, seconds, writing
 from cell.errors import InputError
+from cell.files.packages import need_torch
 from cell.interfaces.planning import crops_file
 from cell.pictures.scoring import objection
 from cell.wiring.drawn_frames import tray_camera

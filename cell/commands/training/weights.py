@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Annotated
 
 from typer import Option
 
-from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, OverwriteOption, SeedOption
+from cell.commands.options import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    OverwriteOption,
+    SeedOption,
+    folder_for,
+    writable,
+)
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import CellError, InputError
 from cell.files.files import shipped
-from cell.files.packages import how_to_train
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from learned.parts.settings import BACKBONES
@@ -112,11 +116,6 @@ def shipped_weights(planner: str, kind: str) -> Path:
     return shipped("learned", "weights", weights_file(planner, kind))
 
 
-def folder_for(config: Path) -> Path:
-    """Where what is learned for a configuration goes: beside it; for the shipped one, into the working folder."""
-    return Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
-
-
 def new_weights(planner: str, kind: str, config: Path, out: Path | None = None) -> Path:
     """File for weights that are trained for a configuration: beside it, or where `out` says.
 
@@ -125,25 +124,6 @@ def new_weights(planner: str, kind: str, config: Path, out: Path | None = None) 
     """
     name = weights_file(planner, kind)
     return writable(out or folder_for(config) / name, Path(name).suffix)
-
-
-def writable(path: Path, *suffixes: str, option: str = "--out") -> Path:
-    """The file, in which something can be written; told before work that takes minutes or hours, not after it.
-
-    Raises:
-        InputError: it is a folder, its name ends in something else, or no file can be made there.
-    """
-    if path.suffix not in suffixes:
-        raise InputError(f"{option} {path}: must end in {' or '.join(suffixes)}")
-    if path.is_dir():
-        raise InputError(f"{option} {path}: is a folder; name a file")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
-    return path
 
 
 @contextmanager
@@ -181,20 +161,3 @@ def require_new(*files: Path, overwrite: bool, option: str = "--out") -> None:
     for file in files:
         if file.is_file() and not overwrite:
             raise InputError(f"{file}: exists already; choose another {option}, or add --overwrite")
-
-
-def told_in(config: Path, path: Path) -> Path:
-    """A file or folder as a configuration names it: relative to the configuration's own folder."""
-    return Path(os.path.relpath(path.resolve(), config.resolve().parent))
-
-
-def need_torch(*, experiments: bool = False) -> None:
-    """Check that training can run here, and that experiments can.
-
-    Raises:
-        InputError: packages are missing; the message says how to get them.
-    """
-    needed = ("torch", "onnx", "onnxscript", *(("scipy",) if experiments else ()))
-    missing = [name for name in needed if find_spec(name) is None]
-    if missing:
-        raise InputError(f"training needs {', '.join(missing)}; install with: {how_to_train()}")

@@ -29,13 +29,14 @@ from cell.commands.options import (
 from cell.commands.terminal import console, print_json, table
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
+from cell.files.data_folder import DataFolder, DataPiece
 from cell.files.files import whole_folder
 from cell.fleet.engine import mapped
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
-from cell.wiring.detectors import TRAINED, Detectors
+from cell.kinds import DETECTORS
+from cell.wiring.detectors import Detectors
 from sim.data import actions, hands, objects, plates, recording
-from sim.data.folder import DataFolder, DataPiece
 from sim.data.sight import true_calibration
 from sim.data.splits import LYING_SHARE, STACKED_SHARE, mixed_clutter, seeds, sometimes_steel
 from sim.scene.settings import settings_of
@@ -45,7 +46,7 @@ from skills.motion.kinematics import Kinematics
 One = Callable[[int, DataFolder], float | None]  # makes what one seed gives; returns the simulated seconds
 Film = Callable[[Configuration, Product, int], recording.Assembly]
 _WORK = ("person", "physics", "beside_robot")
-TRACKERS = tuple(TRAINED["hands"])
+TRACKERS = tuple(DETECTORS["hands"])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -101,7 +101,7 @@ def _weights(log: Log) -> dict[str, bytes]:
                 raise LogError(log.path, f"has no attachment {name}")
         write_files(log, log.attachments, Path(folder))
         planners = load_configuration(Path(folder) / "configuration.yaml").planners
-    files = {name: recorded_weights(log, name, planner.weights) for name, planner in planners}
+    files = {name: recorded_weights(log, name, planner) for name, planner in planners}
     return {name: file.read_bytes() for name, file in files.items() if file is not None}
 
 

@@ -12,6 +12,7 @@ from cell.errors import InputError, LogError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
+from cell.kinds import DETECTORS, PLANNERS, KindSettings, files_of
 from cell.log.read.reader import Log, json_of
 from cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, write_files
 from cell.wiring.detectors import fitted
@@ -21,8 +22,6 @@ from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.loading import load_tree
 from trees.node_library import node_registry
-
-PLANNERS = ("semantic", "grasp")
 
 
 @dataclass(frozen=True)
@@ -75,6 +74,7 @@ def _load(
         if changes.configuration is None:
             configuration = load_configuration(folder / "configuration.yaml")
             product = load_yaml(folder / "product.yaml", Product)
+            _refuse_classes(log, configuration)
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
@@ -95,6 +95,19 @@ def _load(
         configuration, _ = fitted(configuration, product)  # as the run had it
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults
+
+
+def _refuse_classes(log: Log, configuration: Configuration) -> None:
+    """A log is data: what it names is not loaded, but for kinds that are installed.
+
+    Raises:
+        LogError: it names a class of the user's own.
+    """
+    chosen = {name: configuration.perception.chosen(name).kind for name in DETECTORS}
+    chosen |= {name: planner.kind for name, planner in configuration.planners}
+    if own := [f"{name} {kind}" for name, kind in chosen.items() if ":" in kind]:
+        what = f"was recorded with classes of the user's own, {', '.join(own)}"
+        raise LogError(log.path, f"{what}; where you have them, name a configuration that does, too: --config FILE")
 
 
 def recorded_tree(log: Log, folder: Path, registry: Registry) -> Tree:
@@ -120,17 +133,18 @@ def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> C
     for name, planner in configuration.planners:
         weights = changes.weights.get(name)
         if weights is None and changes.configuration is None:
-            weights = recorded_weights(log, name, planner.weights)
+            weights = recorded_weights(log, name, planner)
         updates[name] = planner if weights is None else planner.model_copy(update={"weights": weights})
     return configuration.model_copy(update={"planners": configuration.planners.model_copy(update=updates)})
 
 
-def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
+def recorded_weights(log: Log, name: str, planner: KindSettings) -> Path | None:
     """A file with the weights that the log was recorded with; None where that planner had none."""
     expected = log.metadata.get(f"weights.{name}.sha256")
     if expected is None:
         return None
     recorded = log.metadata.get(f"weights.{name}.file")
+    found = None if ":" in planner.kind else next(iter(files_of(name, planner).values()), None)
     candidates = [path for path in (found, recorded and Path(recorded)) if path and path.is_file()]
     hashes = {path: digest_of(path.read_bytes()) for path in candidates}
     for path, sha256 in hashes.items():

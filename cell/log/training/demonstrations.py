@@ -9,7 +9,7 @@ from cell.interfaces.product import Product
 from cell.log.read.reader import Log
 from cell.log.report.summary import Placed, beliefs, placements
 from cell.recording.parts import whole_path
-from learned.semantic.data import Demonstration, PlacementRecord
+from learned.semantic.records import Demonstration, PlacementRecord
 
 SURE = 0.9  # least belief in the goal of a run that was not finished
 NOTHING = "nothing"  # as the story of a log calls an empty hole

@@ -32,9 +32,9 @@ from cell.log.training.segments import STRIDE_FRAMES, Cropper, bench_views, segm
 from cell.log.training.tray_scenes import attempts, looks, scene_records
 from cell.recording.parts import whole_path
 from learned.actions.segments import holes_on_bench
-from learned.grasp.data import SceneRecord, write_records
-from learned.semantic.data import Demonstration, save_demonstrations
+from learned.grasp.records import SceneRecord, write_records
 from learned.semantic.goals import OpenGoals
+from learned.semantic.records import Demonstration, save_demonstrations
 
 FORMAT, VERSION = "cell.training_data", 1
 # Label by label, who said so. "machine" was never seen by a person.

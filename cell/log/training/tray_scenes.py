@@ -11,7 +11,7 @@ import numpy as np
 
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.log.read.reader import Log
-from learned.grasp.data import DetectionRecord, SceneRecord, StandingRecord
+from learned.grasp.records import DetectionRecord, SceneRecord, StandingRecord
 
 GRASP, PICK, ENDS = "grasp", "PickPart", ("success", "failure")
 SAME_PLACE_M, SAME_HEADING_RAD = 0.010, math.radians(10)  # between looks at a part that nobody moved

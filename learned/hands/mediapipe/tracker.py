@@ -6,7 +6,7 @@ places, and tell it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,9 +28,11 @@ from learned.hands.mediapipe.hands import (
     WRIST,
     MediaPipeHands,
     folder_in_use,
+    model_folder,
+    network_file,
 )
 from learned.hands.mediapipe.hands import Landmarks as Hand
-from learned.hands.model import NEAR_PX, SlimReader
+from learned.hands.model import NEAR_PX, SlimReader, slim_files
 from learned.hands.reading import Reading, RegionReader, over_table
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
@@ -62,20 +64,25 @@ def bench_points(points: Array) -> dict[str, Array]:
     }
 
 
-def mediapipe_tracker(bench: Bench, product: Product, path: Path, closer: Path) -> HandTracks:
-    """A tracker with the networks in the user's cache, or in the folder of `path` where they are there.
+def mediapipe_files(weights: Path | None, folder: Path) -> dict[str, Path]:
+    """MediaPipe's networks in the user's cache, or beside `weights` where they are there; the small tracker's."""
+    fetched = model_folder() if weights is None else folder_in_use(weights)
+    landmark, palm = (network_file(fetched, network, ON_THE_BENCH) for network in ("landmark", "palm"))
+    slim = slim_files(None, folder)
+    return {"hands": landmark, "hands.palm": palm, "hands.closer": slim.pop("hands"), **slim}
 
-    Args:
-        closer: the small tracker's weights.
+
+def mediapipe_tracker(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracks:
+    """A tracker with the networks of `mediapipe_files`.
 
     Raises:
         ModelError: they were not fetched yet, or the small tracker's weights cannot be used.
     """
     try:
-        hands = MediaPipeHands(folder_in_use(path), ON_THE_BENCH)
+        hands = MediaPipeHands(files["hands"].parent, ON_THE_BENCH)
     except ModelError as error:
         raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
-    slim = SlimReader(bench.overhead, tuple(product.parts), closer)
+    slim = SlimReader(bench.overhead, tuple(product.parts), files["hands.closer"])
     return HandTracks(bench, MediaPipeReader(bench.overhead, hands, slim), slim.palm_length)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
+from learned.semantic.misdetection import Scenarios
 from learned.semantic.model import Answer, assembly_plan, templated_guidance
-from learned.semantic.scenarios import Scenarios
 
 State = tuple[int, ...]
 

@@ -20,9 +20,10 @@ from learned.grasp.candidates import graspable, touching
 from learned.grasp.crops import CROPS_KIND, TrayCamera
 from learned.grasp.evaluate import Look, embedded
 from learned.grasp.footprints import FootprintNet, fit_footprints
-from learned.grasp.model import PairwisePlanner, PaperPlanner, RulePlanner
+from learned.grasp.model import PairwisePlanner, RulePlanner
 from learned.grasp.pairs import as_in_catalogue
 from learned.grasp.paper import PaperNet
+from learned.grasp.paper_planner import PaperPlanner
 from learned.grasp.settings import (
     WITH_MARGINS,
     DetectionNoise,

@@ -15,8 +15,8 @@ from cell.commands.training.made_data import Children
 from cell.commands.training.shipped import ROWS, steps_of_shipped
 from cell.configuration import load_configuration
 from cell.files.files import shipped
+from cell.kinds import WEIGHTS
 from cell.lab import weights
-from cell.settings import WEIGHTS
 
 MOST_S = 2.5 * 3600
 
@@ -147,7 +147,7 @@ def test_the_lines_that_it_ends_with_take_the_folder_into_use(
     config.write_text(own)
     read = load_configuration(config)
     assert read.perception.weights("holes") == tmp_path / "new" / "holes_plate.onnx"
-    assert set(read.perception.networks("hands").values()) <= set((tmp_path / "new").iterdir())
+    assert set(read.perception.files("hands").values()) <= set((tmp_path / "new").iterdir())
 
 
 @pytest.mark.usefixtures("trained")

@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from cell.commands.main import main
-from cell.commands.options import CONFIGURATION
-from cell.commands.training.weights import told_in
+from cell.commands.options import CONFIGURATION, told_in
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, unnamed_calibration
 from cell.errors import InputError
 from cell.files.yaml_file import load_yaml

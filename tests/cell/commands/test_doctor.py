@@ -16,7 +16,7 @@ from cell.commands.doctor import examine
 from cell.commands.main import main
 from cell.errors import InputError
 from cell.files.packages import missing_packages
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from sim import simulator
 from sim.rendering.available import renders
 from tests import ROOT

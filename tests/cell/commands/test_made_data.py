@@ -13,10 +13,10 @@ import pytest
 from cell.commands.main import main
 from cell.commands.training.made_data import Children, make_data
 from cell.errors import InputError
+from cell.files.data_folder import DataFolder, DataPiece
 from cell.files.files import UNFINISHED, shipped
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.data.folder import DataFolder, DataPiece
 from sim.data.objects import write_objects
 from sim.data.recording import Assembly, record
 from sim.scene.settings import SimSettings

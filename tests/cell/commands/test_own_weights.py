@@ -12,8 +12,8 @@ import pytest
 from cell.commands.main import main
 from cell.files.files import shipped
 from cell.interfaces.planning import weights_file
+from cell.kinds import WEIGHTS
 from cell.lab import holes_and_parts as things
-from cell.settings import WEIGHTS
 
 COMMANDS = {
     "actions": (["actions", "--quick"], "slim"),

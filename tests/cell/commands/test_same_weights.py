@@ -13,9 +13,9 @@ import pytest
 
 from cell.commands.main import main
 from cell.files.files import shipped
+from cell.kinds import WEIGHTS
 from cell.lab import weights
 from cell.lab.weights import APART, CHANCE, SAME, Figure, compared
-from cell.settings import WEIGHTS
 from learned.inference.onnx_model import OnnxModel, save_onnx
 
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
+from cell.files.data_folder import DataFolder
 from cell.interfaces.frame import Frame
 from cell.lab.beside_robot import record_beside_robot
 from sim.data.actions import write_segments
-from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames
 from sim.data.placed import holes_of
 from sim.data.recording import Assembly, Film, Source

@@ -11,14 +11,15 @@ import pytest
 
 from cell.commands.options import CONFIGURATION
 from cell.configuration import load_configuration
+from cell.files.data_folder import DataFolder
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
 from cell.pictures.compositor import Compositor
 from cell.pictures.handless import filling, lay, write_handless
-from learned.hands.data import HandRow, frames_of, load_hands
+from learned.hands.data import frames_of, load_hands
 from learned.hands.mediapipe.hands import Landmarks
 from learned.hands.reading import Reading
-from sim.data.folder import DataFolder
+from learned.hands.records import HandRow
 from tests.cell.pictures.test_photographs import landmarks
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead

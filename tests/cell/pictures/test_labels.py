@@ -15,9 +15,12 @@ from cell.commands.main import main
 from cell.errors import InputError
 from cell.pictures.labels import LabelFolder, PictureLabels
 from cell.pictures.scoring import apart, objection
-from learned.hands.data import HandRow, frames_of
-from learned.holes.data import Hole, load_plates
-from learned.parts.data import PartRow, load_scenes
+from learned.hands.data import frames_of
+from learned.hands.records import HandRow
+from learned.holes.data import load_plates
+from learned.holes.records import Hole
+from learned.parts.data import load_scenes
+from learned.parts.records import PartRow
 from tests.cell.pictures.drawn import BENCH, PRODUCT, photograph_plate, photograph_tray
 
 HOLES = tuple(Hole(position=name, part="o1" if name == "p2" else None) for name in PRODUCT.positions)

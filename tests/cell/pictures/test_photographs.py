@@ -11,14 +11,15 @@ import pytest
 from cell.commands.options import CONFIGURATION
 from cell.configuration import load_configuration
 from cell.errors import InputError
+from cell.files.data_folder import DataFolder
 from cell.interfaces.observation import Image
 from cell.interfaces.pose import Array
 from cell.pictures.compositor import Compositor
 from cell.pictures.photographs import CutHand, compose, cut_hands, photographs_of, write_photographs
-from learned.hands.data import HandRow, frames_of, load_hands
+from learned.hands.data import frames_of, load_hands
 from learned.hands.mediapipe.hands import Landmarks
 from learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
-from sim.data.folder import DataFolder
+from learned.hands.records import HandRow
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead
 SKIN, WALL = (220, 150, 120), (40, 90, 60)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,16 +10,15 @@ import pytest
 
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from cell.errors import InputError, ModelError, SettingError
-from cell.interfaces.bench import Bench, CameraCalibration
+from cell.interfaces.bench import CameraCalibration
 from cell.interfaces.frame import Frame
 from cell.interfaces.perception import HandSample, PartsView
 from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from cell.settings import LEARNED_KINDS, Perception
+from cell.kinds import DETECTORS, TRAINED_DEFAULTS, Kind
+from cell.settings import Perception
 from cell.wiring import detectors
 from cell.wiring.detectors import (
     BESIDE_S,
-    TRAINED,
     UNKNOWN_LATENCY_S,
     Detectors,
     bench_watcher,
@@ -57,20 +55,19 @@ class Found:
 
 def test_the_short_form_chooses_every_detector_and_each_may_be_another_kind() -> None:
     own = Perception.model_validate({"kind": "learned", "hands": {"kind": "classical"}})
-    assert [own.chosen(task).kind for task in LEARNED_KINDS] == ["classical", *list(LEARNED_KINDS.values())[1:]]
-    assert {Perception(kind="classical").chosen(task).kind for task in LEARNED_KINDS} == {"classical"}
+    assert [own.chosen(task).kind for task in TRAINED_DEFAULTS] == ["classical", *list(TRAINED_DEFAULTS.values())[1:]]
+    assert {Perception(kind="classical").chosen(task).kind for task in TRAINED_DEFAULTS} == {"classical"}
     assert own.words == "learned, hands classical"
 
 
 def test_a_trained_tracker_works_beside_classical_detectors(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Path] = []
 
-    def maker(bench: Bench, product: Product, files: Mapping[str, Path]) -> Found:
-        del bench, product
-        made.append(files["hands"])
-        return Found(files["hands"])
+    def maker(weights: Path) -> Found:
+        made.append(weights)
+        return Found(weights)
 
-    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": maker})
+    monkeypatch.setitem(DETECTORS["hands"], "ideal", maker)
     perception = Perception.model_validate(
         {"kind": "classical", "hands": {"kind": "ideal", "weights": "/some/file.onnx"}}
     )
@@ -93,7 +90,7 @@ def test_hands_are_looked_for_by_the_camera_as_it_was_calibrated(monkeypatch: py
             seen.append(frame)
             return HAND
 
-    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": lambda *given: Watching(given[2]["hands"])})
+    monkeypatch.setitem(DETECTORS["hands"], "ideal", Watching)
     perception = Perception.model_validate(
         {"kind": "classical", "hands": {"kind": "ideal", "weights": "/some/file.onnx"}}
     )
@@ -109,16 +106,15 @@ def test_hands_are_looked_for_by_the_camera_as_it_was_calibrated(monkeypatch: py
 
 
 def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(bench: Bench, product: Product, files: Mapping[str, Path]) -> object:
-        del bench, product
-        raise ModelError(f"{files['parts']}: damaged")
+    def broken(weights: Path) -> object:
+        raise ModelError(f"{weights}: damaged")
 
-    monkeypatch.setitem(detectors.TRAINED, "parts", {"centre": broken})
+    monkeypatch.setitem(DETECTORS["parts"], "centre", Kind(broken, card=True))
     perception = Perception.model_validate({"parts": {"kind": "centre"}, "actions": {"kind": "guess"}})
     with pytest.raises(SettingError) as told:
         check_detectors(BENCH, PRODUCT, perception)
-    assert [place for place, _ in told.value.places] == [("perception", "actions"), ("perception", "parts")]
-    assert "no detector of kind 'guess'; legal: classical" in str(told.value)
+    assert [place for place, _ in told.value.places] == [("perception", "actions", "kind"), ("perception", "parts")]
+    assert "no kind 'guess' of actions; legal: slim, classical, paper, or MODULE:CLASS" in str(told.value)
     assert "parts_centre.onnx: damaged" in str(told.value)
 
 
@@ -141,7 +137,7 @@ def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> 
     assert found.kind == "classical"
     assert "knows the parts o1, o2, o3, and this product has valve, o2, o3" in told
     assert "cell train --all" in told
-    own = {task: {"kind": kind} for task, kind in LEARNED_KINDS.items()}
+    own = {task: {"kind": kind} for task, kind in TRAINED_DEFAULTS.items()}
     chosen = Perception.model_validate({"kind": "learned", **own})
     assert fitting(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced
 
@@ -158,7 +154,7 @@ def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: py
 def test_every_shipped_card_tells_how_late_its_answers_are() -> None:
     """Training anew forgets it, and simulated answers would be as late as those of detectors that nobody measured."""
     perception = load_configuration().perception
-    for task, kind in LEARNED_KINDS.items():
+    for task, kind in TRAINED_DEFAULTS.items():
         assert OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(detectors.LATENCY_SCORE), task
 
 
@@ -177,11 +173,7 @@ def test_separation_counts_with_the_errors_of_the_chosen_hand_tracker(
     assert found.motion.separation.hand_error_m == pytest.approx(wanted_m, abs=1e-3)
 
 
-def test_every_task_has_a_trained_default() -> None:
-    assert list(TRAINED) == list(LEARNED_KINDS)
-
-
-@pytest.mark.parametrize("task", list(TRAINED))
+@pytest.mark.parametrize("task", list(DETECTORS))
 def test_every_network_that_a_detector_opens_is_one_that_the_log_names(
     task: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,8 +188,8 @@ def test_every_network_that_a_detector_opens_is_one_that_the_log_names(
     perception = CONFIGURATION.perception.model_copy(update={"kind": "learned"})
     Detectors(BENCH, PRODUCT, perception).make(task)
     assert opened
-    assert set(opened) == set(perception.networks(task).values())
-    assert Perception(kind="classical").networks(task) == {}
+    assert set(opened) == set(perception.files(task).values())
+    assert Perception(kind="classical").files(task) == {}
 
 
 def looked_at(scene: tuple[ScenePart, ...]) -> PartsView:

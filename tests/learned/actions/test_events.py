@@ -9,9 +9,9 @@ import pytest
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import HoleView
-from learned.actions.evaluate import posterior_of
 from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
 from learned.actions.hole_events import Filled, FilledHoles, seen_unfilled
+from learned.actions.segments import posterior_of
 from learned.actions.settings import Classes
 
 PRODUCT = load_product(load_configuration())

@@ -7,15 +7,15 @@ import sys
 from pathlib import Path
 
 from cell.configuration import load_configuration, load_product, simulated
+from cell.files.data_folder import DataFolder
 from cell.interfaces.planning import weights_file
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.actions.data import load_segments
 from learned.actions.evaluate import answers, class_scores, confusion
 from learned.actions.segments import SegmentReader
 from learned.actions.settings import Classes
 from learned.inference.onnx_model import OnnxModel
 from sim.data.actions import write_segments
-from sim.data.folder import DataFolder
 from sim.data.recording import Source, record
 from sim.scene.settings import settings_of
 
@@ -47,7 +47,7 @@ def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) ->
 def test_the_shipped_file_is_small_and_needs_no_torch() -> None:
     assert SHIPPED.stat().st_size < 2_000_000
     program = (
-        "import sys; from cell.settings import WEIGHTS;"
+        "import sys; from cell.kinds import WEIGHTS;"
         "from cell.configuration import load_configuration, load_product;"
         "from learned.actions.model import load_actions; c = load_configuration();"
         "load_actions(c.bench, load_product(c), WEIGHTS / 'actions_slim.onnx');"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
-from learned.grasp.data import DetectionRecord, SceneRecord, read_scenes, write_records, write_scenes
+from learned.grasp.data import read_scenes, write_scenes
+from learned.grasp.records import DetectionRecord, SceneRecord, write_records
 from learned.grasp.scenes import data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, chain, walled
 

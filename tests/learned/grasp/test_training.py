@@ -17,8 +17,8 @@ from learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_
 from learned.grasp.evaluate import embedded
 from learned.grasp.graph import scene_graph
 from learned.grasp.language import MAX_WORDS, decode, encode
-from learned.grasp.model import load_grasp_planner
 from learned.grasp.pairs import PAIR_FEATURES
+from learned.grasp.paper_planner import load_grasp_planner
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
 from learned.grasp.settings import Attention, PairwiseSettings, PaperSettings, TrainingSettings
 from learned.inference.onnx_model import OnnxModel

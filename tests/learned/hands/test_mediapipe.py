@@ -13,7 +13,7 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.interfaces.pose import Array
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
 from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
 from learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import ModelError
 from cell.interfaces.planning import weights_file
+from cell.kinds import WEIGHTS
 from cell.lab.hands import FOUND_M, ONLY, evaluate_hands
-from cell.settings import WEIGHTS
 from learned.hands.model import SlimReader, finder_file, refiner_file, slim_tracker
 from learned.inference.onnx_model import OnnxModel
 from sim.data.hands import hand_frames

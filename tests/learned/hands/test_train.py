@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 
 from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.errors import InputError, ModelError  # noqa: E402
-from cell.settings import WEIGHTS  # noqa: E402
+from cell.kinds import WEIGHTS  # noqa: E402
 from learned.hands.augment import turned_images, varied  # noqa: E402
 from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, frames_of, load_hands  # noqa: E402
 from learned.hands.evaluate import score_readings  # noqa: E402

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.settings import WEIGHTS
+from cell.files.data_folder import DataFolder
+from cell.kinds import WEIGHTS
 from learned.holes.data import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.model import KIND, HoleNetwork, Reading
 from learned.inference.onnx_model import OnnxModel
-from sim.data.folder import DataFolder
 from sim.data.plates import write_plates
 from sim.scene.settings import settings_of
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
-from learned.holes.data import Hole, Plate
+from learned.holes.data import Plate
 from learned.holes.model import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
+from learned.holes.records import Hole
 from learned.inference.onnx_model import OnnxModel
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]

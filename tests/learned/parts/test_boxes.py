@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
 from learned.parts.boxes import HEAD_KIND, KIND, REGIONS, TURNS, BoxPartDetector, boxed, surest_regions
-from learned.parts.data import surface_of
-from learned.parts.maps import INPUT_PX
+from learned.parts.maps import INPUT_PX, surface_of
 from learned.parts.model import POSE_KIND
 
 CONFIGURATION = load_configuration()

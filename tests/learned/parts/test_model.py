@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import DeviceFault, ModelError
+from cell.files.data_folder import DataFolder
 from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
-from cell.settings import WEIGHTS
+from cell.kinds import WEIGHTS
 from learned.inference.onnx_model import Network, OnnxModel
 from learned.parts.data import Scene, load_scenes
 from learned.parts.evaluate import Findings, evaluate_parts
 from learned.parts.maps import UPRIGHT, overlap
 from learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
-from sim.data.folder import DataFolder
 from sim.data.objects import write_objects
 from sim.data.splits import mixed_clutter
 from sim.scene.settings import settings_of

@@ -16,8 +16,8 @@ from cell.interfaces.frame import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting_pose import rest_on
 from learned.parts.boxes import BoxPartDetector, head_file
-from learned.parts.data import AXIS_M, Label, Scene, surface_of
-from learned.parts.maps import INPUT_PX, Peak
+from learned.parts.data import AXIS_M, Label, Scene
+from learned.parts.maps import INPUT_PX, Peak, surface_of
 from learned.parts.model import CentrePartDetector
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]

@@ -7,7 +7,8 @@ import numpy as np
 from cell.interfaces.planning import UNKNOWN_GOAL
 from learned.lab.paper.and_or import AndOrGraph, AndOrPlanner
 from learned.semantic.graph import EMPTY, Layout
-from learned.semantic.scenarios import Scenarios, consistent, scenarios, split, sub_demonstrations
+from learned.semantic.misdetection import Scenarios
+from learned.semantic.scenarios import consistent, scenarios, split, sub_demonstrations
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

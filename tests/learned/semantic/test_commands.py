@@ -9,7 +9,7 @@ import pytest
 from cell.commands.main import main
 from cell.commands.training.weights import new_weights
 from cell.files.files import shipped
-from learned.semantic.data import load_demonstrations
+from learned.semantic.records import load_demonstrations
 from tests.learned.products import DEFAULT
 
 

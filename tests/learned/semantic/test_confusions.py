@@ -19,9 +19,10 @@ from cell.interfaces.planning import AssemblyState
 from learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
 from learned.semantic.evaluate import Answers, coverage
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.misdetection import Scenarios, misdetect
+from learned.semantic.paper_planner import load_semantic_planner
 from learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
-from learned.semantic.scenarios import Scenarios, misdetect, sampled, scenarios
+from learned.semantic.scenarios import sampled, scenarios
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

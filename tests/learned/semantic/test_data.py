@@ -10,15 +10,9 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
-from learned.semantic.data import (
-    Demonstration,
-    PlacementRecord,
-    demonstrations_of,
-    load_demonstrations,
-    save_demonstrations,
-    states_of,
-)
+from learned.semantic.data import demonstrations_of, states_of
 from learned.semantic.graph import EMPTY, Layout
+from learned.semantic.records import Demonstration, PlacementRecord, load_demonstrations, save_demonstrations
 from learned.semantic.scenarios import scenarios
 from tests.learned.products import DEFAULT, HARDER
 

@@ -11,7 +11,8 @@ from cell.commands.main import main
 from cell.errors import InputError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from learned.semantic.goals import FinishedGoal, OpenGoals
-from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.model import BayesPlanner, FactoredPlanner
+from learned.semantic.paper_planner import load_semantic_planner
 from learned.semantic.settings import NewGoals
 from tests.learned.products import DEFAULT
 

@@ -13,8 +13,9 @@ from learned.lab.semantic_demonstrators import (
 )
 from learned.lab.semantic_optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
 from learned.semantic.graph import EMPTY, Layout, one_hot
+from learned.semantic.misdetection import misdetect
 from learned.semantic.posterior import BayesPosterior
-from learned.semantic.scenarios import Demonstrators, misdetect, runs
+from learned.semantic.scenarios import Demonstrators, runs
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

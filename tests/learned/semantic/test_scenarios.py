@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from learned.semantic.graph import EMPTY, Layout
+from learned.semantic.graph import EMPTY, Layout, action_pairs
+from learned.semantic.misdetection import misdetect
 from learned.semantic.scenarios import (
     SCENARIO_LIMIT,
-    action_pairs,
     bound,
     consistent,
-    misdetect,
     scenarios,
     split,
     sub_demonstrations,

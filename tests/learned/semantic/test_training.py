@@ -11,7 +11,7 @@ import pytest
 from cell.errors import InputError
 from learned.inference.onnx_model import OnnxModel
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.model import load_semantic_planner
+from learned.semantic.paper_planner import load_semantic_planner
 from learned.semantic.scenarios import scenarios, split
 from tests.learned.products import DEFAULT, HARDER, relabelled
 
@@ -172,9 +172,9 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
 def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
     import torch
 
+    from learned.semantic.misdetection import misdetect
     from learned.semantic.network import FactoredNetwork
     from learned.semantic.posterior import BayesPosterior, Likelihood, Noise, UnknownGoal, posterior
-    from learned.semantic.scenarios import misdetect
     from learned.semantic.settings import DETECTION_ERROR, FactoredSettings
 
     network = FactoredNetwork(LAYOUT, FactoredSettings())
@@ -214,7 +214,7 @@ def test_habits_that_are_shown_are_learned() -> None:
 
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from learned.lab.semantic_demonstrators import generated_demonstrations
-    from learned.semantic.data import save_demonstrations
+    from learned.semantic.records import save_demonstrations
     from learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"

@@ -27,7 +27,7 @@ from cell.log.training.tray_scenes import attempts, scene_records
 from learned.actions.data import load_segments
 from learned.actions.settings import Classes
 from learned.grasp.data import read_scenes
-from learned.semantic.data import load_demonstrations
+from learned.semantic.records import load_demonstrations
 from tests import ROOT
 
 COMMAND = "cell lab data --from x --out y"

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, StrictBool, ValidationError
 
 from cell.errors import InputError, Place, Problem
@@ -202,3 +205,30 @@ def _check_header(line: str, wanted: Callable[[dict[str, Any]], None] | str) -> 
         raise ValueError(f'no file of {what}: its first line must be {{"format": "{wanted}", "version": 1}}')
     if read.get("version", 1) != 1:
         raise ValueError(f"{wanted.removeprefix('cell.')} of version {read['version']}; this program reads version 1")
+
+
+class StillRow(Model):
+    """An image and how it was taken.
+
+    Attributes:
+        log: the recording that it is of; images of one are learned from together or not at all.
+        world_from_camera: where the camera was believed to be.
+    """
+
+    file: str
+    log: str
+    camera: str = ""
+    true_camera: CameraRow
+    world_from_camera: PoseRow
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """An image file as RGB.
+
+    Raises:
+        InputError: it is missing or damaged.
+    """
+    read = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if read is None:
+        raise InputError(f"{path}: is not an image, or is not there")
+    return np.ascontiguousarray(read[..., ::-1], np.uint8)

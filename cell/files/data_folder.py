@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from cell.errors import InputError
 from cell.files.files import MANIFEST, require_free
-from cell.interfaces.observation import Image
 
 VERSION = 1
 JPEG_QUALITY = 95  # of whole frames: hardly told from PNG, a fifth of its size
@@ -42,7 +43,7 @@ class DataFolder:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
-    def image(self, name: str, image: Image) -> str:
+    def image(self, name: str, image: NDArray[np.uint8]) -> str:
         """Write an RGB image, as PNG or as JPEG by its name's ending; returns its name."""
         bgr, suffix = cv2.cvtColor(image, cv2.COLOR_RGB2BGR), Path(name).suffix
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if suffix == ".jpg" else []

@@ -84,7 +84,7 @@ def safety_of(configuration: Configuration, table: FaultTable) -> SafetyConfigur
         "motion": {**_fixed(MotionSettings), **motion.model_dump(), "speed_share": motion.configured_share},
         "robot": {**configuration.robot.model_dump(exclude={"urdf"}), "urdf": _geometry(configuration.robot)},
         "bench": bench.model_dump(exclude=set(NOT_ABOUT_PEOPLE)),
-        "hands": {"kind": perception.chosen("hands").kind, **perception.networks("hands")},
+        "hands": {"kind": perception.chosen("hands").kind, **perception.files("hands")},
         "classical": perception.classical.model_dump(),
         "limits": limits(),
         "devices": {role: getattr(devices, role).model_dump() for role in DEVICES},

@@ -29,7 +29,10 @@ JUDGES = (  # modules whose numbers decide on people, and may become others with
         f"skills.motion.{name}"
         for name in ("arm_monitor", "arm_outline", "known_bench", "person_space", "retreat", "separation")
     ),
-    *(f"learned.classical.{name}" for name in ("bench_evidence", "image_health", "image_lag", "track_health")),
+    *(
+        f"learned.classical.{name}"
+        for name in ("bench_evidence", "due_change", "grain", "image_health", "track_health")
+    ),
 )
 DEVICES = ("arm", "gripper", "overhead")  # which move, or see people
 SAFETY = "safety.json"  # in a log

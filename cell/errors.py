@@ -84,6 +84,13 @@ class DeviceFault(CellError):
         super().__init__(f"{device}: {reason}")
 
 
+class LatchedFault(DeviceFault):
+    """A device reports a fault that only a reset takes away; short losses of its link are plain DeviceFaults.
+
+    Examples: overcurrent of a gripper.
+    """
+
+
 class ModelError(CellError):
     """A learned model file is missing, damaged, or does not fit the product (exit status 2)."""
 

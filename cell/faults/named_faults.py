@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cell.errors import InputError
 from cell.faults.signal_faults import SignalFault
 
-PASSES_S, SHORT_S = 1.5, 0.4
+PASSES_S, SHORT_S, LOSS_S = 1.5, 0.4, 2.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,11 @@ def _mishap(what: str, states: str, promise: str, *, asks: bool = False) -> Faul
     return FaultKind(what, (*RECOVERS, "failed") if asks else RECOVERS, states=tuple(states.split()), promise=promise)
 
 
+def _lost(what: str, *signals: str) -> FaultKind:
+    """For a while, and somebody acknowledges it."""
+    return FaultKind(what, RECOVERS, signals, LOSS_S, acknowledged=True)
+
+
 def _stops(what: str, *signals: str) -> FaultKind:
     return FaultKind(what, STOPS, signals)
 
@@ -71,6 +76,14 @@ FAULTS: dict[str, FaultKind] = {
     "arm_deaf": _stops(
         "reading and commanding the arm raise",
         *("arm.answer:refused", "arm.follow:refused", "arm.stop:refused", "arm.pace:refused"),
+    ),
+    "arm_silent_short": _lost("the arm tells nothing new for 2 s", "arm.answer:stuck"),
+    "arm_deaf_short": _lost(
+        "reading and commanding the arm raise for 2 s",
+        *("arm.answer:refused", "arm.follow:refused", "arm.stop:refused", "arm.pace:refused"),
+    ),
+    "arm_percent": FaultKind(
+        "the arm takes its share of speed for percent", (*EITHER, "failed"), ("arm.pace:scaled:0.01",)
     ),
     "arm_refuses": FaultKind("the arm refuses trajectories", EITHER, ("arm.follow:refused",)),
     "arm_ignores": FaultKind("the arm ignores trajectories", EITHER, ("arm.follow:lost",)),
@@ -105,6 +118,8 @@ FAULTS: dict[str, FaultKind] = {
     "status_gap": _passes("no status of the gripper for 0.4 s", "bus.GripperStatus:lost", lasts_s=SHORT_S),
     "bus_silent": _stops("nothing comes over the bus, and nothing goes", "bus.frames:lost"),
     "bus_off": _stops("reading the bus raises", "bus.frames:refused"),
+    "bus_silent_short": _lost("nothing comes over the bus, and nothing goes, for 2 s", "bus.frames:lost"),
+    "bus_off_short": _lost("reading the bus raises for 2 s, and nothing goes", "bus.frames:refused", "bus.frames:lost"),
     "bus_deaf": _stops("what is sent is lost", "bus.GripperCommand:lost"),
     "status_cut": _passes(
         "the gripper's status is cut to three bytes for 0.4 s", "bus.GripperStatus:cut", lasts_s=SHORT_S

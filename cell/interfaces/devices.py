@@ -46,7 +46,6 @@ class Signals(Protocol):
 
 
 ROLES = ("arm", "gripper", "overhead", "wrist", "panel", "signals")  # of the devices of a cell
-STALE_ARM_S = 0.06  # older states are not of now: a tick and a half, two in a row are missing
 KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
 
 
@@ -79,7 +78,7 @@ class Arm(Protocol):
     """A six-joint arm that follows joint trajectories on its own clock tick (125 Hz on a UR10)."""
 
     def state(self) -> ArmState:
-        """Joints as last measured, with the arm's mode; raises DeviceFault when the arm does not answer."""
+        """Joints as last measured, with the arm's mode; old ones, or DeviceFault, where the arm does not answer."""
         ...
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
@@ -119,7 +118,7 @@ class Gripper(Protocol):
     """A two-finger gripper with the 2F-85's registers."""
 
     def state(self) -> GripperState:
-        """Last status; raises DeviceFault when no heartbeat came for 1.5 periods or a fault is latched."""
+        """Last status; raises DeviceFault when no heartbeat came for 1.5 periods, LatchedFault for a latched fault."""
         ...
 
     def activate(self) -> None:

@@ -34,7 +34,12 @@ STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
 FRAMES, HAND = "new frames, each with its own number and stamp", "a hand was seen, and left by an edge of the view"
 NOTHING = "nothing: it counts as absent until it is told"
 SIGNALS: Mapping[str, Sign] = {
-    "arm_lost": Sign("the arm's state cannot be read, or the arm refuses a command", ARM_ANSWERS),
+    "arm_lost": Sign(
+        "the arm's state cannot be read or is older than 0.25 s, or the arm refuses a command; acknowledged, it gets a "
+        "new path",
+        ARM_ANSWERS,
+    ),
+    "arm_lost_long": Sign("the arm stays lost", ARM_ANSWERS),
     "arm_not_plausible": Sign(
         "the arm's state has a value that is not finite, beyond its limits, or not six joints; or its joints move "
         "otherwise than its speeds say",
@@ -49,9 +54,11 @@ SIGNALS: Mapping[str, Sign] = {
     ),
     "arm_off_path_long": Sign("it stays off its path, such as by somebody who leans on it", ARM_MOVES),
     "arm_not_obeying": Sign(
-        "the arm goes on faster than it may after reaction and braking, does not stand when it must, or does not go on",
+        "the arm goes on faster than it may after reaction and braking, does not stand when it must, does not go on, "
+        "or tells the same for 0.3 s while it moves",
         ARM_MOVES,
     ),
+    "arm_slower": Sign("for a second the arm goes at less than a fifth of the speed that it may", ARM_MOVES),
     "arm_path_unknown": Sign(
         "the arm moves and does not tell `path_s`, or is not there: share is computed", "`path_s` is told"
     ),
@@ -65,10 +72,17 @@ SIGNALS: Mapping[str, Sign] = {
         "the arm takes no commands: local control, its program stopped or paused, no power, brakes on", ARM_ANSWERS
     ),
     "arm_reduced": Sign("the arm's reduced mode is on", ARM_ANSWERS),
-    "gripper_lost": Sign("no heartbeat, a dead bus, or a major fault of the gripper", "the node's heartbeat"),
+    "gripper_lost": Sign(
+        "no heartbeat, a dead bus, or no status for a second; acknowledged, the arm gets a new path",
+        "the node's heartbeat",
+    ),
+    "gripper_lost_long": Sign("the gripper stays lost", "the node's heartbeat"),
+    "gripper_fault": Sign("a major fault of the gripper", STATUS),
     "gripper_stale": Sign("no status of the gripper for more than 0.1 s, although its heartbeat comes", STATUS),
     "gripper_not_plausible": Sign(
-        "the gripper tells an opening that it cannot have, or one that its own status contradicts", STATUS
+        "the gripper tells an opening that it cannot have or cannot have reached yet, or one that its own status "
+        "contradicts, such as contact where the fingers never moved",
+        STATUS,
     ),
     "gripper_not_obeying": Sign(
         "for 0.2 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
@@ -76,6 +90,7 @@ SIGNALS: Mapping[str, Sign] = {
     "gripper_refuses": Sign("an active gripper takes no commands (gFLT 5, 7 or unknown), or its node is stopped", ECHO),
     "gripper_restarted_empty": Sign("the gripper lost its activation; nothing was between its fingers", STATUS),
     "gripper_restarted_holding": Sign("the gripper lost its activation with a part between its fingers", STATUS),
+    "gripper_two_nodes": Sign("statuses there and back again: two nodes speak under the gripper's identifier", STATUS),
     "gripper_other_master": Sign("somebody else commands the gripper on its bus", NOTHING),
     "gripper_bus_errors": Sign(
         "error frames, more frames than can be read, or heartbeats that contradict one another or are unknown",
@@ -126,6 +141,7 @@ SIGNALS: Mapping[str, Sign] = {
     "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
 HAND_TOO_NEAR, OFF_PATH, OFF_PATH_LONG = "hand_too_near", "arm_off_path", "arm_off_path_long"
+LOST = ("arm_lost", "gripper_lost")
 SAFEGUARD = "arm_safeguard_stop"
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, no message is shown
 ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
@@ -167,7 +183,7 @@ class Fault(Model):
     signal: Signal
     action: Literal["run", "warn", "slow", "hold", "stop"]
     clear: Literal["itself", "standstill", "person", "never"]
-    delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
+    delay_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
     clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
     stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
@@ -283,8 +299,8 @@ class Judgement:
         return self.action < Action.HOLD or self.held_by == (HAND_TOO_NEAR,)
 
     def gives_path_up(self, *, acknowledged: bool) -> bool:
-        """Whether an arm that is held off its path forgets it and stays where somebody saw it."""
-        return acknowledged and not {OFF_PATH, OFF_PATH_LONG}.isdisjoint(self.held_by)
+        """Whether an arm that is held off its path or was lost forgets it and stays where somebody saw it."""
+        return acknowledged and not {OFF_PATH, OFF_PATH_LONG, *LOST}.isdisjoint(self.held_by)
 
     @property
     def words(self) -> str:

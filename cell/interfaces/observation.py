@@ -20,6 +20,7 @@ Image = NDArray[np.uint8]
 
 
 NOBODY = OperatorState()
+STALE_ARM_S = 0.06  # older states are not of now: a tick and a half, two in a row are missing
 STANDING_RAD_S = 0.05  # an arm whose joints are all slower stands
 
 ArmMode = Literal[
@@ -50,7 +51,7 @@ class ArmState:
         mode: safety status of the arm's own controller; only "normal" and "reduced" let it move.
         path_s: how far along its trajectory it was at `time_s`, as time of that trajectory; None where the arm does
             not tell: then it is slow.
-        reason: why the mode is not normal, in the arm's words.
+        reason: why the mode is not normal, or the state is old, in the arm's words.
     """
 
     time_s: float
@@ -111,6 +112,7 @@ class GripperState:
         echoed: the status repeats the last command; an older one does not count.
         other_master: somebody else commanded the gripper since the last status was asked for.
         bus_errors: what was wrong on its bus since then, in words.
+        two_nodes: statuses of late contradict one another: another node speaks under its identifier.
     """
 
     time_s: float
@@ -123,6 +125,7 @@ class GripperState:
     echoed: bool = True
     other_master: bool = False
     bus_errors: str = ""
+    two_nodes: bool = False
 
     @property
     def holding(self) -> bool:
@@ -135,7 +138,8 @@ class Trouble:
     """A device that could not be read, or that refused what it was told.
 
     Attributes:
-        device: "arm", "gripper", "camera overhead", "camera wrist", "detector overhead" or "detector wrist".
+        device: "arm", "gripper", "gripper fault", "camera overhead", "camera wrist", "detector overhead" or
+            "detector wrist".
     """
 
     device: str
@@ -175,6 +179,12 @@ class Observation:
     share: float = 1.0
     work_s: float | None = None
     held_by: tuple[str, ...] = ()
+
+    @property
+    def arm_answers(self) -> bool:
+        """Whether the arm told how it is now, and refused nothing."""
+        new = abs(self.time_s - self.arm.time_s) <= STALE_ARM_S
+        return new and not any(trouble.device == "arm" for trouble in self.troubles)
 
     @property
     def new_path(self) -> bool:

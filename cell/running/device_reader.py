@@ -8,10 +8,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.errors import CellError, DeviceFault
+from cell.errors import CellError, DeviceFault, LatchedFault
 from cell.interfaces.devices import Camera, Devices
 from cell.interfaces.frame import Frame
 from cell.interfaces.observation import (
+    STALE_ARM_S,
     ArmState,
     GripperState,
     JointSamples,
@@ -58,7 +59,7 @@ class RobotPoseHistory:
         """world_from_tool at a time, between measurements; None where the arm was not measured about then."""
         states = [one for one in self._states if not self._samples or one[0] > self._samples[-1].times_s[-1]]
         times_s = np.concatenate([*(one.times_s for one in self._samples), np.array([one[0] for one in states])])
-        if not len(times_s) or not times_s[0] - NEAR_S <= time_s <= times_s[-1] + NEAR_S:
+        if not len(times_s) or not np.abs(times_s - time_s).min() <= NEAR_S:
             return None
         joints = np.concatenate([*(one.positions_rad for one in self._samples), *([one[1]] for one in states)])
         return self._forward(np.array([np.interp(time_s, times_s, column) for column in joints.T]))
@@ -198,6 +199,8 @@ class DeviceReader:
         if frame is None or not frame.at_tool:
             return frame
         tool = None if self._own_body is None else self._own_body.tool_at(frame.time_s)
+        if tool is None and self._arm is not None and self._devices.clock.now_s() - self._arm.time_s > STALE_ARM_S:
+            return None  # the arm is silent, which is told of the arm
         if tool is None:
             raise DeviceFault(f"camera {frame.camera}", "the arm was not measured when its frame was taken")
         return frame.seen_from(tool @ frame.world_from_camera)
@@ -209,7 +212,8 @@ class DeviceReader:
             self._troubles.append(Trouble(device.replace("detector", "camera"), describe(error)))
             return None
         except Exception as error:  # whatever a driver raises: the supervisor decides what it means
-            self._troubles.append(Trouble(device, describe(error)))
+            latched = " fault" * isinstance(error, LatchedFault)
+            self._troubles.append(Trouble(f"{device}{latched}", describe(error)))
             return None
 
 

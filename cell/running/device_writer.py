@@ -100,7 +100,7 @@ class DeviceActor:
         self._load(seen)
         self._recover(seen, judgement)
         self._command("gripper", lambda: self._fingers.keep(seen, held))
-        foreign = seen.arm.moving and not self._followed  # a controller's that died: else it would be gone on with
+        foreign = seen.arm.moving and not self._followed  # of a controller that died, or given up while nobody heard
         if command.stop_arm or foreign:
             self._command("arm", self._devices.arm.stop)
         elif (follow := command.follow) is not None:
@@ -137,7 +137,7 @@ class DeviceActor:
             self._command("arm", lambda: arm.carry(held))
 
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
-        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up.
+        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is off its path or lost give it up.
 
         An arm whose safeguard closed is brought back unasked where its row has chosen that.
         What moves waits until that person lets the cell go on, too: a gripper that restarted empty is activated then.
@@ -147,6 +147,7 @@ class DeviceActor:
         if not seen.acknowledged:
             return
         if judgement.gives_path_up(acknowledged=seen.acknowledged):
+            self._followed = False
             self._command("arm", self._devices.arm.stop)
         restarted = any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated
         if restarted and seen.operator.pause != "now":

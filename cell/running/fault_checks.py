@@ -10,15 +10,16 @@ import numpy as np
 
 from cell.files.words.message import Message
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.devices import STALE_ARM_S
 from cell.interfaces.faults import Judgement
-from cell.interfaces.observation import LETS_GO, ArmMode, Observation
+from cell.interfaces.observation import LETS_GO, STALE_ARM_S, ArmMode, Observation
 from cell.interfaces.perception import BenchView
 from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
 from cell.running.hand_checks import HandMemory
 from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
 from skills.motion.known_bench import FUTURE_S, STALE_S
 
+LOST_ARM_S = 0.25  # a state that is older is no state: the arm stands by itself by then
+LOST_GRIPPER_S = 1.0
 LATE, VERY_LATE = 2, 10  # periods of the control loop
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
@@ -136,9 +137,9 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
         return Detection(words) if words else None
 
     def stale(seen: Observation, _: Command, memory: Memory) -> Detection | None:
-        age_s, repeats_s = seen.time_s - seen.arm.time_s, watched(seen, memory).repeats_s
-        if not age_s <= STALE_ARM_S:
-            return Detection(Message("the arm's state is {age_s} s old", age_s=f"{age_s:.2f}"))
+        if words := _old_arm(seen, STALE_ARM_S):
+            return Detection(words)
+        repeats_s = watched(seen, memory).repeats_s
         return (
             Detection(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
             if repeats_s > REPEATS_S
@@ -153,12 +154,37 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
             slow[0] = path, monitor.slow_share(path)
         return Detection("slower, as the arm does not tell how far along its path it is", slow[0][1])
 
+    def slower(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        words = watched(seen, memory).lags
+        return Detection(words) if words else None
+
     return {
         "arm_not_plausible": not_plausible,
+        "arm_slower": slower,
         "arm_not_obeying": not_obeying,
         "arm_stale": stale,
         "arm_path_unknown": path_unknown,
     }
+
+
+def _old_arm(seen: Observation, limit_s: float) -> str:
+    """How old the arm's state is, where it is too old, and why in the arm's words."""
+    age_s = seen.time_s - seen.arm.time_s
+    if age_s <= limit_s:
+        return ""
+    words = Message("the arm's state is {age_s} s old", age_s=f"{age_s:.2f}")
+    return Message("{words} ({reason})", words=words, reason=seen.arm.reason) if seen.arm.reason else words
+
+
+def _lost_arm(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "arm")
+    return _unless_vain(words or _old_arm(seen, LOST_ARM_S), memory)
+
+
+def _lost_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "gripper")
+    words = words or stale_words(seen, LOST_GRIPPER_S)
+    return Detection(words) if words else None
 
 
 def _time_wrong(seen: Observation, _: Command, memory: Memory) -> Detection | None:
@@ -169,7 +195,11 @@ def _time_wrong(seen: Observation, _: Command, memory: Memory) -> Detection | No
 
 def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None:
     """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
-    words = _why_off_path(seen, memory.trajectory)
+    return _unless_vain(_why_off_path(seen, memory.trajectory), memory)
+
+
+def _unless_vain(words: str, memory: Memory) -> Detection | None:
+    """What a person clears, as long as that helps."""
     if words and memory.given_up >= VAIN_TIMES:
         return Detection(
             Message(
@@ -308,7 +338,8 @@ def _contested(_: Observation, command: Command, __: Memory) -> Detection | None
 
 
 CHECKS: Mapping[str, Check] = {
-    "arm_lost": _trouble_of("arm"),
+    "arm_lost": _lost_arm,
+    "arm_lost_long": _lost_arm,
     "arm_time_wrong": _time_wrong,
     "arm_off_path": _off_path,
     "arm_off_path_long": _off_path,
@@ -318,7 +349,15 @@ CHECKS: Mapping[str, Check] = {
     "arm_not_controlled": _mode("the arm takes no commands", "not_controlled"),
     "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
     "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
-    "gripper_lost": _trouble_of("gripper"),
+    "gripper_lost": _lost_gripper,
+    "gripper_lost_long": _lost_gripper,
+    "gripper_fault": _trouble_of("gripper fault"),
+    "gripper_two_nodes": _of_gripper(
+        lambda seen, _: (
+            "statuses of the gripper contradict one another: two nodes speak under its identifier"
+            * seen.gripper.two_nodes
+        )
+    ),
     "gripper_stale": _of_gripper(lambda seen, _: stale_words(seen)),
     "gripper_not_plausible": _of_gripper(lambda _, memory: memory.gripper.contradicts),
     "gripper_not_obeying": _of_gripper(lambda _, memory: memory.gripper.disobeys),

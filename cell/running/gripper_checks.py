@@ -14,6 +14,7 @@ STALE_GRIPPER_S = 0.1
 HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
 ECHO_S = 0.16  # a lost command is repeated by half of it
 OPENINGS_M, OFF_M = (-0.002, 0.087), 0.006  # that a 2F-85 can have, and how far one may be from where it was told to go
+FASTEST_M_S, WENT_M = 0.15, 0.001  # of a 2F-85's fingers; less is no way at all
 STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by then
 SLOWEST_S = 1.0  # for speeding up, braking and pressing
 
@@ -39,6 +40,7 @@ class GripperMemory:
     _echoed_s: float = field(default=-math.inf, init=False)
     _moved_s: float = field(default=-math.inf, init=False)
     _opening_m: float = field(default=0.0, init=False)
+    _from_m: float | None = field(default=None, init=False)  # where they rested free as they were sent
     _opens: bool = field(default=False, init=False)  # they were sent farther apart
     _before: GripperState | None = field(default=None, init=False)
 
@@ -52,7 +54,8 @@ class GripperMemory:
             self._held_s = now_s
         self._active = gripper.activated
         self.ever_active |= gripper.activated
-        if gripper.echoed or not gripper.activated:
+        told = self._before is None or gripper.time_s > self._before.time_s
+        if gripper.echoed or not gripper.activated or not told:  # what tells nothing is stale, and no liar
             self._echoed_s = now_s
         self._follow(gripper, now_s)
         self.contradicts = self._impossible(gripper) or self._elsewhere(gripper, now_s)
@@ -63,7 +66,9 @@ class GripperMemory:
         """A tick ends with what goes out; while the cell is held, fingers stand where they are."""
         held = judgement.action >= Action.HOLD
         if command.gripper is not None and not held:
-            self._goal = command.gripper
+            self._goal, before = command.gripper, self._before
+            rests = before is not None and before.object_status is ObjectStatus.AT_POSITION
+            self._from_m = before.opening_m if before is not None and rests else None
             self._opens = self._before is not None and command.gripper.opening_m > self._before.opening_m
         if held or command.gripper is not None:
             self._free_s = self._moved_s = now_s
@@ -81,6 +86,14 @@ class GripperMemory:
     def _impossible(self, gripper: GripperState) -> str:
         if not (math.isfinite(gripper.opening_m) and math.isfinite(gripper.current_a)):
             return "the gripper told a value that is not finite"
+        if (before := self._before) is not None and gripper.activated and before.activated:
+            took_s, moved_m = gripper.time_s - before.time_s, abs(gripper.opening_m - before.opening_m)
+            if moved_m > FASTEST_M_S * max(took_s, 0.0) + 2 * OFF_M:
+                return Message(
+                    "the fingers went {moved_m} mm in {took_s} s, faster than they can",
+                    moved_m=f"{moved_m * 1000:.0f}",
+                    took_s=f"{took_s:.2f}",
+                )
         if not OPENINGS_M[0] <= gripper.opening_m <= OPENINGS_M[1]:
             return Message("the gripper told an opening of {opening_m} mm", opening_m=f"{gripper.opening_m * 1000:.0f}")
         return ""
@@ -95,6 +108,8 @@ class GripperMemory:
             ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M or self._opens,
             ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M or not self._opens,
         }
+        if gripper.object_status is ObjectStatus.CONTACT_CLOSING and self._never_went(gripper.opening_m):
+            return "the fingers say that they met something, and never left where they were open"
         if not wrong.get(gripper.object_status, False):
             return ""
         told = gripper.object_status.name.lower().replace("_", " ")
@@ -105,6 +120,12 @@ class GripperMemory:
             beyond_m=f"{abs(beyond_m) * 1000:.0f}",
             sent=sent,
         )
+
+    def _never_went(self, opening_m: float) -> bool:
+        """They were sent to close from where they rested free, and are still there: nothing is that wide."""
+        if self._from_m is None or self._goal is None:
+            return False
+        return self._from_m - self._goal.opening_m > OFF_M and abs(opening_m - self._from_m) < WENT_M
 
     def _disobeys(self, gripper: GripperState, now_s: float) -> str:
         if now_s - self._echoed_s > ECHO_S:
@@ -134,12 +155,10 @@ class GripperMemory:
         return gripper.activated and gripper.echoed and now_s - self._free_s > ECHO_S
 
 
-def stale_words(seen: Observation) -> str:
+def stale_words(seen: Observation, limit_s: float = STALE_GRIPPER_S) -> str:
     """How old the status is, where that is too old."""
     age_s = seen.time_s - seen.gripper.time_s
-    return (
-        Message("the gripper's status is {age_s} s old", age_s=f"{age_s:.2f}") if not age_s <= STALE_GRIPPER_S else ""
-    )
+    return Message("the gripper's status is {age_s} s old", age_s=f"{age_s:.2f}") if not age_s <= limit_s else ""
 
 
 def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
-from cell.interfaces.devices import STALE_ARM_S, Devices, Gripper
+from cell.interfaces.devices import Devices, Gripper
 from cell.interfaces.observation import ObjectStatus, Observation
 from cell.running.device_reader import describe
 from cell.running.gripper_checks import stale_words
@@ -123,7 +123,7 @@ def await_rest(
         if seen is not None and at_rest(seen):
             return seen
         if gone() or now_s() >= until_s:
-            what = "still moving" if seen is not None and _answers(seen) else "not known to stand"
+            what = "still moving" if seen is not None and seen.arm_answers else "not known to stand"
             problems["the arm did not come to rest"] = what if gone() else f"{what} {timeout_s:g} s after the stop"
             return seen
         for what, order in orders.items():
@@ -133,13 +133,7 @@ def await_rest(
 
 def at_rest(seen: Observation) -> bool:
     """The arm answered in this tick, gave up its trajectory, and no joint moves."""
-    return _answers(seen) and not seen.arm.moving and seen.arm.stands
-
-
-def _answers(seen: Observation) -> bool:
-    """Whether what the arm told is of now."""
-    new = abs(seen.time_s - seen.arm.time_s) <= STALE_ARM_S
-    return new and not any(trouble.device == "arm" for trouble in seen.troubles)
+    return seen.arm_answers and not seen.arm.moving and seen.arm.stands
 
 
 def condition(seen: Observation | None, part: str) -> str:
@@ -152,7 +146,9 @@ def condition(seen: Observation | None, part: str) -> str:
         return f"nothing is known of arm and gripper; it may hold {part or 'a part'}"
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
     gripper = seen.gripper
-    told = gripper.echoed and not stale_words(seen) and not any(one.device == "gripper" for one in seen.troubles)
+    told = (
+        gripper.echoed and not stale_words(seen) and not any(one.device.startswith("gripper") for one in seen.troubles)
+    )
     if not told or not gripper.activated or gripper.object_status is ObjectStatus.MOVING:
         return f"{arm}, nothing is known of the gripper; it may hold {part or 'a part'}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.interfaces.command import Command
-from cell.interfaces.faults import SAFEGUARD, Action, Fault, FaultTable, Judgement
+from cell.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
 from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, tick_checks
 from cell.running.person_checks import person_checks
@@ -169,7 +169,7 @@ def _waits_for_person(fault: Fault, state: _State) -> bool:
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
     if fault.clear == "never" or state.expired:
         return False
-    if _waits_for_person(fault, state):
+    if _waits_for_person(fault, state) or (fault.signal in LOST and seen.acknowledged):  # its path goes first
         return False
     if fault.clear == "standstill" and not seen.arm.stands:
         state.last_s = seen.time_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 import can
 from cantools.database.can import Database, Message
 
-from cell.errors import DeviceFault
+from cell.errors import DeviceFault, LatchedFault
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
@@ -28,6 +29,8 @@ NO_COMMUNICATION = 0x09
 ADOPTION_S = 0.2  # until when an adopted gripper may say that it has heard nothing: it had no master
 INTERNAL_FAULT = 0x0C
 ACTIVE = 3  # gSTA
+WORDS, APART_MM = ("gACT", "gGTO", "gSTA", "gPR"), 6.0  # by which statuses of two nodes are told apart
+FLIPS, FLIPS_S = 2, 2.0  # so often within this time: one may be a command that was taken back
 ECHO = (("gACT", "rACT"), ("gGTO", "rGTO"), ("gPR", "rPR"))
 NODE_STATES: Mapping[int, NodeState] = {
     0x00: "boot_up",
@@ -97,6 +100,9 @@ class CanGripper:
         self._status: Mapping[str, float] | None = None
         self._status_s = clock.now_s()
         self._told = False  # a status came in this tick
+        self._lost = False  # it told nothing, and no status came since
+        self._talk: deque[Mapping[str, float]] = deque(maxlen=2)  # the last statuses that differ
+        self._flips_s: deque[float] = deque([-math.inf] * FLIPS, maxlen=FLIPS)  # when statuses went there and back
         self._late = self._other_master = self._restarted = False
         self._errors: list[str] = []  # of this tick
         self._node_states: deque[NodeState] = deque(maxlen=3)  # from the heartbeats
@@ -114,18 +120,29 @@ class CanGripper:
         self._bus = change(self._bus, self._database)
 
     def state(self) -> GripperState:
-        """Read the waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
-        self._drain()
-        if not self._late:  # else they may wait behind other frames; the status grows old meanwhile
-            self._check_heartbeat()
-            self._check_echo()
+        """Read the waiting frames.
+
+        Raises:
+            LatchedFault: a major fault.
+            DeviceFault: no heartbeat, or a dead or deaf bus, which may come back.
+        """
+        try:
+            self._drain()
+            if not self._late:  # else they may wait behind other frames; the status grows old meanwhile
+                self._check_heartbeat()
+        except DeviceFault:
+            self._lost = True
+            raise
         self._keep_alive()
+        if not self._late:
+            self._check_echo()
         if self._status is None:
             unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
             return self._with_bus(unknown, echoed=self._sent_s is None)
         fault = max(int(self._status["gFLT"]), self._emergency, self._worst)
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
-            raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
+            kind = DeviceFault if fault == NO_COMMUNICATION else LatchedFault
+            raise kind("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
         echoed = self._repeats(self._status)
         state = GripperState(
             self._status_s,
@@ -171,6 +188,7 @@ class CanGripper:
             echoed=echoed,
             other_master=self._other_master,
             bus_errors=", ".join(dict.fromkeys(self._errors)),
+            two_nodes=self._clock.now_s() - self._flips_s[0] <= FLIPS_S,
         )
 
     def _drain(self) -> None:
@@ -215,7 +233,9 @@ class CanGripper:
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
             self._worst = max(self._worst, self._emergency)
         else:
+            self._lost = False
             self._take_status(values)
+            self._listen(values)
             self._status, self._told = values, True
             if not self._late:
                 self._status_s = now
@@ -245,6 +265,15 @@ class CanGripper:
         elif self._status is not None and self._status["gACT"] and not status["gACT"]:
             self._forget_activation()
 
+    def _listen(self, status: Mapping[str, float]) -> None:
+        """Notice two nodes that speak in turn: what one of them tells cannot change and change back at once."""
+        if self._talk and not _differ(status, self._talk[-1]):
+            self._talk[-1] = status
+            return
+        if len(self._talk) == 2 and not _differ(status, self._talk[0]):
+            self._flips_s.append(self._clock.now_s())
+        self._talk.append(status)
+
     @property
     def _just_adopted(self) -> bool:
         return self._adopted_s is not None and self._clock.now_s() - self._adopted_s <= ADOPTION_S
@@ -270,7 +299,7 @@ class CanGripper:
 
         Where another master has spoken, the next status tells what of it.
         """
-        if self._full_s is not None:
+        if self._full_s is not None and (self._told or self._clock.now_s() - self._full_s < KEEP_ALIVE_S):
             self._send()
         due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
         if due and self._told and not self._other_master:
@@ -289,6 +318,8 @@ class CanGripper:
         return all(status[told] == asked[sent] for told, sent in ECHO)
 
     def _send(self) -> bytes:
+        if self._lost:  # it may have restarted, and would be activated anew
+            raise DeviceFault("gripper", "nothing is sent before it tells its status again")
         data = self._command.encode(self._request)
         message = can.Message(arbitration_id=self._command.frame_id, data=data, is_extended_id=False)
         try:
@@ -314,6 +345,12 @@ class CanGripper:
 
 def _nobody(_: CanFrame) -> None:
     """Nobody listens."""
+
+
+def _differ(status: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether two statuses are not of one gripper at about one time."""
+    words = any(status[name] != other[name] for name in WORDS)
+    return words or abs(status["gPO"] - other["gPO"]) > APART_MM
 
 
 def _decoded(message: Message, data: bytes) -> dict[str, float]:

@@ -21,7 +21,7 @@ from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
 
-from cell.errors import DeviceFault
+from cell.errors import DeviceFault, LatchedFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.devices import DeviceCheck
@@ -166,7 +166,7 @@ class RegisterGripper:
         self._thread.start()
 
     def state(self) -> GripperState:
-        """As last told; raises DeviceFault after `lost_s` without an answer, and for a fault that has to be reset."""
+        """As last told; raises DeviceFault after `lost_s` without an answer, LatchedFault for one to be reset."""
         with self._lock:
             status, told_s, request, steps = self._status, self._status_s, self._request, bool(self._steps)
             connected_s, trouble = self._connected_s, self._trouble
@@ -177,7 +177,8 @@ class RegisterGripper:
             return GripperState(told_s, False, ObjectStatus.MOVING, STROKE_M, 0.0, 0, "unknown", echoed=False)
         new = now_s - connected_s <= ADOPTION_S  # it had no master, and says so
         if status.fault >= MAJOR_FAULT and not steps and not (new and status.fault == NO_COMMUNICATION):
-            raise DeviceFault("gripper", f"fault 0x{status.fault:02X}: {FAULTS.get(status.fault, 'unknown')}")
+            kind = DeviceFault if status.fault == NO_COMMUNICATION else LatchedFault
+            raise kind("gripper", f"fault 0x{status.fault:02X}: {FAULTS.get(status.fault, 'unknown')}")
         active = status.active and status.state == ACTIVE and not steps
         echoed = not self._commanded or status.repeats(request)
         met = self._object(status) if echoed else ObjectStatus.MOVING

@@ -21,8 +21,7 @@ import numpy as np
 from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.devices import STALE_ARM_S
-from cell.interfaces.observation import ArmMode, ArmState, JointSamples
+from cell.interfaces.observation import STALE_ARM_S, ArmMode, ArmState, JointSamples
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel
 from cell.remote.channel import Channel, Message

@@ -31,6 +31,8 @@ REPEATS_S, STUCK_S = (
     0.1,
     0.24,
 )  # a moving arm tells something new by then, and goes on along its path
+TELLS_S = 0.3  # of a moving arm that tells the same with new stamps for longer nothing is believed
+LAGS_S, LAGS_SHARE = 1.0, 0.2  # an arm that may go on does so by then at this share of the allowed speed
 LONGEST_S = 0.2  # between two states that can be compared
 BRAKED = ("protective_stop", "recovery")  # what pushes an arm whose brakes are on may shake it
 JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
@@ -58,7 +60,7 @@ class ArmMonitor:
         reaction_s: from an order to the first braking.
         tool_m: where the tool is (3,), from joints.
         slow_share: of a path, the share of speed at which no link is faster than the slow speed.
-        disobeys, implausible: what is wrong now, in words; empty for nothing.
+        disobeys, implausible, lags: what is wrong now, in words; empty for nothing.
         repeats_s: since when a moving arm tells the same state.
     """
 
@@ -69,7 +71,11 @@ class ArmMonitor:
     slow_share: Callable[[JointTrajectory], float]
     disobeys: str = field(default="", init=False)
     implausible: str = field(default="", init=False)
+    lags: str = field(default="", init=False)
     repeats_s: float = field(default=0.0, init=False)
+    _free_s: float = field(default=0.0, init=False)  # since when the arm may go on; how far it may, and did, since
+    _due_s: float = field(default=0.0, init=False)
+    _went_s: float = field(default=0.0, init=False)
     _now_s: float = field(default=-math.inf, init=False)
     _changed_s: float = field(default=-math.inf, init=False)
     _advanced_s: float = field(default=-math.inf, init=False)
@@ -108,6 +114,7 @@ class ArmMonitor:
         self._order(share if path is not None else 0.0, path)
         self._allowed_s += self._play(min(now_s, arm.time_s))
         self._now_s = now_s
+        self.lags = self._lags(arm)
         self.disobeys = self._ahead(arm) or self._moves(arm) or self._stuck(arm, path)
         self._arm = arm
 
@@ -159,7 +166,9 @@ class ArmMonitor:
 
     def _ahead(self, arm: ArmState) -> str:
         """The way along the path grew by more than it may."""
-        if arm.path_s is None or not arm.moving or self._now_s - self._begun_s <= self.reaction_s + LONGEST_S / 4:
+        silent = self._arm is not None and arm.time_s - self._arm.time_s > LONGEST_S  # and heard no order meanwhile
+        new = self._now_s - self._begun_s <= self.reaction_s + LONGEST_S / 4
+        if arm.path_s is None or not arm.moving or new or silent:
             self._path_s, self._allowed_s = arm.path_s, 0.0
             return self._too_far(arm)
         if self._arm is not None and arm.time_s == self._arm.time_s:  # nothing new
@@ -212,9 +221,12 @@ class ArmMonitor:
         """A moving arm that may go on tells the same again and again, or does not go on."""
         same = self._arm is not None and (arm.path_s, arm.positions_rad) == (self._arm.path_s, self._arm.positions_rad)
         free = arm.moving and path is not None and min(share for _, share in self._orders) > 0
-        if not same or (not free and self.repeats_s < REPEATS_S):
+        silent = self._arm is not None and arm.time_s == self._arm.time_s
+        if not same or silent or (not free and self.repeats_s < REPEATS_S):
             self._changed_s = self._now_s
         self.repeats_s = self._now_s - self._changed_s
+        if self.repeats_s > TELLS_S:
+            return Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{self.repeats_s:.2f}")
         grows = self._arm is None or self._arm.path_s is None or arm.path_s is None or arm.path_s > self._arm.path_s
         if not free or grows:
             self._advanced_s = self._now_s
@@ -223,6 +235,28 @@ class ArmMonitor:
                 "the arm does not go on for {stuck_s} s, although it may and says that it moves", stuck_s=STUCK_S
             )
         return ""
+
+    def _lags(self, arm: ArmState) -> str:
+        """The way along the path grows by much less than it may."""
+        before, least = self._arm, min(share for _, share in self._orders)
+        grew_s = -1.0
+        if before is not None and before.path_s is not None and arm.path_s is not None:
+            grew_s = arm.path_s - before.path_s
+        if before is None or grew_s < 0 or not arm.moving or least == 0:  # or it is another path
+            self._free_s = self._due_s = self._went_s = 0.0
+            return ""
+        took_s = arm.time_s - before.time_s
+        self._free_s, self._due_s = self._free_s + took_s, self._due_s + least * took_s
+        self._went_s += grew_s
+        if self._free_s < LAGS_S:
+            return self.lags
+        share, self._free_s, self._due_s, self._went_s = self._went_s / self._due_s, 0.0, 0.0, 0.0
+        if share >= LAGS_SHARE:
+            return ""
+        return Message(
+            "the arm goes at {share} % of the speed that it may: see the pendant's slider, and its driver's pace()",
+            share=f"{100 * share:.1f}",
+        )
 
     def _wrong(self, arm: ArmState) -> str:
         """What a sound arm cannot tell."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -545,3 +546,117 @@ def _database() -> Database:
 
 
 DATABASE = _database()
+
+
+class LostBus(VirtualBus):
+    """An adapter that is off its bus for a while: reading and writing raise."""
+
+    off = False
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self.off:
+            raise can.CanOperationError("bus off")
+        return super().recv(timeout)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.off:
+            raise can.CanOperationError("bus off")
+        super().send(msg, timeout)
+
+
+def lost_bus(rig: Rig) -> LostBus:
+    bus = LostBus(rig.channel, receive_own_messages=True)
+
+    def changed(before: can.BusABC, _: Database) -> can.BusABC:
+        before.shutdown()
+        return bus
+
+    rig.gripper.change_bus(changed)
+    return bus
+
+
+def wait_lost(rig: Rig, for_s: float) -> None:
+    """Tick as a controller does that holds the fingers."""
+    until_s = rig.clock.now_s() + for_s
+    while rig.clock.now_s() < until_s:
+        rig.clock.sleep_until(rig.clock.now_s() + 0.04)
+        with pytest.raises(DeviceFault):
+            rig.gripper.state()
+        with pytest.raises(DeviceFault):
+            rig.gripper.hold()
+
+
+@pytest.mark.parametrize("off_s", [0.3, 5.0, 29.0])
+@pytest.mark.parametrize("part_m", [0.03, None], ids=["gripping", "at rest"])
+def test_a_bus_that_was_off_is_as_it_was_before(rig: Rig, off_s: float, part_m: float | None) -> None:
+    rig.bench.activated()
+    rig.node.part_m = part_m
+    rig.gripper.command(GripperCommand(0.01, 0.15))
+    before = rig.bench.settle()
+    bus = lost_bus(rig)
+    rig.bench.wait(0.2)
+    bus.off = True
+    wait_lost(rig, off_s)
+    bus.off = False
+    for _ in range(8):  # a heartbeat comes by then
+        rig.clock.sleep_until(rig.clock.now_s() + 0.04)
+        with suppress(DeviceFault):
+            rig.gripper.state()
+    rig.gripper.command(GripperCommand(0.01, 0.15))
+    after = rig.bench.settle()
+    assert (after.holding, after.activated, after.echoed) == (before.holding, True, True)
+    assert after.opening_m == pytest.approx(before.opening_m, abs=0.001)
+
+
+def test_a_gripper_that_restarted_while_its_bus_was_off_is_not_activated_unasked(rig: Rig) -> None:
+    rig.bench.activated()
+    bus = lost_bus(rig)
+    rig.bench.wait(0.2)
+    bus.off = True
+    wait_lost(rig, 1.0)
+    rig.node.restart()
+    while VirtualBus.recv(bus, 0) is not None:  # an adapter that was off has heard nothing
+        pass
+    rig.node.commands.clear()
+    bus.off = False
+    for _ in range(20):
+        with suppress(DeviceFault):
+            rig.gripper.hold()
+        with suppress(DeviceFault):
+            rig.gripper.state()
+        rig.clock.sleep_until(rig.clock.now_s() + 0.04)
+    assert not any(data[0] & 1 for data in rig.node.commands), "nothing told it to activate itself"
+    assert not rig.gripper.state().activated
+
+
+@pytest.mark.parametrize("every", [1, 4, 20])
+@pytest.mark.parametrize("part_m", [0.03, None], ids=["gripping", "at rest"])
+def test_another_node_with_old_statuses_under_our_identifier_is_told(
+    rig: Rig, every: int, part_m: float | None
+) -> None:
+    rig.bench.activated()
+    old = rig.node._status(3)
+    rig.node.part_m = part_m
+    rig.gripper.command(GripperCommand(0.01, 0.15))
+    assert not rig.bench.settle().two_nodes
+    for number in range(60):
+        if number % every == 0:
+            rig.node.send("GripperStatus", old)
+        rig.clock.sleep_until(rig.clock.now_s() + 0.02)
+        state = rig.gripper.state()
+    assert state.two_nodes
+    rig.bench.wait(2.5)
+    assert not rig.gripper.state().two_nodes
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_fingers_that_open_and_close_are_one_node(rig: Rig, copies: int) -> None:
+    rig.bench.activated()
+    rig.node.copies = copies
+    for opening_m in (0.0, 0.08, 0.01, 0.06, 0.0):
+        rig.gripper.command(GripperCommand(opening_m, 0.15))
+        rig.bench.wait(0.2)
+        assert not rig.gripper.state().two_nodes
+        rig.gripper.hold()
+        rig.bench.wait(0.04)
+        assert not rig.gripper.state().two_nodes

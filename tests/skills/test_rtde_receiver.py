@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -32,7 +33,7 @@ def sound(number: int) -> bytes:
     return package("U", b"\1" + struct.pack(">19diiIdd", *values))
 
 
-DAMAGED = {
+DAMAGED: dict[str, Callable[[], bytes]] = {
     "a double short": lambda: package("U", sound(1)[4:-8]),
     "a byte long": lambda: package("U", sound(1)[3:] + b"\0"),
     "size 0": lambda: b"\0\0U",
@@ -101,7 +102,8 @@ def test_one_that_answers_fewer_types_when_it_is_connected_again_is_asked_until_
         assert wait_for(lambda: "8 types to 9 outputs" in receiver.trouble)
         server.types = TYPES
         server.await_connections(2)
-        assert wait_for(lambda: server.say(sound(1)) or receiver.newest.time_s > first.time_s)
+        server.say(sound(1))
+        assert wait_for(lambda: receiver.newest.time_s > first.time_s)
     finally:
         receiver.close()
 
@@ -128,7 +130,12 @@ def test_one_that_talks_of_other_things_alone_is_given_up_within_the_limit(serve
 def test_a_connection_that_could_not_begin_is_closed(server: RtdeServer, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[socket.socket] = []
     create = socket.create_connection
-    monkeypatch.setattr(socket, "create_connection", lambda *given: made.append(create(*given)) or made[-1])
+
+    def kept(*given: Any) -> socket.socket:
+        made.append(create(*given))
+        return made[-1]
+
+    monkeypatch.setattr(socket, "create_connection", kept)
     server.types = TYPES[:-1]
     with pytest.raises(ConnectionError):
         RtdeConnection("127.0.0.1", OUTPUTS)

@@ -327,3 +327,42 @@ def test_fingers_that_were_opened_grip_nothing_and_closed_ones_do_not_push(told:
 def test_a_fault_code_that_nobody_knows_is_not_taken_for_none() -> None:
     said = handled(lambda seen: replace(seen, gripper=replace(seen.gripper, fault=3 * (seen.tick >= HOLDS))))
     assert said[0] == (HOLDS, "the gripper takes no command, gFLT 0x03")
+
+
+LIES: dict[str, Callable[[Observation], tuple[float, ObjectStatus]]] = {
+    "open and gripped": lambda _: (0.085, ObjectStatus.CONTACT_CLOSING),
+    "an echo and gripped": lambda _: (0.0, ObjectStatus.CONTACT_CLOSING),
+    "an echo and there": lambda _: (0.0, ObjectStatus.AT_POSITION),
+}
+
+
+@pytest.mark.parametrize("tick", [6, 8], ids=["as they close", "half way"])
+@pytest.mark.parametrize("lie", LIES)
+def test_a_gripper_whose_echo_contradicts_its_fingers_is_told(lie: str, tick: int) -> None:
+    def spoil(seen: Observation) -> Observation:
+        if seen.tick < tick:
+            return seen
+        opening_m, told = LIES[lie](seen)
+        return replace(seen, gripper=replace(seen.gripper, opening_m=opening_m, object_status=told))
+
+    said = handled(spoil)
+    assert said, "never noticed"
+    assert said[0][0] <= tick + NOTICED_TICKS + 4, said[0]
+    assert "faster than they can" in said[0][1] or "never left where they were open" in said[0][1]
+
+
+@pytest.mark.parametrize("begins", [3, MIDWAY], ids=["at rest", "under way"])
+@pytest.mark.parametrize("percent", [0.01, 0.1])
+def test_an_arm_that_is_much_slower_than_allowed_is_told(percent: float, begins: int) -> None:
+    bench = Bench()
+
+    def until(tick: int) -> None:
+        if tick == begins:
+            bench.arm.faster = percent
+
+    bench.run(begins + 75, until)
+    told = [number for number, one in enumerate(bench.judged) if "arm_slower" in dict(one.reasons)]
+    assert told, "never noticed"
+    assert told[0] <= begins + 60
+    assert bench.judged[-1].action is Action.WARN
+    assert "see the pendant's slider" in bench.judged[told[0]].words

@@ -56,7 +56,7 @@ def test_a_process_that_streams_and_loses_its_link_says_so_in_words(tmp_path: Pa
         assert np.isfinite(ur.at_rad).all()
         code = stream.child.code(10.0)
         ur.arm.close()  # type: ignore[attr-defined]
-    assert code == 0
+    assert code in (0, -signal.SIGKILL), "it ends by itself, or is ended where its client hangs; it never aborts"
     assert told == []
 
 

@@ -13,7 +13,7 @@ def test_a_table_of_before_a_sign_was_known_is_read() -> None:
     rows = {row.signal: row.action for row in recorded_table(older).faults}
     assert set(rows) == set(SIGNALS)
     assert rows["camera_moved"] == "run"
-    assert rows["arm_lost"] == "stop"
+    assert rows["arm_lost_long"] == "stop"
 
 
 def test_a_table_whose_row_asked_for_a_person_by_itself_has_a_row_for_that() -> None:

@@ -59,7 +59,7 @@ def with_nulls(kind: Any, value: Any) -> Any:
         return {**missing, **{key: with_nulls(hints.get(key), item) for key, item in value.items()}}
     kind = _bare(kind)
     if dataclasses.is_dataclass(kind):
-        return with_nulls(kind, value)
+        return with_nulls(kind, value) if isinstance(value, dict) else value  # who reads it says that it is none
     arguments = typing.get_args(kind)
     if isinstance(value, dict) and len(arguments) == 2:
         return {key: with_nulls(arguments[1], item) for key, item in value.items()}

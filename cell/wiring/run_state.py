@@ -139,7 +139,7 @@ def _entries(written: list[Any], tree: Tree, read: StateReader) -> list[str]:
         entry = entries.get((scope, key))
         if entry is None:
             read.skip(fields)
-            lost.append(key)
+            lost.append(str(key))
             continue
         was = {name: getattr(entry, name) for name in OF_ENTRY}
         for name, value in read.fields(fields, was, OF_ENTRY, key).items():

@@ -160,7 +160,7 @@ class TickBuilder:
                     self._pending.state = state
             elif topic in OF_A_TICK or topic.startswith("/note/"):
                 self._add(topic, _fields(message.data))
-        except (ValueError, KeyError, TypeError, ValidationError) as error:
+        except (ValueError, LookupError, TypeError, AttributeError, ValidationError) as error:
             what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
             raise LogError(self._path, f"{what}: {type(error).__name__}: {error}") from None
 

@@ -91,6 +91,6 @@ def fits(value: Any, hint: Any) -> bool:
         return True
     if isinstance(value, Mapping):
         return all(fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items())
-    if kind is tuple and inner[-1] is not Ellipsis:
+    if isinstance(value, tuple) and inner[-1] is not Ellipsis and kind is tuple:
         return len(value) == len(inner) and all(fits(one, of) for one, of in zip(value, inner, strict=True))
     return not isinstance(value, list | tuple | set | frozenset | deque) or all(fits(one, inner[0]) for one in value)

@@ -5,7 +5,7 @@ SHELL := /bin/bash
 , := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: three help run test test-contracts test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three help run test test-contracts test-all check site sbom bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -42,6 +42,7 @@ help:
 	@echo "make test-contracts  what every device must do, simulated, recorded and behind a twin's wires"
 	@echo "make check      ruff, mypy, import-linter, the site"
 	@echo "make site       the documentation as a site, in site/"
+	@echo "make sbom       all that the program is made of, as CycloneDX, in build/sbom.json"
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
@@ -77,6 +78,9 @@ check: .venv/tests .venv/site
 # A link that leads nowhere, or a page that nothing leads to, is a failure.
 site: .venv/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+sbom: .venv/tests
+	$(BIN)/python -m tests.docs.sbom build/sbom.json
 
 bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks

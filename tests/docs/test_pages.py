@@ -51,3 +51,18 @@ def test_every_page_is_in_the_nav_of_the_site() -> None:
     names = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     listed = {path.relative_to(DOCS).as_posix() for entry in ENTRY.findall(nav) for path in DOCS.glob(entry)}
     assert names - listed == set()
+
+
+def test_what_leaves_this_machine_names_every_key_and_target_that_reaches_beyond() -> None:
+    page = (DOCS / "what-leaves.md").read_text()
+    keys = set(
+        re.findall(r"^\| `(host|url|address|channel|at)` \|", (DOCS / "configuration/devices.md").read_text(), re.M)
+    )
+    assert keys >= {"host", "url", "channel", "at"}
+    assert [key for key in keys if not re.search(rf"`devices\.\w+\.{key}`", page)] == []
+    recipes = re.findall(r"^([a-z]+):[^\n=]*\n((?:\t[^\n]*\n)+)", (ROOT / "Makefile").read_text(), re.M)
+    fetching = [target for target, recipe in recipes if re.search(r"npm |uv pip|lab hands", recipe)]
+    assert len(fetching) >= 4
+    assert [target for target in fetching if f"`make {target}`" not in page] == []
+    options = re.findall(r"^\| `cell run (--\w+)`", (DOCS / "SECURITY.md").read_text(), re.M)
+    assert [option for option in options if f"`{option}`" not in page] == []

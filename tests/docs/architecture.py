@@ -2,6 +2,7 @@
 
 A room is a package or module that a contract in pyproject.toml names. It stands one row above the highest room that it
 imports. An arrow is an import that does not follow from others; all arrows point downwards, or a contract is broken.
+Imports that a contract excepts (`ignore_imports`) are not drawn.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import ast
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from graphlib import TopologicalSorter
 from itertools import pairwise, product
 from pathlib import Path
@@ -59,15 +61,22 @@ def rooms(project: Mapping[str, Any]) -> list[str]:
     return list(order.static_order())
 
 
-def imports(names: list[str]) -> Imports:
-    """Which room imports which, from the code itself."""
+def exceptions(project: Mapping[str, Any]) -> list[str]:
+    """Imports that the contracts of pyproject.toml allow against their order, as "IMPORTER -> IMPORTED" with `*`."""
+    contracts = project["tool"]["importlinter"]["contracts"]
+    return [pattern for contract in contracts for pattern in contract.get("ignore_imports", ())]
+
+
+def imports(names: list[str], excepted: Sequence[str]) -> Imports:
+    """Which room imports which, from the code itself, but for exceptions."""
     graph = grimp.build_graph(*sorted({name.split(".")[0] for name in names}), cache_dir=None)
     found: dict[str, set[str]] = {name: set() for name in names}
     for module in graph.modules:
         importer = _room_of(module, names)
         for imported in graph.find_modules_directly_imported_by(module):
             room = _room_of(imported, names)
-            if importer and room and importer != room:
+            allowed = any(fnmatchcase(f"{module} -> {imported}", pattern) for pattern in excepted)
+            if importer and room and importer != room and not allowed:
                 found[importer].add(room)
     return {name: frozenset(rooms) for name, rooms in found.items()}
 
@@ -114,8 +123,9 @@ def layout(names: list[str], found: Imports) -> Layout:
 
 def picture(root: Path) -> str:
     """The whole picture as SVG."""
-    names = rooms(tomllib.loads((root / "pyproject.toml").read_text()))
-    placed = layout(names, imports(names))
+    project = tomllib.loads((root / "pyproject.toml").read_text())
+    names = rooms(project)
+    placed = layout(names, imports(names, exceptions(project)))
     width, height = placed.size_px
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}"'
     style = 'font-family="sans-serif" font-size="13" style="background: white"'

@@ -10,14 +10,15 @@ from itertools import pairwise
 import grimp
 
 from tests import ROOT
-from tests.docs.architecture import Imports, essential, imports, layout, picture, reached, rooms
+from tests.docs.architecture import Imports, essential, exceptions, imports, layout, picture, reached, rooms
 
-NAMES = rooms(tomllib.loads((ROOT / "pyproject.toml").read_text()))
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+NAMES = rooms(PROJECT)
 
 
 @cache
 def found() -> Imports:
-    return imports(NAMES)
+    return imports(NAMES, exceptions(PROJECT))
 
 
 def graph(**rooms: str) -> Imports:

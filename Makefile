@@ -5,7 +5,7 @@ SHELL := /bin/bash
 , := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: three help run test test-contracts test-all check site sbom bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -44,6 +44,7 @@ help:
 	@echo "make site       the documentation as a site, in site/"
 	@echo "make sbom       all that the program is made of, as CycloneDX, in build/sbom.json"
 	@echo "make bench      benchmarks"
+	@echo "make bench-long  benchmarks that take hours"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make weights    all shipped weights again, into trained/ (four hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
@@ -89,6 +90,13 @@ bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
 	$(BIN)/python -m tests.benchmarks.robot_alone clutter
 	$(BIN)/python -m tests.benchmarks.assembly
+
+# What is measured at a release and takes hours; each says by --help what it can be asked.
+bench-long: .venv/tests .venv/system
+	$(BIN)/python -m tests.benchmarks.killed_shift --folder runs/killed_shift
+	$(BIN)/python -m tests.benchmarks.work_orders
+	$(BIN)/python -m tests.benchmarks.human_hand
+	$(BIN)/python -m tests.benchmarks.foresight
 
 pictures: .venv/tests .venv/system
 	$(BIN)/python -m tests.docs.pictures

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, Problem
 from cell.files.files import own_or_shipped, shipped
 from cell.files.yaml_file import place_of
@@ -191,6 +190,7 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
     if config is None:
         return node_registry(more=own_nodes)
+    from cell.configuration import load_configuration, load_product
 
     configuration = load_configuration(config)
     return node_registry(load_product(configuration, config), own_nodes, configuration)
@@ -198,6 +198,7 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
 def bench_of(config: Path) -> tuple[list[Problem], list[Problem]]:
     """What a run would not begin with on the bench of a configuration, and what is doubtful there."""
+    from cell.configuration import load_configuration, load_product
     from cell.wiring.bench_checks import bench_problems
 
     configuration = load_configuration(config)

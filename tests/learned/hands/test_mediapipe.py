@@ -160,7 +160,11 @@ def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkey
     assert model_folder() == tmp_path / "cell" / "mediapipe"
     weights = network_file(model_folder(), "landmark", "lite")
     with pytest.raises(ModelError, match="make hands"):
-        mediapipe_tracker(configuration.bench, load_product(configuration), weights, WEIGHTS / "hands_slim.onnx")
+        mediapipe_tracker(
+            configuration.bench,
+            load_product(configuration),
+            {"hands": weights, "hands.closer": WEIGHTS / "hands_slim.onnx"},
+        )
 
 
 class FlatHand:

@@ -100,8 +100,7 @@ def test_a_run_says_what_it_goes_on_with_and_in_which_world(
     monkeypatch.setattr("cell.runs.run.world_of", lambda _: address)
     monkeypatch.setattr("cell.runs.run._run", lambda _, asked, *__: options.append(asked))
     if there:
-        for name in ("cell.runs.run.drawn_from", "sim.process.opening.drawn_from"):
-            monkeypatch.setattr(name, lambda _: Drawn(17, "g1"))
+        monkeypatch.setattr("sim.process.opening.drawn_from", lambda _: Drawn(17, "g1"))
     with socket.socket(socket.AF_UNIX) as killed:
         if bound:
             killed.bind(str(address))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 import yaml
@@ -17,12 +20,12 @@ from cell.log.replay.logged_tree import upgrade, write_files
 from skills.drivers.settings import CanSettings, SignalSettings
 
 
-def as_recorded(folder: Path, **changes: object) -> Configuration:
+def as_recorded(folder: Path, code: Mapping[str, bytes] | None = None, **changes: object) -> Configuration:
     """The shipped configuration with other keys, as a log of before has it: without its neighbours but the product."""
     data = yaml.safe_load(DEFAULT_CONFIGURATION.read_text()) | changes
     shutil.copy(DEFAULT_CONFIGURATION.parent / "products.yaml", folder / "products.yaml")
     (folder / "configuration.yaml").write_text(yaml.safe_dump({key: value for key, value in data.items() if value}))
-    upgrade(folder)
+    upgrade(cast(Log, SimpleNamespace(attachments=code or {})), folder)
     return load_configuration(folder / "configuration.yaml")
 
 
@@ -55,15 +58,18 @@ def test_the_robot_of_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> No
     assert as_recorded(tmp_path, robot="robots/mine.yaml").robot.name == "mine"
 
 
-def test_folders_of_nodes_are_those_of_the_folder_in_which_it_is_replayed_and_nothing_is_written_there(
+def test_nodes_that_a_log_names_count_where_they_are_its_own_and_nothing_is_written_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here, log = tmp_path / "here", tmp_path / "log"
     for folder in (here / "mine", log):
         folder.mkdir(parents=True)
     monkeypatch.chdir(here)
-    read = as_recorded(log, nodes=["nodes", "mine"], devices={"simulation": "sim.yaml"})
-    assert read.nodes == (str(here / "mine"),)
+    (here / "mine" / "own.py").write_text("OWN = 1\n")
+    (here / "mine" / "other.py").write_text("OTHER = 1\n")
+    named = {"nodes": ["nodes", "mine"], "devices": {"simulation": "sim.yaml"}}
+    assert as_recorded(log, **named).nodes == ()
+    assert as_recorded(log, {"nodes/own.py": b"OWN = 1\n"}, **named).nodes == (str(here / "mine" / "own.py"),)
     assert [one.name for one in here.iterdir()] == ["mine"]
 
 

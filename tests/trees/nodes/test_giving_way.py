@@ -16,7 +16,7 @@ from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HandSample
+from cell.interfaces.perception import Action, BenchView, Edge, HandSample
 from cell.running.device_writer import withhold
 from cell.running.supervisor import make_supervisor
 from skills.motion.near_hand import separation_of
@@ -47,6 +47,7 @@ WORK = """<root BTCPP_format="4" main_tree_to_execute="Work">
   </BehaviorTree>
 </root>"""
 GOAL = f"world: {TOOL_M[0] + 0.1:.3f} {TOOL_M[1]:.3f} {TOOL_M[2]:.3f}"
+PERSONS_EDGE: Edge = "bottom"  # by which a hand leaves the overhead image
 Hand = Callable[["World"], HandSample | None]
 
 
@@ -81,7 +82,10 @@ class World:
         arm = ArmState(self.time_s, tuple(self.joints), tuple(self.speeds), moving, path_s=path_s)
         hand = self.hand(self)
         hand = hand and replace(hand, time_s=self.time_s)
-        view = BenchView(self.tick, self.time_s, hand, {}, Action("idle", 1.0), hand_unknown=self.unknown)
+        left_by: tuple[Edge, ...] = () if hand or self.unknown else (PERSONS_EDGE,)
+        view = BenchView(
+            self.tick, self.time_s, hand, {}, Action("idle", 1.0), hand_unknown=self.unknown, left_by=left_by
+        )
         gripper = replace(GRIPPER, time_s=self.time_s)
         return Observation(self.tick, self.time_s, arm, gripper, view, work_s=self.worked_s)
 

@@ -29,6 +29,7 @@ import numpy as np
 from cell.configuration import for_shift
 from sim.cell import SimCell
 from sim.process.messages import Drawn
+from sim.scene.settings import settings_of
 from tests.benchmarks.kill_moment import Moment
 from tests.benchmarks.restarts import controller, served
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
@@ -98,7 +99,7 @@ class KilledShift:
     def run(self) -> dict[str, Any]:
         """What came of it."""
         configuration = for_shift(CONFIGURATION, 0)
-        simulation = configuration.devices.simulation
+        simulation = settings_of(configuration.devices.simulation)
         self._cell = cell = SimCell(PRODUCT, BENCH, simulation, *CAN, self._seed, "random", rendered=False)
         self._moment = Moment(cell, "stands", len(PRODUCT.positions), random.Random(0))
         self._bracket = Bracket(cell)

@@ -201,7 +201,7 @@ def served(
     """A server of this cell; of one that renders nothing, hands, holes and parts come from the truth."""
     devices = cell.devices if cell.sight is None else without_pixels(cell, configuration, PRODUCT)
     buses = CarriedBuses(configuration.devices.virtual_channels)
-    period_s = configuration.devices.simulation.physics.control_period_s
+    period_s = settings_of(configuration.devices.simulation).physics.control_period_s
     return WorldServer(devices, buses, address, period_s, identity(PRODUCT), drawn, watch=watch)
 
 

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -67,7 +67,7 @@ def test_nodes_that_a_log_names_count_where_they_are_its_own_and_nothing_is_writ
     monkeypatch.chdir(here)
     (here / "mine" / "own.py").write_text("OWN = 1\n")
     (here / "mine" / "other.py").write_text("OTHER = 1\n")
-    named = {"nodes": ["nodes", "mine"], "devices": {"simulation": "sim.yaml"}}
+    named: dict[str, Any] = {"nodes": ["nodes", "mine"], "devices": {"simulation": "sim.yaml"}}
     assert as_recorded(log, **named).nodes == ()
     assert as_recorded(log, {"nodes/own.py": b"OWN = 1\n"}, **named).nodes == (str(here / "mine" / "own.py"),)
     assert [one.name for one in here.iterdir()] == ["mine"]

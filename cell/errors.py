@@ -87,7 +87,7 @@ class DeviceFault(CellError):
 class LatchedFault(DeviceFault):
     """A device reports a fault that only a reset takes away; short losses of its link are plain DeviceFaults.
 
-    Examples: overcurrent of a gripper.
+    Examples: overcurrent of a gripper, a simulated world whose process is gone.
     """
 
 

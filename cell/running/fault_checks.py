@@ -337,6 +337,15 @@ def _contested(_: Observation, command: Command, __: Memory) -> Detection | None
     )
 
 
+def _either(*checks: Check) -> Check:
+    """The first detection of several checks."""
+
+    def look(seen: Observation, command: Command, memory: Memory) -> Detection | None:
+        return next((found for check in checks if (found := check(seen, command, memory)) is not None), None)
+
+    return look
+
+
 CHECKS: Mapping[str, Check] = {
     "arm_lost": _lost_arm,
     "arm_lost_long": _lost_arm,
@@ -347,7 +356,7 @@ CHECKS: Mapping[str, Check] = {
     "arm_safeguard_stop": _safeguard,
     "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
     "arm_not_controlled": _mode("the arm takes no commands", "not_controlled"),
-    "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
+    "arm_fault": _either(_trouble_of("arm fault"), _mode("the arm reports a fault", "violation", "fault")),
     "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
     "gripper_lost": _lost_gripper,
     "gripper_lost_long": _lost_gripper,

@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from cell.errors import DeviceFault, InputError
+from cell.errors import DeviceFault, InputError, LatchedFault
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices, TruthEvent
@@ -227,7 +227,7 @@ class RemoteCell:
         """There is no way back: an answer that came late would be taken for that to another question."""
         silent = isinstance(error, TimeoutError)
         what = f"does not answer for {self._limit_s:g} s" if silent else "its process is gone"
-        self._fault = DeviceFault(self._name, what)
+        self._fault = LatchedFault(self._name, what)
         raise self._fault
 
 

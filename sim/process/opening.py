@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cell.configuration import Configuration
-from cell.errors import CellError, DeviceFault, InputError, SettingError
+from cell.errors import CellError, InputError, LatchedFault, SettingError
 from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
 from cell.remote import priority
@@ -147,9 +147,9 @@ def own_world(configuration: Configuration, product: Product, seed: int, goal: s
 
     def glance() -> None:
         if child.halted:
-            raise DeviceFault(str(child), "somebody stopped it")
+            raise LatchedFault(str(child), "somebody stopped it")
         if (code := child.code()) is not None:
-            raise DeviceFault(str(child), f"it died (exit code {code})")
+            raise LatchedFault(str(child), f"it died (exit code {code})")
 
     try:
         return _remote(configuration, product, child.socket, str(child), "real", glance, lambda: child.close(LEAVE_S))

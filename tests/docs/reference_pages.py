@@ -13,7 +13,7 @@ from cell.faults.named_faults import FaultKind
 from cell.faults.signal_faults import DETECTED, SIGNALS, Spread
 from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema
-from trees.engine import vocabulary
+from trees import vocabulary
 from trees.engine.node import Control, Decorator, Node, TreeNode
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port
 from trees.engine.traits import Traits
@@ -114,7 +114,7 @@ def log_topics() -> str:
 
 def nodes() -> str:
     """What a class of a node or port may say, from the docstrings."""
-    words = [member for _, member in inspect.getmembers(vocabulary, inspect.isclass) if member is not vocabulary.Word]
+    words = [member for _, member in inspect.getmembers(vocabulary, inspect.isclass)]
     own = [word for word in words if word.__module__ == vocabulary.__name__]
     lines = [
         "## Leaves", *_text(Node), "",

@@ -12,6 +12,7 @@ from cell.errors import InputError, Problem
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.product import Product
+from cell.kinds import files_of
 
 PRODUCT = DEFAULT_CONFIGURATION.with_name("products.yaml")
 
@@ -129,9 +130,10 @@ def test_the_shipped_configuration_and_product_load() -> None:
     product = load_product(configuration)
     assert product.positions == ("p1", "p2", "p3", "p4", "p5", "p6")
     assert configuration.product.is_absolute()
-    for _, planner in configuration.planners:
-        assert planner.weights is not None
-        assert planner.weights.is_absolute()
+    for use, planner in configuration.planners:
+        files = files_of(use, planner)
+        assert files
+        assert all(file.is_absolute() and file.is_file() for file in files.values())
 
 
 def test_a_product_that_the_bench_has_no_bins_for_names_the_bench(tmp_path: Path) -> None:

@@ -83,10 +83,6 @@ PROTOCOLS: Mapping[str, type] = {
     "semantic": SemanticPlanner, "grasp": GraspPlanner,
 }  # fmt: skip
 ANSWERS: Mapping[str, type] = {"semantic": AssemblyPlan, "grasp": GraspPlan}
-LABORATORY = {  # to become entry points of the laboratory's own distribution
-    "cell.detectors": {"actions.paper": "learned.lab.kinds:ACTIONS", "parts.rcnn": "learned.lab.kinds:RCNN"},
-    "cell.planners": {"semantic.paper": "learned.lab.kinds:SEMANTIC", "grasp.paper": "learned.lab.kinds:GRASP"},
-}
 
 
 class KindSettings(Chosen):
@@ -131,7 +127,7 @@ def kind_of(use: str, chosen: KindSettings) -> Kind:
 def _installed(use: str) -> dict[str, str]:
     """MODULE:NAME by kind: an entry point's name is USE.KIND, or the kind alone where it serves any use."""
     group = "cell.detectors" if use in DETECTORS else "cell.planners"
-    offered = {**LABORATORY[group], **offered_by_packages(group)}
+    offered = offered_by_packages(group)
     others = PROTOCOLS.keys() - {use}
     return {name.removeprefix(f"{use}."): value for name, value in offered.items() if name.split(".")[0] not in others}
 

@@ -18,7 +18,7 @@ from cell.remote.detecting import DetectByCamera
 if TYPE_CHECKING:
     from cell.configuration import Configuration
 
-ENTRY_POINTS, DISTRIBUTION = "cell.simulators", "bracket-sim"
+ENTRY_POINTS, DISTRIBUTION = "cell.simulators", "bracket-cell"
 
 
 class Drawn(Protocol):
@@ -135,5 +135,7 @@ def simulator() -> Simulator:
         InputError: none is installed.
     """
     if (found := installed()) is None:
-        raise InputError(f"simulated devices need the simulator: pip install {DISTRIBUTION}")
+        raise InputError(
+            f"this installation registers no simulator: install {DISTRIBUTION} again (in a clone: make run)"
+        )
     return found

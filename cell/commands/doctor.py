@@ -185,7 +185,7 @@ def _training() -> Finding:
 
 def _rendering() -> Finding:
     if (found := installed()) is None:
-        return Finding("the simulator", False, f"pip install {DISTRIBUTION}")
+        return Finding("the simulator", False, f"install {DISTRIBUTION} again (in a clone: make run)")
     backend, remedy = found.rendering()
     return Finding(f"rendering by {backend}", not remedy, remedy)
 

@@ -67,7 +67,7 @@ COMMANDS: Table = {
     "teach": Command("cell.commands.commission:teach", "Lead the arm by hand (free drive) and press Enter.", START),
     "bench": Command("cell.commands.commission:bench", "Draw what the cameras see and the arm reaches.", START),
     "move": Command("cell.commands.commission:move", "Move the arm once, to a pose, after Enter.", START),
-    "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with="bracket-sim"),
+    "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with="bracket-cell"),
     "safety": Command("cell.commands.safety:safety_app", "Show and sign what decides on people.", START),
     "new": Command("cell.commands.new:new_app", "Start a tree file, a node or a real cell of your own.", PROGRAM),
     "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),

@@ -98,7 +98,9 @@ class Command:
         if self.comes_with:
             found = entry_points(group=ENTRY_POINTS, name=self.target)
             if not found:
-                raise InputError(f"this command comes with {self.comes_with}: pip install {self.comes_with}")
+                raise InputError(
+                    f"this command is not registered: install {self.comes_with} again (in a clone: make run)"
+                )
             return next(iter(found)).load()
         module, _, name = self.target.partition(":")
         return getattr(import_module(module), name)

@@ -30,6 +30,8 @@ class DueChangeLimits:
         least_apart_px: [small pixels] likewise, to which the robot has come, or from which it went the lag before.
         unseen: share of these that change at most, where the image does not show what is due.
         seen: share of these that change at least, where it does.
+        here_share: what changes at most where the robot is, of the share that changes where it was, in a late image. At
+            a half, images one frame late counted as late in 5 of 6 starts of one assembly, at a third in none.
         frames: [frames] in a row with change due that do not show it.
     """
 
@@ -40,6 +42,7 @@ class DueChangeLimits:
     least_apart_px: int = 40
     unseen: float = 0.06
     seen: float = 0.15
+    here_share: float = 1 / 3
     frames: int = 4
 
 
@@ -127,7 +130,7 @@ class DueChange:
         if min(np.count_nonzero(here), np.count_nonzero(there)) < limits.least_apart_px:
             return
         share = float(changed[there].mean())
-        late = share >= limits.seen and changed[here].mean() < share / 2
+        late = share >= limits.seen and changed[here].mean() < limits.here_share * share
         self._behind[lag_s] = self._behind[lag_s] + 1 if late else 0
         if self._behind[lag_s] >= limits.frames:
             self.late = f"the image is late: the arm is seen where it was about {lag_s:g} s before"

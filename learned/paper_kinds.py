@@ -1,4 +1,4 @@
-"""The laboratory's detectors and planners: the paper's own, for configurations to name by their kinds."""
+"""The paper's own detectors and planners, which configurations name by their kinds."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import math
 import secrets
 import threading
 from collections import deque
@@ -105,6 +106,7 @@ class PageServer:
             lifespan="off",
             access_log=False,
             timeout_graceful_shutdown=1,
+            timeout_keep_alive=math.ceil(door.GREETING_S),  # the next request of a connection is a greeting, too
             ssl_certfile=settings.certificate,
             ssl_keyfile=settings.key,
         )

@@ -2,14 +2,14 @@
 # Both set up all they need in .venv; stamp files there make every later call instant.
 
 SHELL := /bin/bash
-, := ,
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: three help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
-PACKAGES := cell trees skills learned sim config
+PACKAGES := ground engine cell sim lab
+RUNTIME := --editable ./ground --editable ./engine --editable ./cell --editable ./sim
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6 fonts-dejavu-core
 RUN_ARGS ?= --goal random --seed 1
 TEST_ARGS ?=
@@ -40,7 +40,7 @@ help:
 	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
 	@echo "make test       run the tests (TEST_ARGS=\"tests/sim -k arm\" for some; JUNIT=FOLDER for JUnit files)"
 	@echo "make test-contracts  what every device must do, simulated, recorded and behind a twin's wires"
-	@echo "make check      ruff, mypy, import-linter, the site"
+	@echo "make check      ruff, mypy, import-linter, sizes of rooms, the site"
 	@echo "make site       the documentation as a site, in site/"
 	@echo "make sbom       all that the program is made of, as CycloneDX, in build/sbom.json"
 	@echo "make bench      benchmarks"
@@ -74,6 +74,7 @@ check: .venv/tests .venv/site
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.ceilings
 	@$(MAKE) --no-print-directory site
 
 # A link that leads nowhere, or a page that nothing leads to, is a failure.
@@ -104,7 +105,7 @@ pictures: .venv/tests .venv/system
 # The page's three-dimensional view: one file and its licence, as they are in the package.
 THREE = 0.170.0
 three:
-	cd cell/viewing/page/static/three && npm pack --silent three@$(THREE) && \
+	cd cell/bracket_cell/viewing/page/static/three && npm pack --silent three@$(THREE) && \
 	  tar -xzf three-$(THREE).tgz --strip-components=1 package/LICENSE && \
 	  tar -xzf three-$(THREE).tgz --strip-components=2 package/build/three.module.min.js && rm three-$(THREE).tgz
 
@@ -134,7 +135,7 @@ readers: .venv/tests
 constraints: .venv/uv
 	{ echo '# All packages, pinned, with the hashes of their files. Made by: make constraints'; \
 	  $(uv_settings) $(BIN)/uv pip compile --quiet --all-extras --no-header --no-annotate --no-emit-index-url \
-	  --generate-hashes --python-version 3.11 pyproject.toml; } > constraints.new
+	  --generate-hashes --python-version 3.11 --group docs --group dev --no-emit-workspace $(MEMBERS); } > constraints.new
 	{ echo '# All packages, pinned. Made by: make constraints'; sed -n 's/^\([a-z0-9-]*==[^ ]*\).*/\1/p' constraints.new; } > constraints.txt
 	mv constraints.new constraints-hashed.txt
 
@@ -151,24 +152,25 @@ clean:
 	@$(call whole,$(PYTHON) -m venv .venv && $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt uv)
 	@touch $@
 
-.venv/runtime: .venv/uv pyproject.toml constraints-hashed.txt
-	@echo 'installing what the cell needs into .venv (1.0 GB)'; $(call whole,$(UV) --editable .)
+MEMBERS := $(wildcard */pyproject.toml)
+.venv/runtime: .venv/uv pyproject.toml $(MEMBERS) constraints-hashed.txt
+	@echo 'installing what the cell needs into .venv (1.0 GB)'; $(call whole,$(UV) $(RUNTIME))
 	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
 
 .venv/site: .venv/runtime
-	@echo 'installing what the site needs into .venv (0.1 GB)'; $(call whole,$(UV) --editable '.[docs]')
+	@echo 'installing what the site needs into .venv (0.1 GB)'; $(call whole,$(UV) $(RUNTIME) --group docs)
 	@touch $@
 
 .venv/tests: .venv/runtime
-	@echo 'installing what tests and training need into .venv (4.7 GB more, torch alone 4.2)'; $(call whole,$(UV) --editable '.[train$(,)dev]')
+	@echo 'installing what tests and training need into .venv (4.7 GB more, torch alone 4.2)'; $(call whole,$(UV) $(RUNTIME) --editable ./lab --group dev)
 	@touch $@
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.
 .venv/system: .venv/runtime
-	@if ! $(BIN)/python -m sim.rendering.available; then \
+	@if ! $(BIN)/python -m bracket_sim.rendering.available; then \
 	  if [ "$$(id -u)" = 0 ]; then $(APT) $(SYSTEM_PACKAGES) >/dev/null; \
-	    $(BIN)/python -m sim.rendering.available || { echo "nothing renders here, see: make doctor"; exit 2; }; \
+	    $(BIN)/python -m bracket_sim.rendering.available || { echo "nothing renders here, see: make doctor"; exit 2; }; \
 	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
 	@touch $@
 

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-import cell
-import trees
+import bracket_cell as cell
+import btxml
+from bracket_cell import trees
+from btxml.files.compile.registry import BUILT_IN
 from tests import ROOT
-from trees.files.build.registry import BUILT_IN
 
 CELL = {
     "Arm",
@@ -46,32 +47,33 @@ TREES = {
 
 
 def test_the_front_door_hands_on_what_was_promised() -> None:
-    assert (set(cell.__all__), set(trees.__all__)) == (CELL, TREES)
-    for package in (cell, trees):
+    assert (set(cell.__all__), set(btxml.__all__)) == (CELL, TREES)
+    for package in (cell, btxml, trees):
         assert all(getattr(package, name) is not None for name in package.__all__)
         assert set(package.__all__) <= set(dir(package))
 
 
 def test_a_name_that_is_not_there_is_refused_with_those_that_are() -> None:
-    with pytest.raises(AttributeError, match="module 'cell' has no attribute 'Gripr'; it offers Arm, ArmState"):
+    with pytest.raises(AttributeError, match="module 'bracket_cell' has no attribute 'Gripr'; it offers Arm, ArmState"):
         cell.Gripr  # noqa: B018
 
 
 def test_nothing_is_loaded_before_it_is_asked_for() -> None:
     code = (
-        "import cell, trees, sys; print(*(n for n in ('numpy', 'mujoco', 'py_trees', 'pydantic') if n in sys.modules))"
+        "import bracket_cell, btxml, bracket_cell.trees, sys;"
+        "print(*(n for n in ('numpy', 'mujoco', 'py_trees', 'pydantic') if n in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == ""
 
 
-@pytest.mark.parametrize("package", ["cell", "trees", "skills", "learned", "sim"])
+@pytest.mark.parametrize("package", ["ground/bracket_ground", "engine/btxml", "cell/bracket_cell", "sim/bracket_sim"])
 def test_packages_say_that_they_are_typed(package: str) -> None:
     assert (ROOT / package / "py.typed").is_file()
 
 
 def test_a_run_and_its_replay_take_ten_lines(tmp_path: Path) -> None:
-    from cell import load_cell, replay, run
+    from bracket_cell import load_cell, replay, run
 
     bench = load_cell("config/cell.yaml")
     tree = tmp_path / "short.xml"

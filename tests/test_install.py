@@ -9,6 +9,8 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from fnmatch import fnmatch
+from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,52 +21,132 @@ from packaging.requirements import Requirement
 from tests import ROOT
 from tests.processes import finished
 
-PACKAGES = ("cell", "config", "learned", "sim", "skills", "trees")
+DISTRIBUTIONS = {
+    "ground": "bracket_ground",
+    "engine": "btxml",
+    "cell": "bracket_cell",
+    "sim": "bracket_sim",
+    "lab": "bracket_lab",
+}
+RUNTIME = ("ground", "engine", "cell", "sim")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+MEMBERS = {folder: tomllib.loads((ROOT / folder / "pyproject.toml").read_text()) for folder in DISTRIBUTIONS}
 NO_TESTS = 5
+SHARED = shutil.ignore_patterns("__pycache__", "*.egg-info", "build")
 
 
-LEFT_OUT = ("cell/lab/", "cell/commands/lab/", "learned/lab/")
-
-
-def sources() -> set[str]:
-    """Files of the packages in this clone, without the rooms of research."""
-    found = (path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.is_file())
-    names = {path.relative_to(ROOT).as_posix() for path in found if "__pycache__" not in path.parts}
-    return {name for name in names if not name.startswith(LEFT_OUT)}
+def sources(folder: str) -> set[str]:
+    """Files of a distribution's package in this clone, with the guides among those of the cell."""
+    tracked = finished(["git", "ls-files", f"{folder}/{DISTRIBUTIONS[folder]}", "docs"], ROOT).stdout.split()
+    guides = {f"bracket_cell/{name}" for name in tracked if name.startswith("docs/") and folder == "cell"}
+    kinds = MEMBERS[folder]["tool"]["setuptools"]["package-data"]["*"]
+    guides = {name for name in guides if any(fnmatch(name, kind) for kind in kinds)}
+    return guides | {name.removeprefix(f"{folder}/") for name in tracked if (ROOT / name).is_file()} - {
+        name for name in tracked if name.startswith("docs/")
+    }
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wheel, built from a copy without network."""
-    folder = tmp_path_factory.mktemp("source")
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(ROOT / "docs", folder / "docs")
-    shutil.copy(ROOT / "pyproject.toml", folder)
-    build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
-    told = finished([sys.executable, "-c", build, str(folder / "dist")], folder, {"PYTHONPATH": ""})
-    assert told.returncode == 0, told.stderr
-    return next((folder / "dist").iterdir())
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A wheel of each distribution, built from copies without network."""
+    folder, built = tmp_path_factory.mktemp("source"), {}
+    for name in DISTRIBUTIONS:
+        shutil.copytree(ROOT / name, folder / name, ignore=SHARED)
+        build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+        told = finished([sys.executable, "-c", build, str(folder / name / "dist")], folder / name, {"PYTHONPATH": ""})
+        assert told.returncode == 0, told.stderr
+        built[name] = next((folder / name / "dist").iterdir())
+    return built
 
 
-def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
-    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    guides = {name.partition("/share/doc/bracket-cell/")[2] for name in inside if ".data/" in name}
-    assert guides == {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
-    names = {name for name in inside if ".data/" not in name}
-    assert names == sources()
-    assert {"trees/assemble.xml", "config/gripper.dbc", "learned/weights/grasp_pairwise.onnx"} <= names
+@pytest.mark.parametrize("folder", DISTRIBUTIONS)
+def test_a_wheel_holds_every_file_of_its_package_and_no_other_name(folder: str, wheels: dict[str, Path]) -> None:
+    names = {name for name in zipfile.ZipFile(wheels[folder]).namelist() if ".dist-info/" not in name}
+    assert names == sources(folder)
+    assert {name.partition("/")[0] for name in names} == {DISTRIBUTIONS[folder]}
+
+
+def test_the_wheel_of_the_cell_has_trees_weights_and_guides(wheels: dict[str, Path]) -> None:
+    names = set(zipfile.ZipFile(wheels["cell"]).namelist())
+    files = ("trees/assemble.xml", "config/gripper.dbc", "learned/weights/grasp_pairwise.onnx", "docs/shift.md")
+    assert {f"bracket_cell/{name}" for name in files} <= names
+
+
+def test_all_distributions_have_the_version_of_the_cell_and_ask_for_it() -> None:
+    versions = {folder: member["project"]["version"] for folder, member in MEMBERS.items()}
+    assert len(set(versions.values())) == 1, versions
+    own = {member["project"]["name"] for member in MEMBERS.values()}
+    asked = [Requirement(line) for member in MEMBERS.values() for line in member["project"]["dependencies"]]
+    found = {str(one.specifier) for one in asked if one.name in own}
+    assert found == {f"=={versions['cell']}"}
+
+
+BLOCKED = """
+import sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {blocked!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Absent())
+import importlib.metadata as metadata
+entry_points = metadata.entry_points
+metadata.entry_points = lambda **asked: [one for one in entry_points(**asked) if one.dist.name not in {absent!r}]
+"""
+
+
+def without(*names: str) -> str:
+    """Code that makes packages absent, with the distributions that bring them."""
+    absent = tuple(MEMBERS[folder]["project"]["name"] for folder, name in DISTRIBUTIONS.items() if name in names)
+    return BLOCKED.format(blocked=names, absent=absent)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["check", "trees/assemble.xml"], ["doctor", "--json"], ["replay", "CASE"], ["nodes"], ["--help"]],
+    ids=lambda words: words[0],
+)
+def test_the_cell_alone_starts_without_simulator_laboratory_mujoco_and_torch(words: list[str], tmp_path: Path) -> None:
+    case = next((ROOT / "tests" / "cases").glob("*.mcap"))
+    typed = [str(case) if word == "CASE" else str(ROOT / word) if "/" in word else word for word in words]
+    code = without("mujoco", "torch", "bracket_sim", "bracket_lab") + (
+        f"from bracket_cell.commands.main import main; raise SystemExit(main({typed!r}))"
+    )
+    told = finished([sys.executable, "-c", code], tmp_path)
+    assert "Traceback" not in told.stderr
+    assert told.returncode == (1 if words[0] == "doctor" else 0), told.stdout + told.stderr
+
+
+def test_the_engine_and_the_ground_start_without_each_other_and_the_cell() -> None:
+    for name in ("btxml", "bracket_ground"):
+        others = sorted({*DISTRIBUTIONS.values(), "mujoco", "torch", "py_trees"} - {name})
+        code = without(*others) + f"import {name}"
+        told = finished([sys.executable, "-c", code])
+        assert told.returncode == 0, told.stderr
+
+
+def test_names_of_a_users_folder_hide_nothing(tmp_path: Path) -> None:
+    """Modules and folders of general names beside a user's script, which stand first where Python looks."""
+    for name in ("sim", "config", "skills", "learned", "cell", "engine", "ground", "lab"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('the user's own')\n")
+    for name in ("trees", "nodes", "tests"):
+        (tmp_path / name).mkdir()
+    text = "from bracket_cell import load_cell\nfrom bracket_cell.trees import node_registry\nnode_registry()\n"
+    (tmp_path / "script.py").write_text(text)
+    (tmp_path / "test_script.py").write_text(f"{text}\ndef test_it(): pass\n")
+    for command in (["script.py"], ["-m", "script"], ["-m", "pytest", "-q", "-p", "no:cacheprovider"]):
+        told = finished([sys.executable, *command], tmp_path, {"PYTHONPATH": str(tmp_path)})
+        assert told.returncode == 0, told.stdout + told.stderr
 
 
 @pytest.mark.slow
-def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_path: Path) -> None:
+def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheels: dict[str, Path], tmp_path: Path) -> None:
     """As a user does it, in a new environment and without the clone; downloads 0.3 GB."""
     program = tmp_path / "env" / "bin"
     nowhere = {"PYTHONPATH": "", "VIRTUAL_ENV": ""}
+    install = [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt")]
     for command in (
         [sys.executable, "-m", "venv", str(tmp_path / "env")],
-        [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), str(wheel)],
+        [*install, *(str(wheels[name]) for name in RUNTIME)],
         [str(program / "cell"), "init", "demo"],
     ):
         told = finished(command, tmp_path, nowhere)
@@ -76,7 +158,7 @@ def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_
     assert list((demo / "runs").glob("*.mcap"))
     for command in (
         [str(program / "cell"), "docs", "shift"],
-        [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), "pytest"],
+        [*install, "pytest"],
         [str(program / "pytest"), "-q"],
     ):
         told = finished(command, demo, nowhere)
@@ -87,10 +169,14 @@ def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
     assert all(re.fullmatch(r"[a-z0-9-]+==[\w.+!]+", f"{name}=={version}") for name, version in pinned.items())
-    extras = PROJECT["project"]["optional-dependencies"].values()
-    needed = [*PROJECT["project"]["dependencies"], *(one for extra in extras for one in extra)]
-    needed += PROJECT["build-system"]["requires"]
+    needed = list(chain(*PROJECT["dependency-groups"].values()))
+    for member in MEMBERS.values():
+        needed += [*member["project"]["dependencies"], *member["build-system"]["requires"]]
+        needed += chain(*member["project"].get("optional-dependencies", {}).values())
+    own = {member["project"]["name"] for member in MEMBERS.values()}
     for requirement in map(Requirement, needed):
+        if requirement.name in own:
+            continue
         name = requirement.name.lower().replace("_", "-")
         assert name in pinned, f"{name} is not pinned: make constraints"
         assert requirement.specifier.contains(pinned[name]), f"{name} {pinned[name]} is out of range: make constraints"
@@ -195,7 +281,7 @@ def test_an_installation_that_was_broken_off_is_made_anew(tmp_path: Path) -> Non
 def test_where_nothing_renders_a_run_says_so_in_one_line(
     tmp_path: Path, environment: dict[str, str], words: str
 ) -> None:
-    command = [sys.executable, "-m", "cell", "run", "--log", str(tmp_path / "x.mcap")]
+    command = [sys.executable, "-m", "bracket_cell", "run", "--log", str(tmp_path / "x.mcap")]
     told = finished(command, environment=environment)
     assert told.returncode in (2, 3)
     assert words in told.stderr.splitlines()[-1]

@@ -20,17 +20,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import DeviceFault
-from cell.interfaces.clock import WallClock
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.observation import ArmState
-from cell.interfaces.pose import Array
-from skills.drivers.rtde_receiver import RtdeReceiver
-from skills.drivers.settings import UrSettings
-from skills.drivers.ur import UrArm
-from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.drivers.rtde_receiver import RtdeReceiver
+from bracket_cell.skills.drivers.settings import UrSettings
+from bracket_cell.skills.drivers.ur import UrArm
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.observation import ArmState
+from bracket_ground.interfaces.pose import Array
 from tests.processes import started
 from tests.sim.twin.rig import Twin, running_twin
 

@@ -7,17 +7,17 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import Configuration, load_faults
-from cell.interfaces.devices import Devices
-from cell.running.operator import OperatorChannel
-from cell.runs.options import Files
-from cell.runs.run import drive
-from cell.wiring.devices import attached
-from cell.wiring.services import load_planners
-from sim.cell import SimCell
+from bracket_cell.configuration import Configuration, load_faults
+from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.runs.options import Files
+from bracket_cell.runs.run import drive
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.wiring.devices import attached
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.interfaces.devices import Devices
+from bracket_sim.cell import SimCell
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Recorded, motion_planner
-from trees.loading import load_tree
-from trees.node_library import node_registry
 
 
 def assembled(

@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from cell.configuration import load_configuration, load_product
+from bracket_cell.configuration import load_configuration, load_product
 
 LONGEST_S = 1800.0  # of wall time: machines are shared
 Run = Mapping[str, Any]
@@ -58,7 +58,19 @@ def assemble(
     """
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
-        command = [sys.executable, "-m", "cell", "lab", "run", "--goal", goal, "--seed", str(seed), "--log", str(log)]
+        command = [
+            sys.executable,
+            "-m",
+            "bracket_cell",
+            "lab",
+            "run",
+            "--goal",
+            goal,
+            "--seed",
+            str(seed),
+            "--log",
+            str(log),
+        ]
         command += ["--json"]
         command += ["--person", person, *more]
         try:

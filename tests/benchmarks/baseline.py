@@ -23,11 +23,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError
-from cell.files.row_store import RowStore
-from cell.lab.actions import Told, matched
-from cell.log.read.indexed import IndexedLog
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.log.read.indexed import IndexedLog
+from bracket_ground.errors import InputError
+from bracket_ground.files.row_store import RowStore
+from bracket_lab.evaluations.actions import Told, matched
 from tests import ROOT
 from tests.benchmarks.assembly import Run, assemble, verdict
 from tests.benchmarks.overlap import configuration
@@ -93,7 +93,7 @@ def calibrated(config: Path, look: str, seed: int) -> Path:
     """The file of `cell calibrate` for a look, made once; raises CalledProcessError where it finds no good fit."""
     out = config.with_name(f"{look}-{seed}.yaml")
     if not out.exists():
-        command = [sys.executable, "-m", "cell", "calibrate", "--config", str(config), "--look", look]
+        command = [sys.executable, "-m", "bracket_cell", "calibrate", "--config", str(config), "--look", look]
         subprocess.run([*command, "--seed", str(seed), "--out", str(out)], check=True, capture_output=True)
     return out
 

@@ -10,16 +10,16 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from cell.configuration import Configuration
-from learned.grasp.boxes import Boxes
-from learned.grasp.candidates import touching
-from learned.grasp.scenes import draw_scenes, standing_boxes
-from learned.grasp.settings import PAPER_SCENES, GripperOutline
-from learned.grasp.solution import nearest_first, solve
-from learned.inference.scores import wilson
-from sim.cell import SimCell
-from sim.scene.clutter import sample_clutter, standing
-from sim.scene.parts import ScenePart
+from bracket_cell.configuration import Configuration
+from bracket_cell.learned.grasp.boxes import Boxes
+from bracket_cell.learned.grasp.candidates import touching
+from bracket_cell.learned.grasp.settings import PAPER_SCENES, GripperOutline
+from bracket_cell.learned.grasp.solution import nearest_first, solve
+from bracket_cell.learned.inference.scores import wilson
+from bracket_lab.learned.grasp.scenes import draw_scenes, standing_boxes
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import sample_clutter, standing
+from bracket_sim.scene.parts import ScenePart
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Recorded, lifted, robot_alone, run_tree
 
 SIZES = (3, 4, 5, 6)

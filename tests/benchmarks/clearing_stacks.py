@@ -10,15 +10,15 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from cell.configuration import Configuration
-from cell.watching.observer import TickRecord
-from learned.inference.scores import wilson
-from sim.cell import SimCell
-from sim.scene.clutter import sample_clutter
-from sim.scene.parts import ScenePart
-from sim.scene.settings import ClutterSettings
-from sim.scene.world import World, build_world
-from sim.truth.labels import Resting, resting_parts
+from bracket_cell.configuration import Configuration
+from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.watching.observer import TickRecord
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import sample_clutter
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import ClutterSettings
+from bracket_sim.scene.world import World, build_world
+from bracket_sim.truth.labels import Resting, resting_parts
 from tests.benchmarks.clearing import last_words
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Recorded, lifted, robot_alone, run_tree
 

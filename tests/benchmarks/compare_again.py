@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.fleet.compare import findings, overall, pair
-from cell.fleet.intervals import wilson
-from cell.fleet.table import read_table
+from bracket_cell.fleet.compare import findings, overall, pair
+from bracket_cell.fleet.intervals import wilson
+from bracket_cell.fleet.table import read_table
 
 Pair = tuple[Mapping[str, Any], Mapping[str, Any]]
 

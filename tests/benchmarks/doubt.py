@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import argparse
 
-from cell.configuration import load_configuration, load_product
-from learned.lab.semantic_streams import first_meetings
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_lab.experiments.semantic_streams import first_meetings
 
 DOUBTS = (0.01, 0.0125, 0.015, 0.0175, 0.02, 0.03, 0.05, 0.1)
 NAMES = ("asked_known", "asked_unknown", "wrong_acts_known", "wrong_assemblies_unknown")

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.configuration import Configuration, load_configuration, load_product
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.pose import Array
-from cell.interfaces.product import Product
-from cell.wiring.services import load_planners
-from learned.classical.foresight import DEFAULT, ForesightSettings, foreseen
-from sim.data.without_physics import KinematicBench, Recording
-from sim.scene.person import PERSONS
+from bracket_cell.configuration import Configuration, load_configuration, load_product
+from bracket_cell.learned.classical.foresight import DEFAULT, ForesightSettings, foreseen
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from bracket_lab.drawing.without_physics import KinematicBench, Recording
+from bracket_sim.scene.person import PERSONS
 
 EARLY_S = (1.5, 1.25, 1.0, 0.75, 0.5, 0.25)
 SPEED_FRAMES = 3  # that a measured velocity is a mean over

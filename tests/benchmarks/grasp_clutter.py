@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import argparse
 
-from learned.grasp.evaluate import evaluate_scenes
-from learned.grasp.paper_planner import load_grasp_planner
-from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import TRAY_SCENES, SceneSettings
+from bracket_cell.learned.grasp.settings import TRAY_SCENES, SceneSettings
+from bracket_lab.learned.grasp.evaluate import evaluate_scenes
+from bracket_lab.learned.grasp.paper_planner import load_grasp_planner
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS
 from tests.learned.grasp.rendered import look
 

@@ -20,11 +20,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
-from learned.grasp.scenes import Scene, draw_scenes
-from learned.grasp.settings import GripperOutline
-from learned.inference.scores import wilson
-from skills.motion.grip import Grip, Hold, possible_grips
+from bracket_cell.learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
+from bracket_cell.learned.grasp.settings import GripperOutline
+from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.skills.motion.grip import Grip, Hold, possible_grips
+from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 from tests.learned.grasp.layouts import can_grasp

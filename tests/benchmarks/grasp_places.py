@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from learned.grasp.candidates import touching
-from learned.grasp.scenes import Scene, draw_scenes
-from learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
-from learned.grasp.solution import nearest_first, solve
-from learned.inference.scores import wilson
+from bracket_cell.learned.grasp.candidates import touching
+from bracket_cell.learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
+from bracket_cell.learned.grasp.solution import nearest_first, solve
+from bracket_cell.learned.inference.scores import wilson
+from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
 from tests.integration.cell_rig import PRODUCT
 
 CLUTTERS = {"dense": SceneSettings(), "loose": TRAY_SCENES}

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.running.operator import OperatorChannel
+from bracket_cell.running.operator import OperatorChannel
 from tests import ROOT
 from tests.benchmarks.asking import assembled, tell_each
 from tests.integration.cell_rig import PRODUCT, with_person

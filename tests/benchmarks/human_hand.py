@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Array
-from learned.hands.mediapipe.hands import SIZES, MediaPipeHands, model_folder
-from sim.data.hands import HandTruth, hand_frames
-from sim.data.recording import Source, record
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
+from bracket_cell.learned.hands.mediapipe.hands import SIZES, MediaPipeHands, model_folder
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.drawing.hands import HandTruth, hand_frames
+from bracket_lab.drawing.recording import Source, record
+from bracket_sim.scene.settings import settings_of
 
 HANDS = ("human", "drawn")
 LEAST_VISIBLE, EDGE_PX, FOUND_PX = 0.5, 10.0, 30.0

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample
-from cell.interfaces.product import Product
-from cell.wiring.detectors import Detectors
-from learned.classical.image_health import ImageHealth
+from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
+from bracket_cell.learned.classical.image_health import ImageHealth
+from bracket_cell.wiring.detectors import Detectors
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
+from bracket_ground.interfaces.product import Product
 from tests.benchmarks.perception_accuracy import open_sim
 
 Image = NDArray[np.uint8]

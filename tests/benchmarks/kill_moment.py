@@ -7,8 +7,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from sim.cell import SimCell
-from sim.worker.worker_sight import ARM_MOVING_RAD_S
+from bracket_sim.cell import SimCell
+from bracket_sim.worker.worker_sight import ARM_MOVING_RAD_S
 
 State = Literal["stands", "moves", "holds", "places", "asks"]
 STATES: tuple[State, ...] = get_args(State)

@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from cell.configuration import for_shift
-from sim.cell import SimCell
-from sim.process.messages import Drawn
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import for_shift
+from bracket_sim.cell import SimCell
+from bracket_sim.process.messages import Drawn
+from bracket_sim.scene.settings import settings_of
 from tests.benchmarks.kill_moment import Moment
 from tests.benchmarks.restarts import controller, served
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
@@ -247,7 +247,7 @@ def table(folder: Path, shift: KilledShift, sums: dict[str, Any]) -> str:
 def of_log(log: Path) -> dict[str, Any]:
     """What `cell log info` tells of a log, or of all its parts."""
     first = log if log.exists() else log.with_suffix(".0001.mcap")
-    command = [sys.executable, "-m", "cell", "log", "info", str(first), "--json"]
+    command = [sys.executable, "-m", "bracket_cell", "log", "info", str(first), "--json"]
     answer = subprocess.run(command, capture_output=True, text=True, check=False)
     told: dict[str, Any] = json.loads(answer.stdout) if not answer.returncode else {}
     return told

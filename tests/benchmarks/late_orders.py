@@ -22,15 +22,15 @@ import numpy as np
 from mcap.reader import make_reader
 from rich.console import Console
 
-from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, load_configuration, load_product
-from cell.interfaces.command import Display
-from cell.interfaces.devices import Devices
-from cell.interfaces.operator import OperatorOrder
-from cell.recording.parts import parts_of
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from sim.process.no_render_host import without_pixels
-from sim.process.opening import open_simulation
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, load_configuration, load_product
+from bracket_cell.recording.parts import parts_of
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.operator import OperatorOrder
+from bracket_sim.process.no_render_host import without_pixels
+from bracket_sim.process.opening import open_simulation
 
 FIRST_SEED = 911_000
 LONGEST_S = 300.0

@@ -23,11 +23,11 @@ from typing import Any
 from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
-from cell.log.read.reader import read_log
-from cell.recording.recorder import McapRecorder
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.viewing.live_server import LiveServer
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.recording.recorder import McapRecorder
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.viewing.live_server import LiveServer
 from tests.cell.viewing.viewer import live_viewer
 
 MODES = ("off", "no viewer", "one viewer")

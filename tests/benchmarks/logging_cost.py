@@ -20,17 +20,17 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-import cell.runs.assembled
-from cell.interfaces.frame import Frame
-from cell.interfaces.observation import JointSamples
-from cell.recording import joint_samples
-from cell.recording.recorder import McapRecorder
-from cell.running.controller import Controller
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.watching.observer import Level, TickRecord
-from sim.devices.arm import SimArm
-from skills.drivers.can_gripper import CanFrame
+import bracket_cell.runs.assembled
+from bracket_cell.recording import joint_samples
+from bracket_cell.recording.recorder import McapRecorder
+from bracket_cell.running.controller import Controller
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.skills.drivers.can_gripper import CanFrame
+from bracket_cell.watching.observer import Level, TickRecord
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.observation import JointSamples
+from bracket_sim.devices.arm import SimArm
 
 Cost = dict[str, float]
 KEYS = (
@@ -112,14 +112,14 @@ def measured(name: str, recorder: type[McapRecorder], goal: str, seed: int) -> C
         return found
 
     SimArm.samples = counted  # type: ignore[method-assign]
-    setattr(cell.runs.assembled, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
+    setattr(bracket_cell.runs.assembled, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
     try:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             outcome = run(RunOptions(goal=goal, seed=seed, log=log), Console(quiet=True)).outcome
             size_mb = log.stat().st_size / 1e6
     finally:
-        setattr(cell.runs.assembled, "McapRecorder", McapRecorder)  # noqa: B010
+        setattr(bracket_cell.runs.assembled, "McapRecorder", McapRecorder)  # noqa: B010
         for owner, method, original in originals:
             setattr(owner, method, original)
     values = (

@@ -23,20 +23,20 @@ from typing import Any
 import cv2
 from rich.console import Console
 
-import cell.runs.assembled
-from cell.configuration import SHIFT_PART_S, load_configuration, load_product
-from cell.interfaces.frame import Frame
-from cell.recording.recorder import McapRecorder
-from cell.recording.rotation import Heading
-from cell.recording.scene import CellModel
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.settings import LogSettings
-from cell.viewing.moments import Moments
-from cell.watching.observer import Outcome, TickRecord
-from cell.watching.statistics import RunStatistics
-from skills.drivers.can_gripper import CanFrame
-from skills.motion.planner import MotionPlanner
+import bracket_cell.runs.assembled
+from bracket_cell.configuration import SHIFT_PART_S, load_configuration, load_product
+from bracket_cell.recording.recorder import McapRecorder
+from bracket_cell.recording.rotation import Heading
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.settings import LogSettings
+from bracket_cell.skills.drivers.can_gripper import CanFrame
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.viewing.moments import Moments
+from bracket_cell.watching.observer import Outcome, TickRecord
+from bracket_cell.watching.statistics import RunStatistics
+from bracket_ground.interfaces.frame import Frame
 
 MB, HOUR_S = 1e6, 3600.0
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, LogSettings().jpeg_quality)
@@ -139,7 +139,7 @@ def one_bracket(folder: Path, seed: int) -> Kept:
             kept.tick(record)
             super().tick(record)
 
-    cell.runs.assembled.McapRecorder = Keeping  # type: ignore[attr-defined]
+    bracket_cell.runs.assembled.McapRecorder = Keeping  # type: ignore[attr-defined]
     options = RunOptions(seed=seed, log=folder / "one.mcap", one_process=True)
     outcome = run(options, Console(quiet=True)).outcome
     size = (folder / "one.mcap").stat().st_size
@@ -233,7 +233,7 @@ def again(kept: Kept, number: int, first_tick: int) -> Iterator[Step]:
 def ask(log: Path, from_s: float, question: tuple[str, ...]) -> None:
     """One question of a user, in a process of its own: wall time, processor time, memory."""
     span = ("--from", f"{from_s}", "--until", f"{from_s + ASKED_S}", "--json")
-    command = [sys.executable, "-m", "cell", "log", question[0], str(log), *question[1:], *span]
+    command = [sys.executable, "-m", "bracket_cell", "log", question[0], str(log), *question[1:], *span]
     # Measured from a small process: a child of a large one counts its parent's memory until it has begun.
     measured = subprocess.run([sys.executable, "-c", MEASURE, *command], capture_output=True, text=True, check=True)
     took_s, cpu_s, most_kb, answers = measured.stdout.split()
@@ -245,7 +245,7 @@ def ask(log: Path, from_s: float, question: tuple[str, ...]) -> None:
 
 def ask_all(log: Path, question: tuple[str, ...]) -> None:
     """A question about the whole log, in a process of its own."""
-    command = [sys.executable, "-m", "cell", *question, str(log)]
+    command = [sys.executable, "-m", "bracket_cell", *question, str(log)]
     measured = subprocess.run([sys.executable, "-c", MEASURE, *command], capture_output=True, text=True, check=True)
     took_s, cpu_s, most_kb, _ = measured.stdout.split()
     memory = float(most_kb) / 1e3

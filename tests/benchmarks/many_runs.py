@@ -23,9 +23,9 @@ from typing import Any
 
 import psutil
 
-from cell.fleet.one_run import run_here
-from cell.fleet.spec import count, load_sweep, tasks
-from cell.fleet.table import read_table
+from bracket_cell.fleet.one_run import run_here
+from bracket_cell.fleet.spec import count, load_sweep, tasks
+from bracket_cell.fleet.table import read_table
 from tests.cell.fleet.test_sweep import decided, workers
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Short">
@@ -60,7 +60,7 @@ def sweep(spec: Path, out: Path, of: int, kill_at: list[int]) -> None:
     Args:
         of: how many workers there are.
     """
-    command = [sys.executable, "-m", "cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", str(of)]
+    command = [sys.executable, "-m", "bracket_cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", str(of)]
     before, began_s, killed = len(rows(out)), time.perf_counter(), 0
     seen: list[tuple[float, int]] = []  # when there were how many rows
     kill_at = [at for at in kill_at if at > before]

@@ -18,9 +18,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from learned.inference.scores import wilson
-from learned.lab.experiments import Values
-from learned.lab.semantic_streams import (
+from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.learned.semantic.confusions import PATTERNS, Confusions, Pattern
+from bracket_cell.learned.semantic.goals import OpenGoals
+from bracket_cell.learned.semantic.graph import Ints, Layout
+from bracket_cell.learned.semantic.model import BayesPlanner
+from bracket_cell.learned.semantic.risk import act_probability
+from bracket_cell.trees.guard import GuardSettings
+from bracket_lab.experiments.experiments import Values
+from bracket_lab.experiments.semantic_streams import (
     BRACKETS,
     DOUBT,
     ERROR,
@@ -30,13 +36,7 @@ from learned.lab.semantic_streams import (
     first_meetings,
     unlisted,
 )
-from learned.semantic.confusions import PATTERNS, Confusions, Pattern
-from learned.semantic.goals import OpenGoals
-from learned.semantic.graph import Ints, Layout
-from learned.semantic.model import BayesPlanner
-from learned.semantic.risk import act_probability
 from tests.integration.cell_rig import PRODUCT
-from trees.guard import GuardSettings
 
 LAYOUT = Layout.of(PRODUCT)
 REPORTS, KNOWN = 500, 200  # confirmed actions that a matrix is learned from, and brackets of known goals, of each seed

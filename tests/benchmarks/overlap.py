@@ -117,7 +117,7 @@ def configuration(checkout: Path, path: Path, overlap: bool | None, max_duration
 
 def run(checkout: Path, configured: Path, seed: int, folder: Path) -> Cost:
     """One `cell run` with its log; every process of it is waited for."""
-    command = [sys.executable, "-m", "cell", "run", "--config", str(configured), "--seed", str(seed), "--json"]
+    command = [sys.executable, "-m", "bracket_cell", "run", "--config", str(configured), "--seed", str(seed), "--json"]
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     log = folder / f"{time.monotonic_ns()}.mcap"
     began_s, spent_s, busy_s = time.monotonic(), processor_s(), machine_s()

@@ -15,22 +15,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import BenchView, PartDetection
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from learned.bench_watcher import DetectorChain
-from learned.classical.part_detector import ClassicalPartDetector
-from sim.cell import SimCell
-from sim.rendering.camera import SimCamera
-from sim.scene.clutter import sample_clutter, standing
-from sim.scene.parts import ScenePart
-from sim.scene.settings import settings_of
-from sim.scene.world import WorldPart
-from sim.worker.event_log import ActionEvent
-from skills.motion.grasp_pose import tool_down
-from skills.motion.kinematics import Kinematics
+from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
+from bracket_cell.learned.bench_watcher import DetectorChain
+from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import BenchView, PartDetection
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.rendering.camera import SimCamera
+from bracket_sim.scene.clutter import sample_clutter, standing
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.scene.world import WorldPart
+from bracket_sim.worker.event_log import ActionEvent
 from tests.learned.classical.scenes import classical_bench_watcher
 
 LONGEST_RUN_S = 200.0

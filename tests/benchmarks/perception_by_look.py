@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import argparse
 
-from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.interfaces.product import Product
-from sim.scene.look import Look
+from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.look import Look
 from tests.benchmarks.perception_accuracy import RunErrors, parts_in_clutter, quantile, worker_run
 
 SECTIONS = [f"hard:{section}" for section in Look.model_fields]

@@ -19,14 +19,14 @@ from pathlib import Path
 
 import yaml
 
-from cell.interfaces.planning import weights_file
-from cell.interfaces.product import Product
-from learned.grasp.crops import EMBEDDING
-from learned.grasp.paper_planner import load_grasp_planner
-from learned.grasp.scenes import draw_scenes
-from learned.semantic.graph import Layout
-from learned.semantic.paper_planner import load_semantic_planner
-from learned.semantic.scenarios import scenarios
+from bracket_cell.learned.grasp.crops import EMBEDDING
+from bracket_cell.learned.semantic.graph import Layout
+from bracket_ground.interfaces.planning import weights_file
+from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.grasp.paper_planner import load_grasp_planner
+from bracket_lab.learned.grasp.scenes import draw_scenes
+from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
+from bracket_lab.learned.semantic.scenarios import scenarios
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUNDS = 5

@@ -14,16 +14,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.bench import Bench, Obstacle
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from sim.scene.storage import overlapping
-from skills.motion import search
-from skills.motion.grasp_pose import hole_pose
-from skills.motion.planner import Load, MotionPlanner
-from skills.motion.trajectory import speed_excess
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion import search
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.motion.trajectory import speed_excess
+from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.storage import overlapping
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 OPENING_M = 0.04

@@ -22,8 +22,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from cell.configuration import load_configuration, load_product
-from cell.log.read.reader import read_log
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.log.read.reader import read_log
 
 LONGEST_S = 600.0
 FAULT_AFTER_S = 20.0
@@ -33,14 +33,14 @@ DISTURBANCES = {2: "gripper silent", 4: "SIGTERM", 5: "SIGKILL"}
 # The gripper node falls silent in mid-run; everything else is `cell run`.
 SILENT = f"""
 import sys
-from sim.devices.simulated_gripper import GripperNode
+from bracket_sim.devices.simulated_gripper import GripperNode
 update = GripperNode.update
 def update_or_fall_silent(self, time_s, dt_s):
     if time_s > {FAULT_AFTER_S}:
         self.silence()
     update(self, time_s, dt_s)
 GripperNode.update = update_or_fall_silent
-from cell.commands.main import main
+from bracket_cell.commands.main import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -92,7 +92,7 @@ def main() -> None:
 
 def record(log: Path, goal: str, seed: int, disturbance: str) -> None:
     """Run the cell; a signal comes once the log has reached FAULT_AFTER_S."""
-    program = ["-c", SILENT] if disturbance == "gripper silent" else ["-m", "cell"]
+    program = ["-c", SILENT] if disturbance == "gripper silent" else ["-m", "bracket_cell"]
     command = [sys.executable, *program, "run", "--goal", goal, "--seed", str(seed), "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
@@ -107,7 +107,7 @@ def record(log: Path, goal: str, seed: int, disturbance: str) -> None:
 def replayed(log: Path) -> Mapping[str, Any]:
     """A row of the table: `cell replay` in a process of its own, its start included."""
     began_s, began_cpu_s = time.monotonic(), children_s()
-    command = [sys.executable, "-m", "cell", "replay", str(log), "--json"]
+    command = [sys.executable, "-m", "bracket_cell", "replay", str(log), "--json"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
     wall_s, cpu_s = time.monotonic() - began_s, children_s() - began_cpu_s
     read = read_log(log)

@@ -29,17 +29,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import Configuration, for_shift
-from cell.interfaces.command import Display
-from cell.interfaces.operator import Question
-from cell.wiring.detectors import detectors_of
-from sim.cell import SimCell
-from sim.process.buses import CarriedBuses
-from sim.process.messages import Drawn
-from sim.process.no_render_host import without_pixels
-from sim.process.opening import identity
-from sim.process.server import WorldServer
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import Configuration, for_shift
+from bracket_cell.wiring.detectors import detectors_of
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.operator import Question
+from bracket_sim.cell import SimCell
+from bracket_sim.process.buses import CarriedBuses
+from bracket_sim.process.messages import Drawn
+from bracket_sim.process.no_render_host import without_pixels
+from bracket_sim.process.opening import identity
+from bracket_sim.process.server import WorldServer
+from bracket_sim.scene.settings import settings_of
 from tests.benchmarks.kill_moment import STATES, Moment, held_part
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 
@@ -207,7 +207,7 @@ def served(
 
 def controller(address: Path, log: Path) -> list[str]:
     """The command of a controller for the world at an address."""
-    return [sys.executable, "-m", "cell", "lab", "run", "--world", str(address), "--log", str(log), "--json"]
+    return [sys.executable, "-m", "bracket_cell", "lab", "run", "--world", str(address), "--log", str(log), "--json"]
 
 
 def main() -> None:

@@ -17,11 +17,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
-from cell.interfaces.planning import crops_file
-from cell.kinds import WEIGHTS
-from learned.inference.scores import wilson
-from sim.scene.clutter import sample_clutter
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.scores import wilson
+from bracket_ground.interfaces.planning import crops_file
+from bracket_sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing, clearing_stacks
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree
 

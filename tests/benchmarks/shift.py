@@ -16,8 +16,8 @@ from typing import Any
 
 from rich.console import Console
 
-from cell.runs.options import RunOptions
-from cell.runs.run import run
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
 from tests import ROOT
 
 COLUMNS = ("number", "goal", "correct", "finished", "begin_s", "sim_time_s", "robot_placements", "help_requests")

@@ -17,11 +17,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cell.commands.main import main as cell_main
-from cell.errors import LogError
-from cell.log.read.reader import read_log
-from cell.recording.recorder import McapRecorder
-from cell.watching.observer import TickRecord
+from bracket_cell.commands.main import main as cell_main
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.recording.recorder import McapRecorder
+from bracket_cell.watching.observer import TickRecord
+from bracket_ground.errors import LogError
 
 
 def main() -> None:

@@ -18,10 +18,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from learned.inference.scores import wilson
-from sim.stacks.draw import Standing, stand
-from sim.stacks.settings import StackSettings
-from sim.stacks.trial import LIFT_M, MOVED_M, order_of_taking
+from bracket_cell.learned.inference.scores import wilson
+from bracket_lab.stacks.draw import Standing, stand
+from bracket_lab.stacks.trial import LIFT_M, MOVED_M, order_of_taking
+from bracket_sim.stacks.settings import StackSettings
 
 FINE_STEP_S = 0.001
 SPEEDS_M_S = (0.08, 0.30)

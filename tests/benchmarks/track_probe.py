@@ -17,14 +17,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.bench import Bench
-from cell.interfaces.perception import SEGMENT_FRAMES
-from cell.interfaces.pose import Array
-from cell.interfaces.product import Product
-from sim.data.without_physics import KinematicBench, Recording
-from sim.scene.person import load_person
-from sim.truth.labels import guarded, labels
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from bracket_lab.drawing.without_physics import KinematicBench, Recording
+from bracket_sim.scene.person import load_person
+from bracket_sim.truth.labels import guarded, labels
 
 TEST_SEED = 900_000  # seeds of training, validation and test never meet
 VALIDATION_SEED = 800_000

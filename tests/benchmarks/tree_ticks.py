@@ -21,13 +21,13 @@ import py_trees
 from py_trees.common import ParallelPolicy
 from py_trees.common import Status as StockStatus
 
-from cell.interfaces.clock import ManualClock
-from cell.recording.schemas import tick_json
-from trees.engine.node import RUNNING, Node
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.loading import load_tree
+from bracket_cell.recording.schemas import tick_json
+from bracket_cell.trees.loading import load_tree
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.node import RUNNING, Node
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
 
 ROUNDS = 25
 ROUND_S = 0.02

@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from cell.configuration import load_configuration, load_product
+from bracket_cell.configuration import load_configuration, load_product
 from tests.benchmarks.wired_cell import Told, wired_cell
 from tests.sim.twin.rig import own_host
 

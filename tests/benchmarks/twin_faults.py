@@ -22,37 +22,37 @@ from unittest.mock import patch
 from rich.console import Console
 from rich.table import Table
 
-from cell.commands.run import SEARCHES_GARBAGE
-from cell.configuration import Configuration, load_configuration, load_faults, load_product
-from cell.errors import CellError
-from cell.faults.injection import Injection, attended
-from cell.faults.named_faults import EITHER, RECOVERS, STOPS
-from cell.faults.work_state import STATES
-from cell.files.files import shipped
-from cell.interfaces.clock import WallClock
-from cell.interfaces.devices import Camera, Devices
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import BenchView, PartsView
-from cell.interfaces.product import Product
-from cell.lab.faults import HOLDING_STATES, hangs
-from cell.runs.options import Files
-from cell.runs.run import drive
-from cell.watching.observer import Outcome, TickRecord
-from cell.wiring.services import load_planners
-from learned.calibration.check import CalibrationCheck
-from sim.cell import SimCell
-from sim.process.no_render_host import without_pixels
-from sim.scene.settings import settings_of
-from sim.scene.world import World
-from sim.twin.arm import TwinArm
-from sim.twin.cell import TwinCell
-from skills.drivers.robotiq import ModbusGripper, UrcapGripper
-from skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings, UrSettings
-from skills.drivers.ur import UrArm
-from skills.motion.planner import MotionPlanner
+from bracket_cell.commands.run import SEARCHES_GARBAGE
+from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product
+from bracket_cell.faults.injection import Injection, attended
+from bracket_cell.faults.named_faults import EITHER, RECOVERS, STOPS
+from bracket_cell.faults.work_state import STATES
+from bracket_cell.learned.calibration.check import CalibrationCheck
+from bracket_cell.runs.options import Files
+from bracket_cell.runs.run import drive
+from bracket_cell.skills.drivers.robotiq import ModbusGripper, UrcapGripper
+from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings, UrSettings
+from bracket_cell.skills.drivers.ur import UrArm
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.watching.observer import Outcome, TickRecord
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.errors import CellError
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.devices import Camera, Devices
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import BenchView, PartsView
+from bracket_ground.interfaces.product import Product
+from bracket_lab.evaluations.faults import HOLDING_STATES, hangs
+from bracket_sim.cell import SimCell
+from bracket_sim.process.no_render_host import without_pixels
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.scene.world import World
+from bracket_sim.twin.arm import TwinArm
+from bracket_sim.twin.cell import TwinCell
 from tests.sim.twin.rig import own_host
-from trees.loading import load_tree
-from trees.node_library import node_registry
 
 PERIOD_S, LONGEST_S, MENDED_S = 0.008, 90.0, 1.5
 
@@ -224,7 +224,7 @@ def _gripper(wire: str, host: str, folder: Path) -> RobotiqModbusSettings | Robo
 
 def _run(configuration: Configuration, product: Product, devices: Devices, fault: WireFault) -> Outcome:
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
+    tree = load_tree(shipped("bracket_cell.trees", "trial.xml"), node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     return drive(files, devices, motion, injection=fault)
 

@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import DEFAULT_TREE, for_shift
-from cell.running.operator import OperatorChannel
-from sim.cell import SimCell
-from sim.process.no_render_host import without_pixels
-from sim.scene.jobs import RANDOM_GOAL
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import DEFAULT_TREE, for_shift
+from bracket_cell.running.operator import OperatorChannel
+from bracket_sim.cell import SimCell
+from bracket_sim.process.no_render_host import without_pixels
+from bracket_sim.scene.jobs import RANDOM_GOAL
+from bracket_sim.scene.settings import settings_of
 from tests.benchmarks.asking import assembled, tell_each
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 

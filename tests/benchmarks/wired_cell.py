@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cell.files.files import shipped
-from cell.runs.signing import sign
-from cell.wiring.safety import safety_from
-from sim.twin.control import ask
+from bracket_cell.runs.signing import sign
+from bracket_cell.wiring.safety import safety_from
+from bracket_ground.files.files import shipped
+from bracket_sim.twin.control import ask
 from tests.processes import finished, started
 
 Told = dict[str, Any]
@@ -32,7 +32,9 @@ class WiredCell:
         log.unlink(missing_ok=True)
         words += ["--log", str(log)]
         try:
-            done = finished([sys.executable, "-m", "cell", *words], self._folder, limit_s=limit_s * self._slower)
+            done = finished(
+                [sys.executable, "-m", "bracket_cell", *words], self._folder, limit_s=limit_s * self._slower
+            )
         except subprocess.TimeoutExpired:
             return {"end": "hung", "reason": f"no end in {limit_s:g} s of the cell"}
         (self._folder / "run.txt").write_text(done.stderr)
@@ -53,7 +55,7 @@ def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ())
         more: arguments of `cell twin`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = shipped("config", "twin_cell.yaml").read_text().replace("127.0.0.1", host)
+    text = shipped("bracket_cell.config", "twin_cell.yaml").read_text().replace("127.0.0.1", host)
     text = text.replace("{kind: page}", "{kind: none}")  # nobody is there who answers
     for beside in ("products.yaml", "sim.yaml"):
         text = text.replace(f": {beside}", f": {shipped('config', beside)}")
@@ -61,7 +63,7 @@ def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ())
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
     sign(config, safety_from(config), "benchmark")
     words = ["twin", "--config", str(config), "--slower", f"{slower:g}", "--at", str(folder / "twin.sock"), *more]
-    with started([sys.executable, "-m", "cell", *words], folder) as twin:
+    with started([sys.executable, "-m", "bracket_cell", *words], folder) as twin:
         assert twin.stderr is not None  # where the console writes
         told = []
         for line in twin.stderr:

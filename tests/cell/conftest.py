@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.configuration import DEFAULT_CONFIGURATION
-from cell.log.read.reader import Log, read_log
-from cell.runs.options import RunOptions
-from cell.runs.run import run
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
 from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"

@@ -7,28 +7,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_faults
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Display, GripperCommand, JointTrajectory
-from cell.interfaces.devices import Devices
-from cell.interfaces.frame import Frame
-from cell.interfaces.memory import Memory
-from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus
-from cell.interfaces.perception import Action, BenchView, PartsView
-from cell.interfaces.pose import Pose
-from cell.interfaces.robot import default_robot
-from cell.running.controller import Controller
-from cell.running.fault_checks import CHECKS, arm_checks, tick_checks
-from cell.running.inference import LockStep
-from cell.running.operator import OperatorChannel
-from cell.running.supervisor import Supervisor
-from cell.settings import ControllerSettings
-from cell.watching.observer import Level, Observer, Outcome, TickRecord
-from skills.motion.arm_monitor import ArmMonitor, StopLimits
-from trees.engine.node import StatusChange
-from trees.engine.status import Status
-from trees.engine.why import Reason
-from trees.nodes.services import Tick
+from bracket_cell.configuration import load_configuration, load_faults
+from bracket_cell.running.controller import Controller
+from bracket_cell.running.fault_checks import CHECKS, arm_checks, tick_checks
+from bracket_cell.running.inference import LockStep
+from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.running.supervisor import Supervisor
+from bracket_cell.settings import ControllerSettings
+from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
+from bracket_cell.trees.nodes.services import Tick
+from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Display, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.memory import Memory
+from bracket_ground.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus
+from bracket_ground.interfaces.perception import Action, BenchView, PartsView
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.robot import default_robot
+from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
+from btxml.engine.why import Reason
 
 PARKED = (0.0,) * 6
 FAULTS = load_faults(load_configuration())

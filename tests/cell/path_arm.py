@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.observation import ArmState
-from cell.interfaces.pose import Array
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.observation import ArmState
+from bracket_ground.interfaces.pose import Array
 
 CYCLE_S, TRAILS_CYCLES, LATENCY_CYCLES = 0.008, 4, 2
 LIMITS_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])

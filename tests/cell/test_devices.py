@@ -13,16 +13,16 @@ import pytest
 import yaml
 from rich.console import Console
 
-from cell.commands.main import main
-from cell.configuration import Configuration, load_configuration, load_product
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.clock import ManualClock, WallClock
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.runs.signing import sign
-from cell.wiring.devices import attached, find_drivers
-from cell.wiring.safety import safety_from
-from skills.drivers.can_gripper import CanGripper
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import Configuration, load_configuration, load_product
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.runs.signing import sign
+from bracket_cell.skills.drivers.can_gripper import CanGripper
+from bracket_cell.wiring.devices import attached, find_drivers
+from bracket_cell.wiring.safety import safety_from
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.clock import ManualClock, WallClock
 from tests import ROOT
 from tests.cell.conftest import changed_configuration
 from tests.processes import finished
@@ -152,8 +152,9 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
     path = configured(home, **all_real())
     sign(path, safety_from(path), "tests")
     code = (
-        "import sys; from pathlib import Path; from rich.console import Console; from cell.runs import run as runs;"
-        "from cell.runs.options import RunOptions;"
+        "import sys; from pathlib import Path; from rich.console import Console;"
+        "from bracket_cell.runs import run as runs;"
+        "from bracket_cell.runs.options import RunOptions;"
         "run = lambda: runs.run(RunOptions(configuration=Path('config/cell.yaml')), Console(quiet=True));"
         "\ntry: run()\nexcept SystemExit: pass\nprint('mujoco' in sys.modules, 'lab' in sys.modules)"
     )
@@ -246,7 +247,7 @@ def test_names_of_installed_drivers_are_entry_points(home: Path, monkeypatch: py
     from importlib.metadata import EntryPoint, EntryPoints
 
     point = EntryPoint("acme", "lab:Device", "cell.devices")
-    monkeypatch.setattr("cell.plugins.entry_points", lambda **by: EntryPoints([point]).select(**by))
+    monkeypatch.setattr("bracket_cell.plugins.entry_points", lambda **by: EntryPoints([point]).select(**by))
     path = configured(home, **{**all_real(), "arm": {"kind": "acme", "host": "a"}})
     assert find_drivers(load_configuration(path))["arm"].make.__name__ == "Device"
     assert "legal: simulated, ur, recorded, acme, or MODULE:CLASS" in refused(configured(home, arm={"kind": "acne"}))
@@ -316,7 +317,9 @@ def from_the_guide(folder: Path) -> Path:
 
 
 def run_in(folder: Path, *arguments: str) -> dict[str, Any]:
-    done = finished([sys.executable, "-m", "cell", "run", *arguments, "--json"], folder, {"PYTHONPATH": str(ROOT)})
+    done = finished(
+        [sys.executable, "-m", "bracket_cell", "run", *arguments, "--json"], folder, {"PYTHONPATH": str(ROOT)}
+    )
     assert done.stdout, done.stderr
     line: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return line

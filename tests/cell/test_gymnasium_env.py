@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from learned.inference.policy import ENVIRONMENT
-from sim.gymnasium_env import ABOVE_M, NAME, AbovePart, register
+from bracket_cell.learned.inference.policy import ENVIRONMENT
+from bracket_sim.gymnasium_env import ABOVE_M, NAME, AbovePart, register
 
 
 @pytest.mark.filterwarnings("ignore:.*normalized space")  # actions are joints, as the policy in the cell has them

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import load_configuration, load_product, located
-from cell.errors import InputError, ModelError
-from cell.files.files import shipped
-from cell.interfaces.planning import AssemblyState
-from cell.kinds import DETECTORS, PLANNERS, KindSettings, _callable, _installed, files_of, kind_of
-from cell.wiring.detectors import Detectors, check_detectors, fitted, latency_s
-from cell.wiring.services import load_planners
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, load_product, located
+from bracket_cell.kinds import DETECTORS, PLANNERS, KindSettings, _callable, _installed, files_of, kind_of
+from bracket_cell.wiring.detectors import Detectors, check_detectors, fitted, latency_s
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.errors import InputError, ModelError
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.planning import AssemblyState
 
 OWN = """
 from pathlib import Path
@@ -75,7 +75,7 @@ number = 3
 def home(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "own_kinds.py").write_text(OWN)
     for name in ("sim.yaml", "products.yaml", "faults.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
+        (tmp_path / name).write_text(shipped("bracket_cell.config", name).read_text())
     before = sys.path[:]
     yield tmp_path
     sys.path[:] = before
@@ -84,7 +84,7 @@ def home(tmp_path: Path) -> Iterator[Path]:
 
 def configured(home: Path, perception: str = "", planners: str = "") -> Path:
     """A configuration with these lines in its sections."""
-    text = shipped("config", "cell.yaml").read_text()
+    text = shipped("bracket_cell.config", "cell.yaml").read_text()
     if perception:
         text = text.replace("  kind: learned ", f"  {perception}\n  kind: learned ")
     if planners:

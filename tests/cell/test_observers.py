@@ -10,10 +10,7 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from cell.interfaces.command import Command, Display
-from cell.interfaces.operator import Answer, Question
-from cell.interfaces.perception import Action
-from cell.log.report.contact_sheet import (
+from bracket_cell.log.report.contact_sheet import (
     CAPTION_PX,
     COLUMNS,
     THUMBNAIL_PX,
@@ -21,12 +18,15 @@ from cell.log.report.contact_sheet import (
     compose,
     write_sheet,
 )
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.viewing.moments import MOST_FRAMES, MOST_KEPT, Moments
-from cell.viewing.progress import LiveProgress
-from cell.watching.observer import Outcome
-from cell.watching.statistics import RunStatistics
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.viewing.moments import MOST_FRAMES, MOST_KEPT, Moments
+from bracket_cell.viewing.progress import LiveProgress
+from bracket_cell.watching.observer import Outcome
+from bracket_cell.watching.statistics import RunStatistics
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.operator import Answer, Question
+from bracket_ground.interfaces.perception import Action
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 

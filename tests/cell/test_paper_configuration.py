@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import SettingError
-from cell.files.files import shipped
-from cell.wiring.detectors import check_detectors
-from cell.wiring.services import load_planners
-from learned.grasp.paper_planner import PaperPlanner as GraspPlanner
-from learned.semantic.paper_planner import PaperPlanner as SemanticPlanner
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.wiring.detectors import check_detectors
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.errors import SettingError
+from bracket_ground.files.files import shipped
+from bracket_lab.learned.grasp.paper_planner import PaperPlanner as GraspPlanner
+from bracket_lab.learned.semantic.paper_planner import PaperPlanner as SemanticPlanner
 
-PAPER = shipped("config", "paper.yaml")
+PAPER = shipped("bracket_cell.config", "paper.yaml")
 CONFIGURATION, OURS = load_configuration(PAPER), load_configuration()
 
 

@@ -9,11 +9,17 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_faults, load_product
-from cell.configuration import weaknesses as weak
-from cell.interfaces.faults import Action
-from cell.running.supervisor import make_supervisor
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import (
+    DEFAULT_CONFIGURATION,
+    Configuration,
+    load_configuration,
+    load_faults,
+    load_product,
+)
+from bracket_cell.configuration import weaknesses as weak
+from bracket_cell.running.supervisor import make_supervisor
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.interfaces.faults import Action
 from tests.cell.running.test_supervisor import sound
 
 

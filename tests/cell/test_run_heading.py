@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults, load_product
-from cell.runs.heading import heading
-from cell.runs.options import Files, RunOptions
-from cell.wiring.services import load_planners
-from learned.inference.onnx_model import digest_of
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults, load_product
+from bracket_cell.learned.inference.onnx_model import digest_of
+from bracket_cell.runs.heading import heading
+from bracket_cell.runs.options import Files, RunOptions
+from bracket_cell.wiring.services import load_planners
 
 NODE = '''
-from trees.engine.status import Status
-from trees.nodes.services import CellNode
+from btxml.engine.status import Status
+from bracket_cell.trees.nodes.services import CellNode
 
 
 class Shrug(CellNode):

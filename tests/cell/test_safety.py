@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults
-from cell.errors import InputError
-from cell.interfaces.faults import SIGNALS
-from cell.runs.signing import required_signature, sign, signature_file, signature_of
-from cell.wiring.safety import hash_of, safety_from, safety_of
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults
+from bracket_cell.runs.signing import required_signature, sign, signature_file, signature_of
+from bracket_cell.wiring.safety import hash_of, safety_from, safety_of
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.faults import SIGNALS
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -109,7 +109,7 @@ def test_numbers_in_code_that_judge_are_in_it(monkeypatch: pytest.MonkeyPatch) -
     configuration = load_configuration()
     table = load_faults(configuration)
     signed = safety_of(configuration, table)
-    monkeypatch.setattr("cell.running.fault_checks.OFF_PATH_RAD", 0.5)
+    monkeypatch.setattr("bracket_cell.running.fault_checks.OFF_PATH_RAD", 0.5)
     changes = safety_of(configuration, table).changes(signed.values)
     assert changes == ["limits.fault_checks.OFF_PATH_RAD: signed 0.025, now 0.5"]
 

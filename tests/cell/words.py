@@ -7,14 +7,21 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from cell.files.words.message import SPEC
+from bracket_ground.files.words.message import SPEC
 from tests import ROOT
 
-FOLDERS = ("cell/running", "cell/viewing", "cell/interfaces", "trees/guard.py", "trees/nodes", "skills")
+FOLDERS = (
+    "cell/bracket_cell/running",
+    "cell/bracket_cell/viewing",
+    "ground/bracket_ground/interfaces",
+    "cell/bracket_cell/trees/guard.py",
+    "cell/bracket_cell/trees/nodes",
+    "cell/bracket_cell/skills",
+)
 SPOKEN = ("Answer", "Detection", "FingersRest", "Instruction", "Move", "Progress", "SetGripper", "Verdict", "_Ending")
 SPOKEN_TOO = ("_also", "_mode", "_restarted", "_with", "ask", "done", "failed", "show")
 OF_DOCTOR = ("cameras.py", "robotiq.py", "ur_dashboard.py", "ur_examined.py")  # what `cell doctor` says of devices
-STATIC = ROOT / "cell" / "viewing" / "page" / "static"
+STATIC = ROOT / "cell" / "bracket_cell" / "viewing" / "page" / "static"
 QUOTED = r'"((?:[^"\\]|\\.)*)"'
 KEPT = {"feedback_message", "reason", "TODO", "DONE_BY", "FINISHED", "ACKNOWLEDGE"}
 NOT_SHOWN = {  # ids, help and refusals that only programs see

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import Clock
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.devices import Arm
-from cell.interfaces.observation import ArmState
-from cell.interfaces.pose import Array
-from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.devices import Arm
+from bracket_ground.interfaces.observation import ArmState
+from bracket_ground.interfaces.pose import Array
 
 TICK_S = 0.04
 OFF_PATH_RAD = 0.025  # what the supervisor allows; figures of one's own are measured elsewhere

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import Clock
-from cell.interfaces.devices import Camera
-from cell.interfaces.frame import Frame
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.devices import Camera
+from bracket_ground.interfaces.frame import Frame
 
 TICK_S, PATIENCE_S = 0.040, 20.0
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from cell.interfaces.clock import Clock
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.devices import Gripper
-from cell.interfaces.observation import GripperState, ObjectStatus
+from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.devices import Gripper
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 
 TICK_S = 0.040
 STEP_M = 0.085 / 255

@@ -8,13 +8,13 @@ Imports that a contract excepts (`ignore_imports`) are not drawn.
 from __future__ import annotations
 
 import ast
+import re
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from graphlib import TopologicalSorter
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -26,12 +26,13 @@ Point = tuple[float, float]
 
 BOX_PX, BOX_HIGH_PX, GAP_PX, ROW_PX, MARGIN_PX = 190, 74, 26, 112, 16
 LETTERS = 33  # of a description that fit into a box's width
+CELL = "bracket_cell"
 FILLS = {
-    "cell": "#d9ecff",
-    "trees": "#d8f0dc",
-    "skills": "#fff1c9",
-    "learned": "#fff1c9",
-    "sim": "#e9e9ee",
+    CELL: "#d9ecff",
+    "btxml": "#d8f0dc",
+    "bracket_ground": "#fff1c9",
+    "bracket_sim": "#e9e9ee",
+    "bracket_lab": "#e9e9ee",
 }
 
 
@@ -50,15 +51,12 @@ class Layout:
 
 
 def rooms(project: Mapping[str, Any]) -> list[str]:
-    """The rooms that the contracts of pyproject.toml name, the highest first."""
+    """The distributions that the contracts of pyproject.toml name, the highest first; of the cell, its rooms."""
     contracts = [contract for contract in project["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
-    order: TopologicalSorter[str] = TopologicalSorter()
-    for contract in contracts:
-        if "containers" not in contract:
-            for high, low in pairwise(contract["layers"]):
-                for name, below in product(_parts(high), _parts(low)):
-                    order.add(below, name)
-    return list(order.static_order())
+    distributions = next(layers["layers"] for layers in contracts if "containers" not in layers)
+    inside = next(layers["layers"] for layers in contracts if layers.get("containers") == [CELL])
+    rooms_of = {CELL: [f"{CELL}.{room}" for layer in inside for room in _parts(layer)]}
+    return [room for layer in distributions for name in _parts(layer) for room in rooms_of.get(name, [name])]
 
 
 def exceptions(project: Mapping[str, Any]) -> list[str]:
@@ -140,7 +138,7 @@ def picture(root: Path) -> str:
 
 
 def _parts(layer: str) -> list[str]:
-    return [name.strip(" ()") for name in layer.split("|")]
+    return [name.strip(" ()") for name in re.split("[|:]", layer)]
 
 
 def _room_of(module: str, names: list[str]) -> str | None:
@@ -215,7 +213,8 @@ def _box(name: str, place: Point, description: str) -> Iterator[str]:
 
 def _description(root: Path, name: str) -> str:
     """What the first sentence of a room's docstring says, without who may import it."""
-    path = root.joinpath(*name.split("."))
+    top, *inner = name.split(".")
+    path = next(root.glob(f"*/{top}")).joinpath(*inner)
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     text = ast.get_docstring(ast.parse(file.read_text())) or ""
     return text.partition("\n")[0].partition(";")[0].rstrip(".")

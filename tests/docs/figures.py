@@ -7,8 +7,8 @@ from functools import partial
 
 from pydantic import model_validator
 
-from cell.files.model import Model
-from learned.lab.experiments import markdown
+from bracket_ground.files.model import Model
+from bracket_lab.experiments.experiments import markdown
 from tests import ROOT
 
 FIGURES, PAGES = ROOT / "docs" / "figures", "docs/research"

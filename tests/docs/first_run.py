@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.log.read.frames import Frames
-from cell.log.read.reader import read_log
+from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.reader import read_log
 from tests import ROOT
 
 Image = NDArray[np.uint8]
@@ -62,7 +62,7 @@ def first_run() -> FirstRun:
     assert settings is not None
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
-        command = [sys.executable, "-m", "cell", "run", *settings[1].split(), "--log", str(log)]
+        command = [sys.executable, "-m", "bracket_cell", "run", *settings[1].split(), "--log", str(log)]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
         lines = tuple(printed(done.stderr))
         return FirstRun(lines, film(log, lines))

@@ -90,7 +90,7 @@ class Reader:
             return
         settings = dict(word.split("=", 1) for word in _settings(words))
         command = words[len(settings) :]
-        programs = {"cell": [sys.executable, "-m", "cell"], "python": [sys.executable]}
+        programs = {"cell": [sys.executable, "-m", "bracket_cell"], "python": [sys.executable]}
         assembles = command[:2] == ["cell", "run"] and not any(word.startswith("trees/") for word in command)
         extra = ["--json"] if assembles else []
         path = os.pathsep.join([str(ROOT), str(self.folder / settings.pop("PYTHONPATH", "."))])

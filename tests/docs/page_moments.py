@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 from mcap.reader import make_reader
 
-from cell.interfaces.observation import Image
-from cell.settings import PageSettings
+from bracket_cell.settings import PageSettings
+from bracket_ground.interfaces.observation import Image
 from tests.cell.viewing.page.moments import MOMENTS, brought_to
 from tests.cell.viewing.page.rig import PageRig
 

@@ -12,7 +12,7 @@ import time
 from tests.docs.page_moments import GL
 from tests.processes import started
 
-RUN = ("-m", "cell", "run", "--shift", "2", "--seed", "33", "--page", "0", "--log")
+RUN = ("-m", "bracket_cell", "run", "--shift", "2", "--seed", "33", "--page", "0", "--log")
 MOMENT = "Boolean(document.querySelector('#robot')?.textContent.includes('carrying'))"
 LONGEST_S = 3600.0  # of wall time; a busy machine needs ten times as long as a quiet one
 

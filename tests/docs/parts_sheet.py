@@ -8,18 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.scene.clutter import full_set, sample_clutter
-from sim.scene.parts import ScenePart
-from sim.scene.posture import TURNS, stance, whole
-from sim.scene.settings import ClutterSettings
-from sim.scene.unknown_objects import UNKNOWN
-from sim.scene.world import World, build_world
-from sim.truth.labels import resting_parts
+from bracket_cell.configuration import load_configuration
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.clutter import full_set, sample_clutter
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.posture import TURNS, stance, whole
+from bracket_sim.scene.settings import ClutterSettings
+from bracket_sim.scene.unknown_objects import UNKNOWN
+from bracket_sim.scene.world import World, build_world
+from bracket_sim.truth.labels import resting_parts
 from tests import ROOT
 from tests.docs.portrait import View, picture
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.watching.observer import TickRecord
-from sim.scene.world import World
+from bracket_cell.watching.observer import TickRecord
+from bracket_sim.scene.world import World
 from tests.docs.portrait import portrait
 from tests.integration.cell_rig import ASSEMBLE, Recorded, run_tree, with_person
 

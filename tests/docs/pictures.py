@@ -9,10 +9,10 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
+from bracket_cell.trees.node_library import node_registry
+from btxml.views.picture import picture
 from tests import ROOT
 from tests.docs import architecture, figures, reference, reference_pages
-from trees.node_library import node_registry
-from trees.views.picture import picture
 
 
 def _tree(name: str) -> Callable[[], str]:

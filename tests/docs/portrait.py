@@ -14,15 +14,15 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cell.files.files import shipped
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.cell import SimCell
-from sim.scene.palette import FLOOR_GROUP
-from sim.scene.settings import SimSettings
-from sim.scene.world import World
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.palette import FLOOR_GROUP
+from bracket_sim.scene.settings import SimSettings
+from bracket_sim.scene.world import World
 
-CONFIG = shipped("config")
+CONFIG = shipped("bracket_cell.config")
 SAMPLES = 8
 SHADOW_MAP_PX = 4096
 

@@ -10,14 +10,14 @@ from typing import Any
 
 import orjson
 
-from cell.configuration import Configuration
-from cell.files.model import Model
-from cell.interfaces.faults import FaultTable
-from cell.interfaces.product import Product
-from cell.interfaces.robot import RobotModel
-from sim.scene.look_range import LookFile
-from sim.scene.person import Person
-from sim.scene.settings import SimSettings
+from bracket_cell.configuration import Configuration
+from bracket_ground.files.model import Model
+from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import RobotModel
+from bracket_sim.scene.look_range import LookFile
+from bracket_sim.scene.person import Person
+from bracket_sim.scene.settings import SimSettings
 
 FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,

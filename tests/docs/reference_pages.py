@@ -7,16 +7,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from cell.configuration import load_configuration, load_faults
-from cell.faults.named_faults import FAULTS as PUT
-from cell.faults.named_faults import FaultKind
-from cell.faults.signal_faults import DETECTED, SIGNALS, Spread
-from cell.interfaces.faults import fault_table_markdown
-from cell.recording.schemas import TOPICS, schema
-from trees import vocabulary
-from trees.engine.node import Control, Decorator, Node, TreeNode
-from trees.engine.ports import InOutPort, InputPort, OutputPort, Port
-from trees.engine.traits import Traits
+from bracket_cell.configuration import load_configuration, load_faults
+from bracket_cell.faults.named_faults import FAULTS as PUT
+from bracket_cell.faults.named_faults import FaultKind
+from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, Spread
+from bracket_cell.recording.schemas import TOPICS, schema
+from bracket_cell.trees import vocabulary
+from bracket_ground.interfaces.faults import fault_table_markdown
+from btxml.engine.node import Control, Decorator, Node, TreeNode
+from btxml.engine.ports import InOutPort, InputPort, OutputPort, Port
+from btxml.engine.traits import Traits
 
 NAMES = r"^    ([a-z_]+(?:, [a-z_]+)*): "
 ATTRIBUTE = re.compile(rf"{NAMES}(.*?)(?={NAMES}|\Z)", re.MULTILINE | re.DOTALL)

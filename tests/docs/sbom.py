@@ -18,12 +18,13 @@ from cyclonedx.output import make_outputter
 from cyclonedx.schema import OutputFormat, SchemaVersion
 from packageurl import PackageURL
 
-from cell.files.files import write_whole
-from learned.training.cards import LICENCE
+from bracket_ground.files.files import write_whole
+from bracket_lab.learned.training.cards import LICENCE
 from tests import ROOT
 
 VERSION = SchemaVersion.V1_6
-THREE = ROOT / "cell/viewing/page/static/three/three.module.min.js"  # MIT, as LICENSE beside it says
+CELL = ROOT / "cell" / "bracket_cell"
+THREE = CELL / "viewing/page/static/three/three.module.min.js"  # MIT, as LICENSE beside it says
 FONTS = (
     "fonts-dejavu-core",
     "Bitstream-Vera",
@@ -34,7 +35,7 @@ PIN = re.compile(r"^([\w.-]+)==(\S+)", re.MULTILINE)
 
 def bill() -> Bom:
     """All pinned packages, and what comes with the program: weights, robots, the page's library; the system's fonts."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((ROOT / "cell" / "pyproject.toml").read_text())["project"]
     whole = _component(project["name"], LICENCE, ComponentType.APPLICATION, version=project["version"])
     bom = Bom(components=[*_packages(), *_shipped()])
     bom.metadata.component = whole
@@ -49,9 +50,9 @@ def _packages() -> Iterator[Component]:
 
 
 def _shipped() -> Iterator[Component]:
-    for path in sorted((ROOT / "learned" / "weights").glob("*.onnx")):
+    for path in sorted((CELL / "learned" / "weights").glob("*.onnx")):
         yield _file(path, LICENCE, ComponentType.MACHINE_LEARNING_MODEL)
-    for path in sorted([*(ROOT / "config").rglob("*.stl"), *(ROOT / "config").rglob("*.urdf")]):
+    for path in sorted([*(CELL / "config").rglob("*.stl"), *(CELL / "config").rglob("*.urdf")]):
         yield _file(path, MESHES_LICENCE, ComponentType.FILE)
     [three] = re.findall(r"^THREE = (\S+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     yield _file(THREE, "MIT", ComponentType.LIBRARY, version=three, purl=PackageURL("npm", name="three", version=three))

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.clock import Clock
-from cell.interfaces.devices import Arm, Camera, Gripper, Panel
-from cell.wiring.services import load_planners
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.devices import Arm, Camera, Gripper, Panel
 from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 

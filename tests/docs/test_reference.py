@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cell.files.model import Model
+from bracket_ground.files.model import Model
 from tests import ROOT
 from tests.docs.reference import FILES, FOLDER, INDEX, pages, sections, undocumented
 

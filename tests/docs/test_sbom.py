@@ -15,7 +15,7 @@ from tests import ROOT
 from tests.docs.sbom import FONTS, MESHES_LICENCE, THREE, VERSION, bill, written
 
 FOREIGN = {".onnx", ".stl", ".obj", ".dae", ".urdf", ".ttf", ".otf", ".woff", ".woff2"}  # a file that needs a licence
-PACKAGES = ("cell", "config", "learned", "sim", "skills", "trees")
+PACKAGES = ("ground", "engine", "cell", "sim", "lab")
 
 
 @cache
@@ -55,7 +55,7 @@ def test_every_shipped_file_that_needs_a_licence_is_in_it_as_it_is() -> None:
 def test_licences_are_those_of_the_files_beside() -> None:
     found = components()
     beside: dict[Path, tuple[str, str]] = {
-        ROOT / "config/robots/ur10/ur10.urdf": (MESHES_LICENCE, "BSD 3-Clause"),
+        ROOT / "cell/bracket_cell/config/robots/ur10/ur10.urdf": (MESHES_LICENCE, "BSD 3-Clause"),
         THREE: ("MIT", "The MIT License"),
     }
     for path, (identifier, words) in beside.items():

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from cell.configuration import Configuration, load_configuration, load_product
-from cell.interfaces.product import Product
-from cell.watching.observer import Outcome
-from sim.cell import SimCell
-from sim.scene.parts import ScenePart
-from sim.scene.settings import settings_of
-from sim.testing import Recorded as Recorded  # who runs a tree reads it
-from sim.testing import SimulatedCell
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import Configuration, load_configuration, load_product
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.watching.observer import Outcome
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.testing import Recorded as Recorded  # who runs a tree reads it
+from bracket_sim.testing import SimulatedCell
 from tests import ROOT
 
 ASSEMBLE = ROOT / "trees" / "assemble.xml"

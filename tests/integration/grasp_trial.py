@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.errors import DeviceFault
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.skill import Progress, SkillStatus
-from sim.scene.world import World
-from skills.grasping.handling import joints_of
-from skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
-from skills.motion.grasp_pose import grasps, opening_for
-from skills.motion.grip import Hold
-from skills.motion.motions import FreeWay, Line, Rise
-from skills.motion.planner import Load, MotionPlanner, at_height
+from bracket_cell.skills.grasping.handling import joints_of
+from bracket_cell.skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
+from bracket_cell.skills.motion.grasp_pose import grasps, opening_for
+from bracket_cell.skills.motion.grip import Hold
+from bracket_cell.skills.motion.motions import FreeWay, Line, Rise
+from bracket_cell.skills.motion.planner import Load, MotionPlanner, at_height
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.skill import Progress, SkillStatus
+from bracket_sim.scene.world import World
 from tests.integration.robot_alone import RobotAlone
 
 ABOVE_M = 0.16  # TCP height that passes over everything in the tray

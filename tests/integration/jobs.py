@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.interfaces.command import Display
-from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.pose import Pose
-from sim.cell import SimCell
-from sim.scene.clutter import full_set, sample_clutter
-from sim.scene.parts import ScenePart
-from skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.operator import OperatorOrder
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import full_set, sample_clutter
+from bracket_sim.scene.parts import ScenePart
 from tests import ROOT
 from tests.integration.cell_rig import (
     BENCH,
@@ -118,7 +118,7 @@ def teach(seed: int) -> str | None:
 
 
 def _teach(seed: int, product: object, shown: tuple[str, ...]) -> str | None:
-    from learned.semantic.goals import OpenGoals
+    from bracket_cell.learned.semantic.goals import OpenGoals
     from tests.integration import cell_rig
 
     with folder() as here:

@@ -14,22 +14,22 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import load_configuration
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.command import Command, GripperCommand
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from cell.interfaces.resting_pose import SIDES, side_up
-from cell.interfaces.skill import SkillStatus
-from cell.wiring.detectors import part_finder
-from learned.inference.scores import wilson
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.studio import visible_poses
-from sim.scene.world import WorldPart
-from skills.lying import SetUpright
-from skills.motion.lying_grasp import laid_out
-from skills.move_to import MoveTo
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.skills.lying import SetUpright
+from bracket_cell.skills.motion.lying_grasp import laid_out
+from bracket_cell.skills.move_to import MoveTo
+from bracket_cell.wiring.detectors import part_finder
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.resting_pose import SIDES, side_up
+from bracket_ground.interfaces.skill import SkillStatus
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.world import WorldPart
 from tests.integration.robot_alone import CONFIG, RobotAlone, tray_poses
 
 SIGMA_M, SIGMA_RAD = 0.001, math.radians(1.5)

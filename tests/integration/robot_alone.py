@@ -9,24 +9,24 @@ from types import TracebackType
 
 import numpy as np
 
-from cell.configuration import load_configuration
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.bench import Bench
-from cell.interfaces.command import Command
-from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from cell.interfaces.skill import Progress, Skill, SkillStatus
-from sim.devices.arm import SimArm
-from sim.devices.clock import Observer, SimClock
-from sim.devices.simulated_gripper import GripperNode
-from sim.scene.clutter import standing
-from sim.scene.settings import PhysicsSettings
-from sim.scene.world import World, WorldPart, build_world
-from skills.drivers.can_gripper import CanGripper
-from skills.drivers.settings import CanSettings
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import load_configuration
+from bracket_cell.skills.drivers.can_gripper import CanGripper
+from bracket_cell.skills.drivers.settings import CanSettings
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.skill import Progress, Skill, SkillStatus
+from bracket_sim.devices.arm import SimArm
+from bracket_sim.devices.clock import Observer, SimClock
+from bracket_sim.devices.simulated_gripper import GripperNode
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.settings import PhysicsSettings
+from bracket_sim.scene.world import World, WorldPart, build_world
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 TICK_S = 0.040

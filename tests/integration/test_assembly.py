@@ -10,11 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from cell.interfaces.pose import Pose
-from sim.cell import SimCell
-from sim.scene.clutter import standing
-from sim.scene.parts import ScenePart
-from skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_cell.trees.nodes.people import WaitForHandClearOfPart
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.parts import ScenePart
+from btxml.engine.status import Status
 from tests import ROOT
 from tests.integration.cell_rig import (
     ASSEMBLE,
@@ -27,8 +29,6 @@ from tests.integration.cell_rig import (
     with_person,
 )
 from tests.processes import SLOW_MACHINE_S, started
-from trees.engine.status import Status
-from trees.nodes.people import WaitForHandClearOfPart
 
 
 def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) -> list[ScenePart]:

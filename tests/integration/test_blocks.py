@@ -8,15 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.pose import Pose
-from cell.interfaces.skill import SkillStatus
-from skills.grasping.phases import MoveFingers
-from skills.grasping.straight import MoveUntilContact, StraightMove
-from skills.motion.grasp_pose import tool_down
-from skills.move_to import MoveTo, MoveToJoints, MoveToPose
-from skills.pick_and_place import Pick
-from skills.put_down import PutDown
+from bracket_cell.skills.grasping.phases import MoveFingers
+from bracket_cell.skills.grasping.straight import MoveUntilContact, StraightMove
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.move_to import MoveTo, MoveToJoints, MoveToPose
+from bracket_cell.skills.pick_and_place import Pick
+from bracket_cell.skills.put_down import PutDown
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import SkillStatus
 from tests.integration.robot_alone import RobotAlone
 
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.devices import Gripper
-from cell.interfaces.observation import GripperState
-from sim.devices.simulated_gripper import SimGripper
-from skills.motion.grasp_pose import tool_down
-from skills.motion.grip import STROKE_M
-from skills.motion.trajectory import joint_move
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.grip import STROKE_M
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.devices import Gripper
+from bracket_ground.interfaces.observation import GripperState
+from bracket_sim.devices.simulated_gripper import SimGripper
 from tests.contracts import gripper as gripper_contract
 from tests.integration.robot_alone import RobotAlone
 

@@ -8,18 +8,18 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
-from cell.interfaces.skill import SkillStatus
-from sim.scene.parts import ScenePart
-from sim.scene.world import WorldPart
-from skills.lying import PickLying, SetUpright
-from skills.motion.lying_grasp import laid_out
-from skills.move_to import MoveTo
-from skills.pick_and_place import Place
-from skills.put_down import PutBack, PutDown
+from bracket_cell.skills.lying import PickLying, SetUpright
+from bracket_cell.skills.motion.lying_grasp import laid_out
+from bracket_cell.skills.move_to import MoveTo
+from bracket_cell.skills.pick_and_place import Place
+from bracket_cell.skills.put_down import PutBack, PutDown
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.resting_pose import SIDES, UPRIGHT, side_up
+from bracket_ground.interfaces.skill import SkillStatus
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.world import WorldPart
 from tests import ROOT
 from tests.integration.cell_rig import BENCH, PRODUCT, robot_alone, run_tree
 from tests.integration.lying_parts import Bench

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
+from bracket_cell.commands.main import main
 from tests.cell.interfaces.test_obstacles import bench_with
 
 POST = "{name: the camera post, position_m: [0.62, -0.10, 0.25], box_m: [0.06, 0.06, 0.50]}"

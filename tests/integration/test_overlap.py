@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
-from cell.watching.observer import TickRecord
-from cell.wiring.detectors import detectors_of
-from sim.cell import SimCell
-from sim.rendering.render_process import RenderProcess
+from bracket_cell.watching.observer import TickRecord
+from bracket_cell.wiring.detectors import detectors_of
+from bracket_sim.cell import SimCell
+from bracket_sim.rendering.render_process import RenderProcess
 from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, CONFIGURATION, PRODUCT, SIMULATION, Recorded, run_tree
 
 

@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Command, GripperCommand
-from cell.interfaces.grasping import places_m
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.skill import SkillStatus
-from sim.scene.world import WorldPart
-from skills.motion.grasp_pose import hole_pose
-from skills.motion.grip import Grip, Hold
-from skills.move_aside import MoveAside
-from skills.move_to import MoveTo
-from skills.pick_and_place import Pick, Place
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.grip import Grip, Hold
+from bracket_cell.skills.move_aside import MoveAside
+from bracket_cell.skills.move_to import MoveTo
+from bracket_cell.skills.pick_and_place import Pick, Place
+from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.grasping import places_m
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import SkillStatus
+from bracket_sim.scene.world import WorldPart
 from tests.integration.robot_alone import RobotAlone, tray_poses
 
 SIGMA_M, SIGMA_RAD = 0.002, math.radians(2.0)
@@ -90,7 +90,7 @@ def pick_beside_the_middle_and_place(
     robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, hold: Hold, number: int, rng: np.random.Generator
 ) -> str | None:
     """As `pick_and_place`, a part being held in one way alone; seen as well as the detector sees."""
-    monkeypatch.setattr("skills.grasping.handling.ways_to_hold", lambda *_: iter([(hold, False)]))
+    monkeypatch.setattr("bracket_cell.skills.grasping.handling.ways_to_hold", lambda *_: iter([(hold, False)]))
     monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_M", 0.0005)
     monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_RAD", math.radians(0.3))
     position = robot.product.positions[int(rng.integers(6))]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from tests.processes import runs, started
 
 PATIENCE_S = 240.0  # until a run of a busy machine gets so far
@@ -95,7 +95,7 @@ def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cell(configuration: Path, folder: Path) -> Iterator[Cell]:
     """A run, nothing of which is left at the end."""
     said, before = folder / "said.txt", set(Path("/dev/shm").iterdir())
-    shell = f'exec "$0" -m cell run --config "$1" --goal g1 --seed 7 --real-time --log "$2" > "{said}" 2>&1'
+    shell = f'exec "$0" -m bracket_cell run --config "$1" --goal g1 --seed 7 --real-time --log "$2" > "{said}" 2>&1'
     command = ["sh", "-c", shell, sys.executable, str(configuration), str(folder / "log.mcap")]
     said.touch()
     with started(command, environment={"TMPDIR": str(folder), "COLUMNS": "300"}) as process:

@@ -20,7 +20,12 @@ TABLES = ("tcp", "tcp6", "udp", "udp6", "udplite", "udplite6", "raw", "raw6", "i
 SOCKET = re.compile(r"socket:\[(\d+)\]")
 LOOPBACK = "0100007F"  # as /proc/net/tcp writes 127.0.0.1
 PATIENCE_S = 240.0  # until a run of a busy machine has loaded its networks
-IMPORTS = ("cell", "learned.inference.onnx_model", "learned.inference.policy", "learned.training.quantize")
+IMPORTS = (
+    "bracket_cell",
+    "bracket_cell.learned.inference.onnx_model",
+    "bracket_cell.learned.inference.policy",
+    "bracket_lab.learned.training.quantize",
+)
 
 
 def network_sockets(session: int) -> set[str]:
@@ -56,7 +61,7 @@ def watched_run(folder: Path, *options: str) -> tuple[Set[str], list[str]]:
     home, scratch, said = folder / "home", folder / "scratch", folder / "said.txt"
     home.mkdir()
     scratch.mkdir()
-    shell = f'exec "$0" -m cell run --goal g1 --seed 7 --log "{folder}/log.mcap" "$@" > "{said}" 2>&1'
+    shell = f'exec "$0" -m bracket_cell run --goal g1 --seed 7 --log "{folder}/log.mcap" "$@" > "{said}" 2>&1'
     environment = {"HOME": str(home), "TMPDIR": str(scratch), "XDG_CACHE_HOME": "", "PYTHONPATH": str(ROOT)}
     with started(["sh", "-c", shell, sys.executable, *options], folder, environment) as process:
         seen, until_s = set[str](), time.monotonic() + PATIENCE_S
@@ -99,7 +104,6 @@ def test_whatever_is_imported_first_onnx_runtime_keeps_quiet(tmp_path: Path, mod
     environment = {
         "HOME": str(tmp_path),
         "TMPDIR": str(tmp_path),
-        "PYTHONPATH": str(ROOT),
         "ORT_DISABLE_TELEMETRY": "0",
     }
     with started([sys.executable, "-c", code], environment=environment) as process:

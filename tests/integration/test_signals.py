@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.clock import ManualClock
-from sim.cell import SimCell
-from sim.devices.signal_node import SignalNode
-from sim.scene.settings import SimSignals
-from skills.drivers.can_signals import CanSignals
-from skills.drivers.settings import SignalSettings
+from bracket_cell.skills.drivers.can_signals import CanSignals
+from bracket_cell.skills.drivers.settings import SignalSettings
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_sim.cell import SimCell
+from bracket_sim.devices.signal_node import SignalNode
+from bracket_sim.scene.settings import SimSignals
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT, SIMULATION, run_tree
 
 TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim.testing import simulated_cell
+from bracket_sim.testing import simulated_cell
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="M">
 <BehaviorTree ID="M"><Sequence>

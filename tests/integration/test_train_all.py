@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.configuration import load_configuration, load_product
-from cell.files.files import shipped
-from cell.wiring.detectors import fitting
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.wiring.detectors import fitting
+from bracket_ground.files.files import shipped
 
 pytestmark = pytest.mark.slow  # torch is only in the processes that it starts
 ELBOW = {
@@ -31,13 +31,15 @@ ELBOW = {
 
 def cell_with_an_elbow(folder: Path) -> Path:
     """Files of a cell whose product has an elbow in the place of one gate valve; returns the configuration's."""
-    products, cell = (yaml.safe_load(shipped("config", name).read_text()) for name in ("products.yaml", "cell.yaml"))
+    products, cell = (
+        yaml.safe_load(shipped("bracket_cell.config", name).read_text()) for name in ("products.yaml", "cell.yaml")
+    )
     products["parts"]["o1"]["quantity"] = 2
     products["parts"]["elbow"] = ELBOW
     products["goals"] = {"g0": ["o1", "elbow", "o1", "o2", "o2", "o3"], "g1": ["o2", "o1", "o2", "o1", "o3", "elbow"]}
     cell["bench"]["bins_m"]["elbow"] = [1.02, -0.28, 0.004]
     cell["planners"]["semantic"]["kind"] = "bayes"
-    sim = yaml.safe_load(shipped("config", "sim.yaml").read_text())
+    sim = yaml.safe_load(shipped("bracket_cell.config", "sim.yaml").read_text())
     for name, content in (("products.yaml", products), ("sim.yaml", sim), ("cell.yaml", cell)):
         (folder / name).write_text(yaml.safe_dump(content, sort_keys=False))
     return folder / "cell.yaml"

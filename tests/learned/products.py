@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from cell.interfaces.product import Product
+from bracket_ground.interfaces.product import Product
 
 DEFAULT = Product.model_validate(yaml.safe_load(Path("config/products.yaml").read_text()))
 

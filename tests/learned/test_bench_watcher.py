@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
-from learned.bench_watcher import DetectorChain
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.bench_watcher import DetectorChain
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -8,15 +8,16 @@ import onnx
 import pytest
 from pydantic import JsonValue
 
-from learned.inference.onnx_model import ModelCard, save_onnx
-from learned.training.cards import CARDS, LICENCE, NOT_RECORDED, WEIGHTS, cards
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.onnx_model import ModelCard, save_onnx
+from bracket_lab.learned.training.cards import CARDS, LICENCE, NOT_RECORDED, cards
 from tests import ROOT
 
 UNKNOWN = f"source: {NOT_RECORDED}; licence: {NOT_RECORDED}"
 
 
 def test_the_cards_beside_the_weights_are_those_of_their_metadata() -> None:
-    assert CARDS.read_text() == cards(WEIGHTS), "run: python -m learned.training.cards"
+    assert CARDS.read_text() == cards(WEIGHTS), "run: python -m bracket_lab.learned.training.cards"
 
 
 def test_every_file_of_weights_has_a_card_with_a_licence() -> None:
@@ -26,7 +27,7 @@ def test_every_file_of_weights_has_a_card_with_a_licence() -> None:
 
 
 def test_weights_are_of_the_projects_licence() -> None:
-    assert f'license = "{LICENCE}"' in (ROOT / "pyproject.toml").read_text()
+    assert f'license = "{LICENCE}"' in (ROOT / "cell" / "pyproject.toml").read_text()
 
 
 @pytest.mark.parametrize(("config", "told"), [({"then": "with photographs beside"}, True), ({"epochs": 2}, False)])

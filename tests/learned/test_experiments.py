@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.fleet.engine import mapped
-from learned.lab import experiments
-from learned.lab.experiments import (
+from bracket_cell.fleet.engine import mapped
+from bracket_ground.errors import InputError
+from bracket_lab.experiments import experiments
+from bracket_lab.experiments.experiments import (
     Cell,
     Cells,
     Experiment,
@@ -95,7 +95,7 @@ def test_the_version_of_code_follows_imports_and_forgets_words(tmp_path: Path, m
 
 
 def test_the_code_of_this_project_is_found() -> None:
-    assert code_version("learned.lab.experiments") != code_version("learned.lab.no_such_module")
+    assert code_version("bracket_lab.experiments.experiments") != code_version("bracket_lab.experiments.no_such_module")
 
 
 def test_numbers_as_text() -> None:

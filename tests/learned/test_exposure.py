@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learned.inference.exposure import ORDINARY, POOR, SOFT, Camera, spoiled
-from sim.scene.look_range import look_range
+from bracket_cell.learned.inference.exposure import ORDINARY, POOR, SOFT, Camera, spoiled
+from bracket_sim.scene.look_range import look_range
 
 GREY = np.full((24, 32, 3), 120, np.uint8)
 EDGE = np.repeat(np.where(np.arange(64) < 32, 60, 180)[np.newaxis, :, np.newaxis], 48, 0).repeat(3, 2).astype(np.uint8)

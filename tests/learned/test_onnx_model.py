@@ -9,9 +9,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from cell.errors import ModelError
-from cell.kinds import WEIGHTS
-from learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx, seal, sealed, without_digest
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx, seal, sealed, without_digest
+from bracket_ground.errors import ModelError
 
 CARD = ModelCard(
     kind="test.root",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from learned.inference.prefetch import KEPT, Image, Prefetch
+from bracket_cell.learned.inference.prefetch import KEPT, Image, Prefetch
 
 
 def test_work_is_done_once_for_an_image_and_again_for_its_copy() -> None:

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError
-from learned.holes.data import load_plates
-from learned.parts.data import load_scenes
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.errors import InputError
+from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.parts.data import load_scenes
 
 PRODUCT = load_product(load_configuration())
 POSE: dict[str, Any] = {"position_m": [0.0, 0.0, 1.0], "quaternion_wxyz": [0.0, 1.0, 0.0, 0.0]}

@@ -10,27 +10,27 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.commands.training.weights import shipped_weights
-from cell.files.files import shipped
-from learned.inference.onnx_model import OnnxModel
-from learned.semantic.model import BayesPlanner, FactoredPlanner
-from learned.semantic.paper_planner import load_semantic_planner
+from bracket_cell.commands.main import main
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.semantic.model import BayesPlanner, FactoredPlanner
+from bracket_ground.files.files import shipped
+from bracket_lab.commands.training.weights import shipped_weights
+from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
 from tests.learned.products import DEFAULT, HARDER
 
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
+        (tmp_path / name).write_text(shipped("bracket_cell.config", name).read_text())
     return tmp_path / "cell.yaml"
 
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Training of a second instead of a minute."""
-    from learned.grasp import train
-    from learned.grasp.settings import PairwiseSettings
+    from bracket_cell.learned.grasp.settings import PairwiseSettings
+    from bracket_lab.learned.grasp import train
 
     settings = PairwiseSettings(scenes=10, test_scenes=8, epochs=2, hidden=8, members=1)
     whole = train.train_grasp
@@ -97,9 +97,10 @@ def test_training_leaves_the_shipped_weights_alone_and_nothing_that_torch_says_r
     words = ["lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--seed", "3", "--json"]
     before = shipped_weights("semantic", "factored").read_bytes()
     briefly = (
-        "import sys; from learned.semantic import train; from learned.semantic.settings import FactoredSettings;"
+        "import sys; from bracket_lab.learned.semantic import train;"
+        "from bracket_cell.learned.semantic.settings import FactoredSettings;"
         "train.FactoredSettings = lambda: FactoredSettings(steps=3);"
-        "from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
+        "from bracket_cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", briefly, *words]
     found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=500)

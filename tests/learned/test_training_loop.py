@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from cell.errors import InputError
+from bracket_ground.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -25,7 +25,7 @@ def trained(
     import torch
     from torch import nn
 
-    from learned.training.training_loop import Checkpoint, fit
+    from bracket_lab.learned.training.training_loop import Checkpoint, fit
 
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
@@ -86,7 +86,7 @@ def test_numbers_are_short_only_where_the_processor_computes_with_them(
 ) -> None:
     import torch
 
-    from learned.training.training_loop import short_numbers
+    from bracket_lab.learned.training.training_loop import short_numbers
 
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: has_them)
     monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: False)

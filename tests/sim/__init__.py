@@ -1,3 +1,3 @@
 """Tests of the simulated cell."""
 
-import sim as _sim  # noqa: F401  (chooses the renderer before a test imports MuJoCo)
+import bracket_sim as _sim  # noqa: F401  (chooses the renderer before a test imports MuJoCo)

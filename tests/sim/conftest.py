@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.cell import SimCell
-from sim.scene.parts import ScenePart
-from sim.scene.settings import SimSettings
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import SimSettings
 from tests.sim.rig import Rig
 
 CONFIG = Path(__file__).parents[2] / "config"

@@ -10,10 +10,10 @@ import numpy as np
 from cantools.database import load_file
 from cantools.database.can import Database
 
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array, Pose
-from sim.cell import SimCell
-from sim.devices.simulated_gripper import DATABASE
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_sim.cell import SimCell
+from bracket_sim.devices.simulated_gripper import DATABASE
 
 TICK_S = 0.04
 OPEN_M = 0.085

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cell.errors import DeviceFault
-from cell.interfaces.bench import Bench
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.paced_path import PACE_ACCELERATION_RAD_S2
-from cell.interfaces.pose import Array
-from sim.devices.arm import KEPT_SAMPLES
-from sim.scene.settings import PhysicsSettings
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.paced_path import PACE_ACCELERATION_RAD_S2
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.devices.arm import KEPT_SAMPLES
+from bracket_sim.scene.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig
 

@@ -7,17 +7,17 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.devices.clock import SimClock
-from sim.rendering.camera import SimCamera
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.studio import Studio
-from sim.scene.clutter import standing
-from sim.scene.look import Camera
-from sim.scene.world import World, build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.devices.clock import SimClock
+from bracket_sim.rendering.camera import SimCamera
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.studio import Studio
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.look import Camera
+from bracket_sim.scene.world import World, build_world
 from tests.contracts import camera as camera_contract
 from tests.contracts.camera import CHECKS, Check
 from tests.sim.conftest import MakeRig

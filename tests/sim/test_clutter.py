@@ -7,18 +7,18 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from cell.interfaces.solid import span_m
-from sim.scene.clutter import full_set, gap, rectangle, sample_clutter, standing
-from sim.scene.parts import ScenePart
-from sim.scene.posture import stance, whole
-from sim.scene.settings import ClutterSettings
-from sim.scene.unknown_objects import UNKNOWN, draw_unknown_object
-from sim.scene.world import World, build_world
-from sim.truth.labels import resting_parts
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.solid import span_m
+from bracket_sim.scene.clutter import full_set, gap, rectangle, sample_clutter, standing
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.posture import stance, whole
+from bracket_sim.scene.settings import ClutterSettings
+from bracket_sim.scene.unknown_objects import UNKNOWN, draw_unknown_object
+from bracket_sim.scene.world import World, build_world
+from bracket_sim.truth.labels import resting_parts
 
 
 def footprints(product: Product, scene: tuple[ScenePart, ...]) -> list[Array]:

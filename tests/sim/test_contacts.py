@@ -9,16 +9,16 @@ from itertools import chain
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from sim.cell import SimCell
-from sim.scene.clutter import standing
-from sim.scene.person import BesideRobot, Person
-from sim.scene.settings import SimSettings
-from sim.truth.contacts import ContactMonitor
-from sim.worker.worker import Worker
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.person import BesideRobot, Person
+from bracket_sim.scene.settings import SimSettings
+from bracket_sim.truth.contacts import ContactMonitor
+from bracket_sim.worker.worker import Worker
 from tests.sim.rig import Rig, downwards
 
 SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cell.remote.child import lent, two_cores
+from bracket_cell.remote.child import lent, two_cores
 
 pytestmark = pytest.mark.skipif(two_cores() is None, reason="this machine has not two cores")
 

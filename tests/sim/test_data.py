@@ -17,30 +17,30 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.errors import InputError
-from cell.files.data_folder import DataFolder, DataPiece
-from cell.interfaces.frame import Frame
-from cell.interfaces.hand_window import last_at_hole, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES, HandSample
-from learned.actions.data import load_segments
-from learned.actions.settings import Classes
-from learned.holes.data import load_plates
-from learned.holes.model import hole_crops, squares_m
-from learned.parts.data import load_scenes
-from sim.data.actions import MOST_OF, write_holes, write_segments
-from sim.data.fallen import FallenParts
-from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
-from sim.data.objects import write_objects
-from sim.data.placed import holes_of
-from sim.data.plates import Plate, write_plates
-from sim.data.recording import Assembly, Source, record
-from sim.data.sight import GEOM_POSITIONS
-from sim.data.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
-from sim.data.tracks import as_tracked, hands_of
-from sim.scene.person import Storage
-from sim.scene.settings import settings_of
-from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.learned.actions.settings import Classes
+from bracket_cell.learned.holes.model import hole_crops, squares_m
+from bracket_ground.errors import InputError
+from bracket_ground.files.data_folder import DataFolder, DataPiece
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.hand_window import last_at_hole, window_px
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, HandSample
+from bracket_lab.drawing.actions import MOST_OF, write_holes, write_segments
+from bracket_lab.drawing.fallen import FallenParts
+from bracket_lab.drawing.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
+from bracket_lab.drawing.objects import write_objects
+from bracket_lab.drawing.placed import holes_of
+from bracket_lab.drawing.plates import Plate, write_plates
+from bracket_lab.drawing.recording import Assembly, Source, record
+from bracket_lab.drawing.sight import GEOM_POSITIONS
+from bracket_lab.drawing.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
+from bracket_lab.drawing.tracks import as_tracked, hands_of
+from bracket_lab.learned.actions.data import load_segments
+from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.parts.data import load_scenes
+from bracket_sim.scene.person import Storage
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -7,15 +7,15 @@ import pickle
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.frame import Frame, PendingFrame, apart
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.stereo import DISPARITY_PX, Stereo
-from sim.rendering.studio import visible_poses
-from sim.scene.look import NOMINAL
-from sim.scene.world import build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame, PendingFrame, apart
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.stereo import DISPARITY_PX, Stereo
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.look import NOMINAL
+from bracket_sim.scene.world import build_world
 
 FAR_M, NEAR_M = 1.3, 1.0
 

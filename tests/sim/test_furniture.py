@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.scene.clutter import standing
-from sim.scene.world import build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.world import build_world
 
 SUNK_M = 0.001
 HEIGHTS_M = (0.05, 0.15, 0.30)

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.scene.clutter import standing
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.clutter import standing
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import downwards
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sim.scene.parts import ScenePart
-from sim.scene.world import World, build_world
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.world import World, build_world
 from tests.integration.cell_rig import BENCH, PRODUCT
 
 MOVES, MOVE_S, SWING_RAD = 8, 1.0, 0.9

@@ -5,9 +5,9 @@ from __future__ import annotations
 import can
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.scene.clutter import standing
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.clutter import standing
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig, downwards
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.scene.hand import DIGIT_RANGE_M, DIGITS, PUSH_N, add_hand
-from sim.scene.world import build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.hand import DIGIT_RANGE_M, DIGITS, PUSH_N, add_hand
+from bracket_sim.scene.world import build_world
 
 SLACK_M = 0.005
 

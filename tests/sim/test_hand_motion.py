@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.interfaces.pose import Array
-from sim.scene.hand_motion import MotionSettings, min_jerk, plan_reach
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.scene.hand_motion import MotionSettings, min_jerk, plan_reach
 
 START_M = np.array([1.0, 0.4, 0.1])
 END_M = np.array([0.7, -0.1, 0.2])

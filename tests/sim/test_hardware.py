@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cell.errors import DeviceFault
-from cell.interfaces.bench import Bench
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.product import Product
-from cell.interfaces.robot import default_robot
-from sim.cell import SimCell
-from sim.devices.sensed_arm import SensedArm
-from sim.scene.settings import SimSettings
-from skills.drivers.checked_arm import CheckedArm
+from bracket_cell.skills.drivers.checked_arm import CheckedArm
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import default_robot
+from bracket_sim.cell import SimCell
+from bracket_sim.devices.sensed_arm import SensedArm
+from bracket_sim.scene.settings import SimSettings
 
 PERIOD_S = 0.008
 

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Array
-from cell.interfaces.product import Product
-from sim.scene import human_hand as human
-from sim.scene.hand import DIGITS, Hand, add_hand
-from sim.scene.look import NOMINAL
-from sim.scene.look_range import LookRange
-from sim.scene.world import World, build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene import human_hand as human
+from bracket_sim.scene.hand import DIGITS, Hand, add_hand
+from bracket_sim.scene.look import NOMINAL
+from bracket_sim.scene.look_range import LookRange
+from bracket_sim.scene.world import World, build_world
 
 GAPS_M = (0.0, 0.008, 0.017, 0.03, 0.04)
 THUMB_TIP, INDEX_TIP = 4, 8

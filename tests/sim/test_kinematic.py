@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.interfaces.devices import TruthEvent
-from sim.data.without_physics import KinematicBench, Recording
-from sim.scene.person import PERSONS, Lapses, Person, Storage
-from sim.truth.labels import guarded, labels
-from sim.worker.event_log import ActionEvent
+from bracket_ground.interfaces.devices import TruthEvent
+from bracket_lab.drawing.without_physics import KinematicBench, Recording
+from bracket_sim.scene.person import PERSONS, Lapses, Person, Storage
+from bracket_sim.truth.labels import guarded, labels
+from bracket_sim.worker.event_log import ActionEvent
 from tests.sim.worker_bench import bench, product
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.errors import InputError
-from cell.files.model import Location
-from sim.scene.look import NOMINAL, Look
-from sim.scene.look_range import LookRange, leaves, look_range, presets
+from bracket_ground.errors import InputError
+from bracket_ground.files.model import Location
+from bracket_sim.scene.look import NOMINAL, Look
+from bracket_sim.scene.look_range import LookRange, leaves, look_range, presets
 
 DIRECTIONS = ("azimuth_rad", "elevation_rad", "lean_side_m", "glove_hsv.0", "left_hand", "glove")
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.cell import SimCell
-from sim.rendering.photographer import Image, Sensor
-from sim.rendering.studio import Studio
-from sim.scene.hand import add_hand
-from sim.scene.look import Look
-from sim.scene.look_range import leaves, look_range
-from sim.scene.settings import SimSettings
-from sim.scene.world import build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.rendering.photographer import Image, Sensor
+from bracket_sim.rendering.studio import Studio
+from bracket_sim.scene.hand import add_hand
+from bracket_sim.scene.look import Look
+from bracket_sim.scene.look_range import leaves, look_range
+from bracket_sim.scene.settings import SimSettings
+from bracket_sim.scene.world import build_world
 
 EVERYTHING: dict[str, dict[str, object]] = {
     "light": {"lamps_n": 3},

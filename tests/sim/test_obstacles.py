@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench, Obstacle
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.scene.clutter import standing
-from sim.scene.storage import overlapping
-from sim.scene.world import build_world
+from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.clutter import standing
+from bracket_sim.scene.storage import overlapping
+from bracket_sim.scene.world import build_world
 
 TOP_M = 0.10
 SHAPES: dict[str, dict[str, object]] = {

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from sim.scene.parts import ScenePart
-from sim.scene.world import World, build_world
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.world import World, build_world
 
 CONFIG = Path(__file__).parents[2] / "config"
 LYING = {"side": (0.5**0.5, 0.5**0.5, 0.0, 0.0), "end": (0.5**0.5, 0.0, 0.5**0.5, 0.0)}
@@ -44,7 +44,7 @@ def extents(world: World, body: int, *, touching: bool) -> Array:
     model, low, high = world.model, np.full(3, np.inf), np.full(3, -np.inf)
     for geom in np.flatnonzero(model.geom_bodyid == body):
         counts = model.geom_contype[geom] != 0 if touching else model.geom_group[geom] != 3
-        drawn = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH  # a cylinder's, see sim/scene/parts.py
+        drawn = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH  # a cylinder's, see sim/bracket_sim/scene/parts.py
         round_m = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER and not touching
         counts = not drawn and (counts or round_m)
         if not counts or model.geom_pos[geom][2] < 0:

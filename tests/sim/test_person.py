@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.pose import Array, Pose
-from sim.scene.clutter import gap, rectangle
-from sim.scene.person import PERSONS, Lapses, Person, ScrewHabits, Storage, load_person
-from sim.scene.storage import COMMON_BIN_M, lay_out, person_set
-from sim.worker.hand_primitives import Script
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_sim.scene.clutter import gap, rectangle
+from bracket_sim.scene.person import PERSONS, Lapses, Person, ScrewHabits, Storage, load_person
+from bracket_sim.scene.storage import COMMON_BIN_M, lay_out, person_set
+from bracket_sim.worker.hand_primitives import Script
 from tests.sim.worker_bench import Shift, bench, product, world_of
 
 MIXED = Storage(bins="permuted", mixed=1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.rendering.studio import Studio
+from bracket_sim.rendering.studio import Studio
 from tests.docs.portrait import portrait
 from tests.sim.conftest import MakeRig
 

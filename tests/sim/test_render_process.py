@@ -16,20 +16,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.bench import Bench
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import Action, BenchView, PartsView
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from cell.remote.detecting import PLACES, DetectByCamera
-from sim.rendering import render_process
-from sim.rendering.camera import SimCamera
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.render_process import HURRIED, RenderProcess
-from sim.rendering.studio import visible_poses
-from sim.scene.look import Camera
-from sim.scene.world import World, build_world
+from bracket_cell.remote.detecting import PLACES, DetectByCamera
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import Action, BenchView, PartsView
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.rendering import render_process
+from bracket_sim.rendering.camera import SimCamera
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.render_process import HURRIED, RenderProcess
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.look import Camera
+from bracket_sim.scene.world import World, build_world
 from tests import ROOT
 
 FRAMES = 2 * PLACES + 1
@@ -162,10 +162,10 @@ def test_a_detector_begins_before_it_is_asked(world: World, bench: Bench) -> Non
 
 COPIED = """
 import signal, sys
-from cell.configuration import load_configuration, load_product
-from cell.remote.child import may_copy
-from sim.rendering.render_process import RenderProcess
-from sim.scene.world import build_world
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.remote.child import may_copy
+from bracket_sim.rendering.render_process import RenderProcess
+from bracket_sim.scene.world import build_world
 from tests.sim.test_render_process import build_brightness, sensors
 configuration = load_configuration()
 world = build_world(load_product(configuration), configuration.bench)
@@ -225,11 +225,11 @@ def test_all_that_wait_for_a_process_that_died_are_told(world: World, bench: Ben
 
 DIES_AT_ONCE = """
 import sys, threading
-from cell.configuration import load_configuration, load_product
-from cell.errors import DeviceFault
-from sim.rendering.camera import SimCamera
-from sim.rendering.render_process import RenderProcess
-from sim.scene.world import build_world
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.errors import DeviceFault
+from bracket_sim.rendering.camera import SimCamera
+from bracket_sim.rendering.render_process import RenderProcess
+from bracket_sim.scene.world import build_world
 from tests.sim.test_render_process import missing, sensors
 configuration = load_configuration()
 world = build_world(load_product(configuration), configuration.bench)

@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.scene.jobs import Job
-from sim.scene.world import World, WorldPart, build_world
-from sim.truth.score import Score
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.jobs import Job
+from bracket_sim.scene.world import World, WorldPart, build_world
+from bracket_sim.truth.score import Score
 from tests.sim.worker_bench import product
 
 PRODUCT = product()

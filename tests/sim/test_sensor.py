@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.rendering.camera import Delivery, SimCamera
-from sim.rendering.photographer import Exposure, Image, Photographer, Sensor, SensorSetup
-from sim.rendering.studio import ScenePoses, Studio, visible_poses
-from sim.scene.lens import Lens
-from sim.scene.look import NOMINAL, Camera, Look, MountError, Mounts
-from sim.scene.world import World, build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.rendering.camera import Delivery, SimCamera
+from bracket_sim.rendering.photographer import Exposure, Image, Photographer, Sensor, SensorSetup
+from bracket_sim.rendering.studio import ScenePoses, Studio, visible_poses
+from bracket_sim.scene.lens import Lens
+from bracket_sim.scene.look import NOMINAL, Camera, Look, MountError, Mounts
+from bracket_sim.scene.world import World, build_world
 
 PERIOD_S = 0.008
 CLEAN = {"noise_levels": 0.0, "brightness_jitter": 0.0, "blur_px": 0.0}

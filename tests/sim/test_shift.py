@@ -9,19 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Display
-from cell.interfaces.operator import Answer, OperatorOrder, Question
-from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.interfaces.pose import Array, Pose
-from sim.cell import SimCell
-from sim.rendering.photographer import Exposure
-from sim.rendering.studio import visible_poses
-from sim.scene.jobs import NOT_LISTED, Jobs
-from sim.scene.person import Person, ShiftHabits
-from sim.scene.settings import SimSettings
-from sim.truth.ground_truth_perception import SHIFTS_PX
-from sim.truth.score import Placement
-from sim.worker.worker import Worker
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.operator import Answer, OperatorOrder, Question
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_sim.cell import SimCell
+from bracket_sim.rendering.photographer import Exposure
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.jobs import NOT_LISTED, Jobs
+from bracket_sim.scene.person import Person, ShiftHabits
+from bracket_sim.scene.settings import SimSettings
+from bracket_sim.truth.ground_truth_perception import SHIFTS_PX
+from bracket_sim.truth.score import Placement
+from bracket_sim.worker.worker import Worker
 from tests.sim.worker_bench import bench, product
 
 QUICK = ShiftHabits(answers_s=0.5, places_asked=0.0, fills_at_once=1.0)

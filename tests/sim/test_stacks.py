@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.stacks import VMRD_CLASSES
-from sim.stacks.draw import Standing, draw_stack, stand
-from sim.stacks.kinds import KINDS, draw_thing
-from sim.stacks.pieces import Thing, box, disc
-from sim.stacks.settings import StackSettings
-from sim.stacks.stacking import carriers_of
-from sim.stacks.stage import Stage, table_with
-from sim.stacks.trial import depth, order_of_taking, relations
+from bracket_ground.interfaces.stacks import VMRD_CLASSES
+from bracket_lab.stacks.draw import Standing, draw_stack, stand
+from bracket_lab.stacks.kinds import KINDS, draw_thing
+from bracket_lab.stacks.trial import depth, order_of_taking, relations
+from bracket_sim.stacks.pieces import Thing, box, disc
+from bracket_sim.stacks.settings import StackSettings
+from bracket_sim.stacks.stacking import carriers_of
+from bracket_sim.stacks.stage import Stage, table_with
 
 SLAB = Thing((box((0.2, 0.15, 0.03), (0, 0, 0.015), (0.5, 0.4, 0.3)), disc(0.02, 0.001, (0, 0, 0.03), (1, 1, 1))))
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.rendering.studio import Studio
-from sim.scene import world as worlds
-from sim.scene.parts import cylinder
-from sim.scene.world import World, build_world
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.rendering.studio import Studio
+from bracket_sim.scene import world as worlds
+from bracket_sim.scene.parts import cylinder
+from bracket_sim.scene.world import World, build_world
 
 
 def plain(product: Product, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> World:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Display
-from cell.interfaces.pose import Pose
-from sim.scene.hand import CONAFFINITY, FOREARM_GROUP, Hand
-from sim.scene.parts import ScenePart
-from sim.scene.person import PERSONS, Grip, Person, ScrewHabits
-from sim.scene.storage import person_set
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.scene.hand import CONAFFINITY, FOREARM_GROUP, Hand
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.person import PERSONS, Grip, Person, ScrewHabits
+from bracket_sim.scene.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
 
 GOALS = tuple(product().goals)

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from sim.cell import SimCell
-from sim.scene.clutter import full_set, sample_clutter
-from sim.scene.parts import ScenePart
-from sim.scene.settings import PhysicsSettings, SimSettings
-from sim.scene.storage import person_set
-from sim.scene.world import build_world
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.clutter import full_set, sample_clutter
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import PhysicsSettings, SimSettings
+from bracket_sim.scene.storage import person_set
+from bracket_sim.scene.world import build_world
 
 ROOT = Path(__file__).parents[2]
 
@@ -41,8 +41,8 @@ def fingerprint(product: Product, bench: Bench, seed: int, channel: str) -> str:
 
 def test_the_same_seed_is_the_same_run_in_two_processes(product: Product, bench: Bench) -> None:
     script = (
-        "import yaml; from tests.sim.test_world import fingerprint; from cell.interfaces.bench import Bench; "
-        "from cell.interfaces.product import Product; from pathlib import Path; "
+        "import yaml; from tests.sim.test_world import fingerprint; from bracket_ground.interfaces.bench import Bench; "
+        "from bracket_ground.interfaces.product import Product; from pathlib import Path; "
         "read = lambda name: yaml.safe_load(Path('config', name).read_text()); "
         "print(fingerprint(Product(**read('products.yaml')), Bench(**read('cell.yaml')['bench']), 3, 'other'))"
     )

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.scene.hand import add_hand
-from sim.scene.parts import ScenePart
-from sim.scene.person import Person
-from sim.scene.storage import lay_out
-from sim.scene.world import World, build_world
-from sim.worker.worker import Worker
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.hand import add_hand
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.person import Person
+from bracket_sim.scene.storage import lay_out
+from bracket_sim.scene.world import World, build_world
+from bracket_sim.worker.worker import Worker
 
 PERIOD_S = 0.008
 CONFIG = Path(__file__).parents[2] / "config"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from skills.motion.kinematics import Kinematics
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 
-from cell.interfaces.clock import Clock
+from bracket_ground.interfaces.clock import Clock
 
 ACTIVATION_S = 0.2
 STEP_S = 0.04
@@ -35,7 +35,7 @@ class AnsweredClock:
 
 
 class IdealFingers:
-    """Implements `sim.twin.gripper.Fingers`.
+    """Implements `bracket_sim.twin.gripper.Fingers`.
 
     Attributes:
         part_m: width of the part between the fingers, None for none.

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HoleView
-from cell.interfaces.skill import Progress, Skill, SkillStatus
+from bracket_ground.interfaces.command import Command, JointTrajectory
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HoleView
+from bracket_ground.interfaces.skill import Progress, Skill, SkillStatus
 
 TICK_S = 0.040
 

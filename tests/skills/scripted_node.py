@@ -8,7 +8,7 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-from skills.drivers.gripper_database import SHIPPED
+from bracket_cell.skills.drivers.gripper_database import SHIPPED
 
 PERIOD_S = 0.020
 HEARTBEAT_EVERY = 5

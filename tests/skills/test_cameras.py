@@ -14,16 +14,16 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.errors import DeviceFault
-from cell.interfaces.bench import Bench
-from cell.interfaces.clock import WallClock
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from sim.twin.cameras import MjpegServer, TwinCamera
-from skills.drivers import cameras
-from skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
-from skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
+from bracket_cell.configuration import load_configuration
+from bracket_cell.skills.drivers import cameras
+from bracket_cell.skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
+from bracket_cell.skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.twin.cameras import MjpegServer, TwinCamera
 from tests.contracts import camera as camera_contract
 from tests.contracts.camera import CHECKS, Check
 

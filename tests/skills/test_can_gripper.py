@@ -17,13 +17,13 @@ from cantools.database.can import Database
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.errors import DeviceFault, SettingError
-from cell.interfaces.can_bus import open_bus
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.observation import ObjectStatus
-from skills.drivers.can_gripper import CanFrame, CanGripper
-from skills.drivers.gripper_database import SHIPPED, load_gripper_database
-from skills.drivers.settings import CanSettings
+from bracket_cell.skills.drivers.can_gripper import CanFrame, CanGripper
+from bracket_cell.skills.drivers.gripper_database import SHIPPED, load_gripper_database
+from bracket_cell.skills.drivers.settings import CanSettings
+from bracket_ground.errors import DeviceFault, SettingError
+from bracket_ground.interfaces.can_bus import open_bus
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.observation import ObjectStatus
 from tests.contracts import gripper as gripper_contract
 from tests.skills.scripted_node import NodeClock, ScriptedNode
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array
-from cell.interfaces.robot import default_robot
-from skills.drivers.checked_arm import CheckedArm
+from bracket_cell.skills.drivers.checked_arm import CheckedArm
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.robot import default_robot
 from tests.cell.fakes import FakeArm
 
 UR10 = default_robot()

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench, Obstacle
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from skills.motion.collision import STEP_M, Box, CollisionChecker, body_box
-from skills.motion.grasp_pose import held_boxes, tool_down
-from skills.motion.grip import Grip, Hold
-from skills.motion.kinematics import Kinematics
-from skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.collision import STEP_M, Box, CollisionChecker, body_box
+from bracket_cell.skills.motion.grasp_pose import held_boxes, tool_down
+from bracket_cell.skills.motion.grip import Grip, Hold
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
 
 SETTINGS = MotionSettings()
 

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.errors import DeviceFault
-from cell.interfaces.clock import WallClock
-from cell.interfaces.devices import DeviceCheck
-from cell.interfaces.robot import load_robot
-from sim.twin.controller import Controller, UrWires
-from sim.twin.gripper import ModbusTwin, Registers
-from sim.twin.ur_model import MODELS
-from skills.drivers import cameras, robotiq, ur_examined
-from skills.drivers.settings import RobotiqModbusSettings, StreamSettings, UrSettings
-from skills.motion.kinematics import Kinematics
+from bracket_cell.configuration import load_configuration
+from bracket_cell.skills.drivers import cameras, robotiq, ur_examined
+from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, StreamSettings, UrSettings
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.devices import DeviceCheck
+from bracket_ground.interfaces.robot import load_robot
+from bracket_sim.twin.controller import Controller, UrWires
+from bracket_sim.twin.gripper import ModbusTwin, Registers
+from bracket_sim.twin.ur_model import MODELS
 from tests.sim.twin.rig import light_cell, own_host
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 from tests.skills.test_cameras import Shooting, small_bench

@@ -7,12 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.grasping import OFF_MIDDLE_M, places_m
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import PartType, Product
-from skills.motion.grasp_pose import (
+from bracket_cell.skills.motion.grasp_pose import (
     fingers_clear,
     fingertips_m,
     footprint,
@@ -24,8 +19,13 @@ from skills.motion.grasp_pose import (
     hole_pose,
     place_poses,
 )
-from skills.motion.grip import STROKE_M, Grip, Hold, possible_grips
-from skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold, possible_grips
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.grasping import OFF_MIDDLE_M, places_m
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import PartType, Product
 
 SETTINGS = MotionSettings()
 TYPES = ("o1", "o2", "o3")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from skills.motion.grasp_pose import held_type
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion.grasp_pose import held_type
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.robot import default_robot
-from skills.motion.grasp_pose import tool_down
-from skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.robot import default_robot
 
 
 def random_target(rng: np.random.Generator) -> Pose:

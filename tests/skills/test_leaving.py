@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.perception import HandSample
-from cell.interfaces.pose import Array
-from skills.motion.known_bench import EDGES
-from skills.motion.person_space import Person
-from skills.motion.planner import Load
-from skills.motion.separation import Following, Separation
-from skills.motion.trajectory import joined, joint_move
+from bracket_cell.skills.motion.known_bench import EDGES
+from bracket_cell.skills.motion.person_space import Person
+from bracket_cell.skills.motion.planner import Load
+from bracket_cell.skills.motion.separation import Following, Separation
+from bracket_cell.skills.motion.trajectory import joined, joint_move
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.perception import HandSample
+from bracket_ground.interfaces.pose import Array
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.skills.test_separation import persons
 

@@ -7,16 +7,16 @@ from typing import cast
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from cell.interfaces.resting_pose import rest_on
-from cell.interfaces.skill import Skill, SkillStatus
-from skills.grasping.contact import tool_height_m
-from skills.grasping.take_lower import STEP_M, TakeLower
-from skills.lying import boxes_around, lifted_m, raised, take_lying, ways_to_lift
-from skills.motion.planner import MotionPlanner
+from bracket_cell.skills.grasping.contact import tool_height_m
+from bracket_cell.skills.grasping.take_lower import STEP_M, TakeLower
+from bracket_cell.skills.lying import boxes_around, lifted_m, raised, take_lying, ways_to_lift
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.resting_pose import rest_on
+from bracket_ground.interfaces.skill import Skill, SkillStatus
 from tests.skills.ideal_robot import IdealRobot
 
 BOX, CARRIER = (10, 10, 20, 20), (5, 5, 25, 25)

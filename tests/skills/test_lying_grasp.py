@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.product import PartType
-from cell.interfaces.resting_pose import SIDES, UPRIGHT, axis_of, rest_on
-from skills.lying import better
-from skills.motion.grip import STROKE_M
-from skills.motion.lying_grasp import LyingHold, held_box, laid_out, lying_holds, turns_left
-from skills.motion.settings import MotionSettings
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.lying import better
+from bracket_cell.skills.motion.grip import STROKE_M
+from bracket_cell.skills.motion.lying_grasp import LyingHold, held_box, laid_out, lying_holds, turns_left
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.product import PartType
+from bracket_ground.interfaces.resting_pose import SIDES, UPRIGHT, axis_of, rest_on
 
 PRODUCT = load_product(load_configuration())
 SETTINGS = MotionSettings()

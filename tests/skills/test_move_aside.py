@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from skills.motion.grasp_pose import footprint, gap_m
-from skills.motion.settings import MotionSettings
-from skills.move_aside import free_spots
+from bracket_cell.skills.motion.grasp_pose import footprint, gap_m
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.move_aside import free_spots
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
 
 SETTINGS = MotionSettings()
 

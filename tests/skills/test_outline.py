@@ -9,8 +9,8 @@ from operator import matmul
 import numpy as np
 import pytest
 
-from skills.motion.outline import BASE, chain
-from skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.outline import BASE, chain
+from bracket_cell.skills.motion.planner import MotionPlanner
 
 
 def test_the_chain_leads_from_base_to_wrist(planner: MotionPlanner) -> None:

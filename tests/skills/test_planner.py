@@ -8,18 +8,18 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench, Obstacle
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from cell.interfaces.skill import SkillStatus
-from skills.motion.beside_person import BesidePerson
-from skills.motion.collision import Box
-from skills.motion.grasp_pose import hole_pose
-from skills.motion.planner import Load, MotionPlanner, settled
-from skills.motion.search import Room
-from skills.motion.trajectory import joint_speeds, speed_excess
-from skills.pick_and_place import Pick, Place
+from bracket_cell.skills.motion.beside_person import BesidePerson
+from bracket_cell.skills.motion.collision import Box
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.planner import Load, MotionPlanner, settled
+from bracket_cell.skills.motion.search import Room
+from bracket_cell.skills.motion.trajectory import joint_speeds, speed_excess
+from bracket_cell.skills.pick_and_place import Pick, Place
+from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.skill import SkillStatus
 from tests.skills.ideal_robot import IdealRobot
 from tests.skills.test_skills import seen
 
@@ -101,7 +101,7 @@ def test_a_held_part_is_hardly_tilted_on_a_way_around(behind_a_post: MotionPlann
 def test_a_way_that_is_not_found_says_which_two_things_are_in_the_way(
     behind_a_post: MotionPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("skills.motion.search.ways_around", lambda *_, **__: iter(()))
+    monkeypatch.setattr("bracket_cell.skills.motion.search.ways_around", lambda *_, **__: iter(()))
     answers = (pieces(behind_a_post, start, goal)[0] for start, goal in ways(behind_a_post))
     told = next(answer for answer in answers if isinstance(answer, str))
     assert re.fullmatch(r"no free way: [\w ]+ would touch the camera post", told)

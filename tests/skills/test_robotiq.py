@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import WallClock
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.observation import GripperState, ObjectStatus
-from sim.twin.gripper import CLOSED_COUNT, OPEN_COUNT, ModbusTwin, Registers, UrcapTwin
-from skills.drivers import robotiq
-from skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
-from skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings
+from bracket_cell.skills.drivers import robotiq
+from bracket_cell.skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
+from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus
+from bracket_sim.twin.gripper import CLOSED_COUNT, OPEN_COUNT, ModbusTwin, Registers, UrcapTwin
 from tests.contracts import gripper as gripper_contract
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import WallClock
-from skills.drivers import rtde_receiver
-from skills.drivers.rtde_receiver import OUTPUTS, RtdeConnection, RtdeReceiver
+from bracket_cell.skills.drivers import rtde_receiver
+from bracket_cell.skills.drivers.rtde_receiver import OUTPUTS, RtdeConnection, RtdeReceiver
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import WallClock
 from tests.skills.rtde_server import RtdeServer, package
 
 TYPES = ["DOUBLE", *["VECTOR6D"] * 3, *["INT32"] * 2, "UINT32", "DOUBLE", "DOUBLE"]

@@ -12,19 +12,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.interfaces.bench import Obstacle
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.perception import Action, BenchView, Edge, HandSample
-from cell.interfaces.pose import Pose
-from learned.classical.track_health import motion_of
-from skills.motion import arm_outline
-from skills.motion.arm_outline import HELD_RADIUS_M
-from skills.motion.collision import CollisionChecker
-from skills.motion.known_bench import EDGES, KnownBench
-from skills.motion.person_space import Person, PersonSpace
-from skills.motion.planner import MotionPlanner
-from skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
-from skills.motion.trajectory import joint_move
+from bracket_cell.learned.classical.track_health import motion_of
+from bracket_cell.skills.motion import arm_outline
+from bracket_cell.skills.motion.arm_outline import HELD_RADIUS_M
+from bracket_cell.skills.motion.collision import CollisionChecker
+from bracket_cell.skills.motion.known_bench import EDGES, KnownBench
+from bracket_cell.skills.motion.person_space import Person, PersonSpace
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.separation import Following, Separation, SeparationMonitor, arrival_s
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.interfaces.bench import Obstacle
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.perception import Action, BenchView, Edge, HandSample
+from bracket_ground.interfaces.pose import Pose
 from tests.integration.cell_rig import BENCH, PRODUCT, motion_planner, robot_alone
 
 MONITOR = motion_planner().separation

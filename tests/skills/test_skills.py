@@ -7,27 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.bench import Bench
-from cell.interfaces.command import Command, GripperCommand
-from cell.interfaces.grasping import OFF_MIDDLE_M
-from cell.interfaces.observation import GripperState, ObjectStatus
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from cell.interfaces.skill import SkillStatus
-from skills.grasping.contact import tool_height_m
-from skills.grasping.handling import present_hold
-from skills.grasping.phases import PhasedSkill, SetGripper
-from skills.grasping.straight import MoveUntilContact
-from skills.motion.grasp_pose import hole_pose
-from skills.motion.grip import Grip, Hold
-from skills.motion.lying_grasp import lying_holds
-from skills.motion.planner import MotionPlanner
-from skills.motion.trajectory import joint_move
-from skills.move_aside import MoveAside
-from skills.move_to import MoveTo
-from skills.pick_and_place import Pick, Place
-from skills.put_down import PutBack
+from bracket_cell.skills.grasping.contact import tool_height_m
+from bracket_cell.skills.grasping.handling import present_hold
+from bracket_cell.skills.grasping.phases import PhasedSkill, SetGripper
+from bracket_cell.skills.grasping.straight import MoveUntilContact
+from bracket_cell.skills.motion.grasp_pose import hole_pose
+from bracket_cell.skills.motion.grip import Grip, Hold
+from bracket_cell.skills.motion.lying_grasp import lying_holds
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_cell.skills.move_aside import MoveAside
+from bracket_cell.skills.move_to import MoveTo
+from bracket_cell.skills.pick_and_place import Pick, Place
+from bracket_cell.skills.put_down import PutBack
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.grasping import OFF_MIDDLE_M
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.skill import SkillStatus
 from tests.skills.ideal_robot import IdealRobot
 
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array
-from skills.motion.grasp_pose import tool_down
-from skills.motion.kinematics import Kinematics
-from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move, joint_speeds, line_move
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.trajectory import joint_move, joint_speeds, line_move
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array
 
 SETTINGS = MotionSettings()
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])

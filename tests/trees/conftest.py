@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from trees.engine.errors import TreeFileError
-from trees.engine.node import Node
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.files.checks.structure import check_structure
-from trees.files.loader import build
-from trees.files.parse.library import read_library
-from trees.loading import load_tree
+from bracket_cell.trees.loading import load_tree
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.errors import TreeFileError
+from btxml.engine.node import Node
+from btxml.engine.tree import Tree
+from btxml.files.checks.structure import check_structure
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import build
+from btxml.files.parse.library import read_library
 
 Load = Callable[..., Tree]
 

@@ -16,16 +16,16 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from cell.interfaces.clock import ManualClock
-from cell.viewing.monitor import Monitor
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.monitor import Monitor
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.blackboard import Scope
+from btxml.engine.errors import NodeError, TreeFileError
+from btxml.engine.script import ScriptError, parse_script
+from btxml.files.check import Circumstances, findings
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import load_tree
 from tests import ROOT
-from trees.engine.blackboard import Scope
-from trees.engine.errors import NodeError, TreeFileError
-from trees.engine.script import ScriptError, parse_script
-from trees.files.build.registry import Registry
-from trees.files.check import Circumstances, findings
-from trees.files.loader import load_tree
-from trees.node_library import node_registry
 
 LIMIT_S = 1.0  # of processor time
 SOURCES = (*sorted((ROOT / "trees" / "jobs").glob("*.xml")), ROOT / "trees" / "commission.xml")

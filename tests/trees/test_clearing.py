@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.moving import MoveAside, PickPart
 from tests import ROOT
 from tests.trees.nodes.rig import HOLDING, seen_parts, services
-from trees.bench import TreeBench
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.nodes.moving import MoveAside, PickPart
 
 TREE = ROOT / "trees" / "clear_and_grasp.xml"
 FOUND: dict[str, dict[str, Any]] = {

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.poses import FramedPose
+from btxml.engine.literals import LiteralError, converted, from_text
+from btxml.files.check import findings
 from tests.trees.nodes.rig import PRODUCT
-from trees.engine.literals import LiteralError, converted, from_text
-from trees.files.check import findings
-from trees.node_library import node_registry
-from trees.nodes.poses import FramedPose
 
 
 def test_a_pose_is_a_frame_metres_and_degrees() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.interfaces.perception import HoleView
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from cell.interfaces.product import Product
-from trees.guard import Guard, GuardSettings
+from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from bracket_ground.interfaces.product import Product
 
 PRODUCT = Product.model_validate(yaml.safe_load(Path("config/products.yaml").read_text()))
 GUARD = Guard(PRODUCT, GuardSettings())

@@ -14,10 +14,10 @@ from types import ModuleType
 
 import pytest
 
+from bracket_cell.trees import Bench
+from bracket_cell.trees.node_library import node_registry
+from btxml.files.check import check
 from tests import ROOT
-from trees import Bench
-from trees.files.check import check
-from trees.node_library import node_registry
 
 BLOCK = re.compile(r"```(xml|python)\n(?:<!-- (.*?) -->|# (.*?\.py))\n(.*?)```", re.DOTALL)
 PAGES = "".join((ROOT / "docs" / page).read_text() for page in ("authoring.md", "leaves.md"))
@@ -73,7 +73,8 @@ def test_python_of_the_guide_passes_make_check(command: list[str], tmp_path: Pat
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(FILES[name])
-    sources = f"src = ['{tmp_path}', '{ROOT}']"  # so that imports are sorted as in the clone
+    names = ("", "ground", "engine", "cell", "sim", "lab")
+    sources = f"src = {[str(tmp_path), *(str(ROOT / name) for name in names)]}"  # imports are sorted as in the clone
     settings = ["--no-cache", "--config", str(ROOT / "pyproject.toml"), "--config", sources]
     ruff = [sys.executable, "-m", "ruff", *command, *settings, str(tmp_path)]
     done = subprocess.run(ruff, cwd=ROOT, capture_output=True, text=True, check=False)

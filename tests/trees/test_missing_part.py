@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.vocabulary import Part
+from btxml.engine.node import RUNNING
 from tests import ROOT
 from tests.trees.nodes.rig import services
-from trees.bench import TreeBench
-from trees.engine.node import RUNNING
-from trees.vocabulary import Part
 
 LEAST_S = 30.0  # a person who notices after 10 s on average has noticed by then, nearly always
 MISSING = {"AssemblyFinished": "F", "BracketTaken": "F", "HoldsNeededPart": "F", "FindPart": "F", "AskForHelp": "R"}

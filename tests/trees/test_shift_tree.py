@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from bracket_cell.trees.bench import TreeBench
 from tests import ROOT
-from trees.bench import TreeBench
 
 BEGUN = {
     "WaitForAction": "R",

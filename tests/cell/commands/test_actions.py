@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.commands.options import seeds_of
-from cell.commands.training import networks, shares
-from cell.commands.training.weights import Training
-from cell.lab.actions import Tally
+from bracket_cell.commands.main import main
+from bracket_cell.commands.options import seeds_of
+from bracket_lab.commands.training import networks, shares
+from bracket_lab.commands.training.weights import Training
+from bracket_lab.evaluations.actions import Tally
 
 
 def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores_have_none(
@@ -112,7 +112,7 @@ def test_an_interrupted_evaluation_tells_what_is_done_and_that_it_is_not_all(
             raise KeyboardInterrupt
         return {"slim": Tally(rows=[(0, 0, False)], latency_s=[0.01])}
 
-    monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
+    monkeypatch.setattr("bracket_lab.evaluations.actions.evaluate_actions", watch)
     words = ["--kind", "slim", "--seeds", "900000:900003", "--json", "--out", str(tmp_path / "rows.jsonl")]
     for most, status in ((0, 1), (2, 1), (3, 0)):
         assert main(["lab", "eval", "actions", *words]) == status

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.commands.training import shipped as training
-from cell.commands.training.made_data import Children
-from cell.commands.training.shipped import ROWS, steps_of_shipped
-from cell.configuration import load_configuration
-from cell.files.files import shipped
-from cell.kinds import WEIGHTS
-from cell.lab import weights
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration
+from bracket_cell.kinds import WEIGHTS
+from bracket_ground.files.files import shipped
+from bracket_lab.commands.training import shipped as training
+from bracket_lab.commands.training.made_data import Children
+from bracket_lab.commands.training.shipped import ROWS, steps_of_shipped
+from bracket_lab.evaluations import weights
 
 MOST_S = 2.5 * 3600
 
@@ -136,7 +136,7 @@ def test_the_lines_that_it_ends_with_take_the_folder_into_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
+        (tmp_path / name).write_text(shipped("bracket_cell.config", name).read_text())
     config = tmp_path / "cell.yaml"
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config)]) == 0
     told = capsys.readouterr().err.splitlines()
@@ -201,7 +201,7 @@ def test_wrong_names_and_folders_are_told(
 def test_of_a_part_of_them_only_what_is_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "config").mkdir()
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / "config" / name).write_text(shipped("config", name).read_text())
+        (tmp_path / "config" / name).write_text(shipped("bracket_cell.config", name).read_text())
     config = tmp_path / "config" / "cell.yaml"
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config), "--only", "holes"]) == 0
     told = capsys.readouterr().err

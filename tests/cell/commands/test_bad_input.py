@@ -14,10 +14,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cell.commands.main import main
-from cell.commands.options import CONFIGURATION
-from cell.errors import InputError
-from skills.motion.settings import MotionSettings
+from bracket_cell.commands.main import main
+from bracket_cell.commands.options import CONFIGURATION
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import InputError
 
 PRODUCT = CONFIGURATION.with_name("products.yaml")
 NAN, INF = math.nan, math.inf
@@ -75,7 +75,7 @@ CELL: list[tuple[str, Any]] = [
     ("perception.classical.hand_area_m2", INF),
     ("devices.arm.kind", "json:loads"),
     ("devices.arm.kind", "json:JSONDecoder"),
-    ("devices.panel.kind", "sim.scene.jobs:RANDOM_GOAL"),
+    ("devices.panel.kind", "bracket_sim.scene.jobs:RANDOM_GOAL"),
     ("devices.overhead.kind", "recorded"),
     ("settings_of(devices.simulation)", {"shift": True}),
     ("settings_of(devices.simulation)", "missing.yaml"),
@@ -221,7 +221,7 @@ ODD = st.one_of(
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(path=st.sampled_from(sorted(leaves(yaml.safe_load(CONFIGURATION.read_text())["bench"], "bench"))), value=ODD)
 def test_no_value_of_the_bench_ends_in_a_traceback(path: str, value: Any, tmp_path: Path) -> None:
-    from cell.configuration import load_configuration
+    from bracket_cell.configuration import load_configuration
 
     config = write_cell(tmp_path, cell=(path, value))
     with contextlib.suppress(InputError):

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import load_configuration, load_product
-from cell.errors import SettingError
-from cell.wiring.bench_checks import refuse_blocked
-from skills.motion.planner import MotionPlanner
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.wiring.bench_checks import refuse_blocked
+from bracket_ground.errors import SettingError
 from tests import ROOT
 from tests.cell.interfaces.test_obstacles import bench_with
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.commands.options import CONFIGURATION, told_in
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, unnamed_calibration
-from cell.errors import InputError
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.bench import Calibration, CameraCalibration
+from bracket_cell.commands.main import main
+from bracket_cell.commands.options import CONFIGURATION, told_in
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, unnamed_calibration
+from bracket_ground.errors import InputError
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.bench import Calibration, CameraCalibration
 
 BENCH = load_configuration().bench
 

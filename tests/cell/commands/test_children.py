@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.terminal import BESIDE
-from cell.commands.training import made_data as children
-from cell.commands.training.made_data import Children
+from bracket_cell.commands.terminal import BESIDE
+from bracket_lab.commands.training import made_data as children
+from bracket_lab.commands.training.made_data import Children
 
 LIMIT_S = 120.0  # against waiting for ever
 

@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands import commission
-from cell.commands.main import main
-from cell.configuration import load_configuration, load_product
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.observation import ArmMode, ArmState
-from cell.interfaces.pose import Array, Pose
-from cell.runs.bench_view import BenchView
-from cell.runs.commissioning import Teaching, fitted
-from cell.runs.slow_motion import move_to
-from cell.wiring.devices import find_drivers
-from sim.twin.cell import TwinCell
-from sim.twin.gripper import ModbusTwin, Registers
-from skills.motion.planner import MotionPlanner
+from bracket_cell.commands import commission
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.runs.bench_view import BenchView
+from bracket_cell.runs.commissioning import Teaching, fitted
+from bracket_cell.runs.slow_motion import move_to
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.wiring.devices import find_drivers
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.observation import ArmMode, ArmState
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_sim.twin.cell import TwinCell
+from bracket_sim.twin.gripper import ModbusTwin, Registers
 from tests.cell.conftest import changed_configuration
 from tests.sim.twin.rig import light_cell, own_host
 
@@ -273,7 +273,7 @@ def test_a_dry_run_goes_above_parts_and_holes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pressed(monkeypatch)
-    monkeypatch.setattr("cell.runs.commissioning.DRY_SHARE", 1.0)
+    monkeypatch.setattr("bracket_cell.runs.commissioning.DRY_SHARE", 1.0)
     assert commission.dry(Path("config/cell.yaml")) == 0
     said = capsys.readouterr().err
     for hole in PRODUCT.bracket.holes_m:

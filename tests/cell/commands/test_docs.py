@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from cell.commands.docs import guides
-from cell.commands.main import main
+from bracket_cell.commands.main import main
+from bracket_ground.files.files import shipped
 from tests import ROOT
 
 PACKAGES = ("cell", "trees", "skills", "learned", "sim")
@@ -36,4 +36,4 @@ def test_messages_name_pages_that_there_are() -> None:
     texts = [path.read_text() for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     named = {name for text in texts for name in NAMED.findall(text)}
     assert "drivers" in named
-    assert [name for name in named if not (guides() / f"{name}.md").is_file()] == []
+    assert [name for name in named if not (shipped("bracket_cell", "docs") / f"{name}.md").is_file()] == []

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from cell.commands.goals import goals_app
-from cell.configuration import load_configuration, load_product
+from bracket_cell.commands.goals import goals_app
+from bracket_cell.configuration import load_configuration, load_product
 
 GOAL = next(iter(load_product(load_configuration()).goals.values()))
 NEW = (*GOAL[1:], GOAL[0])

@@ -8,7 +8,7 @@ from typing import Any
 from rich.markup import render
 from typer.main import get_command
 
-from cell.commands.main import application
+from bracket_cell.commands.main import application
 
 
 def test_no_word_of_any_help_is_taken_for_a_style() -> None:

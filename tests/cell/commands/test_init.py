@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from tests import ROOT
+from bracket_cell.commands.main import main
 from tests.processes import finished
 
 FILES = {
@@ -44,7 +43,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def in_folder(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A command of this clone's program, called in another folder."""
     alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # plugins take seconds to load
-    environment = {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **alone}
+    environment = {"PYTHONDONTWRITEBYTECODE": "1", **alone}
     return finished([sys.executable, "-m", *arguments], folder, environment)
 
 
@@ -94,27 +93,27 @@ def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:
     configuration, tree = folder / "config" / "cell.yaml", folder / "trees" / "assemble.xml"
     sound = configuration.read_text()
     configuration.write_text(sound.replace("tick_hz:", "tick_hs:"))
-    told = in_folder(folder, "cell", "run")
+    told = in_folder(folder, "bracket_cell", "run")
     assert told.returncode == 2
     line = next(number for number, text in enumerate(sound.splitlines(), 1) if "tick_hz:" in text)
     assert f"config/cell.yaml:{line}:3: unknown key 'tick_hs'" in told.stderr
     configuration.write_text(sound)
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
-    told = in_folder(folder, "cell", "run")
+    told = in_folder(folder, "bracket_cell", "run")
     assert told.returncode == 2
     assert f"{tree}:11:7: there is no node 'ActivateGriper'" in told.stderr
     assert set(files_of(folder)) == FILES, "no log is left"
 
 
 def test_without_files_of_ones_own_the_shipped_ones_are_taken(tmp_path: Path) -> None:
-    told = in_folder(tmp_path, "cell", "run", "--goal", "g9")
+    told = in_folder(tmp_path, "bracket_cell", "run", "--goal", "g9")
     assert (told.returncode, list(tmp_path.rglob("*.mcap"))) == (2, [])
     assert "unknown goal 'g9'" in told.stderr
 
 
 @pytest.mark.slow
 def test_a_bracket_is_assembled_and_the_log_lies_in_the_folder(folder: Path) -> None:
-    told = in_folder(folder, "cell", "run", "--goal", "g1", "--seed", "2", "--json")
+    told = in_folder(folder, "bracket_cell", "run", "--goal", "g1", "--seed", "2", "--json")
     assert told.returncode == 0, told.stderr
     assert '"correct": true' in told.stdout
     assert [path.suffix for path in sorted((folder / "runs").iterdir())] == [".mcap", ".png"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.commands.main import main
-from cell.wiring.latency import answers_ms
+from bracket_cell.commands.main import main
+from bracket_lab.wiring.latency import answers_ms
 
 
 @pytest.mark.parametrize(

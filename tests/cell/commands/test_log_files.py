@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.lab.logs import check_name
-from cell.commands.main import main
-from cell.errors import LogError
-from cell.log.read.reader import LogStream
-from sim.scene.look import Look
-from sim.scene.look_range import look_range
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import LogStream
+from bracket_ground.errors import LogError
+from bracket_lab.commands.logs import check_name
+from bracket_sim.scene.look import Look
+from bracket_sim.scene.look_range import look_range
 from tests import ROOT
 
 LOG = ROOT / "tests" / "cases" / "assembly-g0-seed5.mcap"

@@ -32,8 +32,8 @@ MORE = """<root BTCPP_format="4">
   </BehaviorTree>
 </root>
 """
-NODE = '''from trees import InputPort, Node, Status
-from trees.vocabulary import Hole, Part
+NODE = '''from btxml import InputPort, Node, Status
+from bracket_cell.trees.vocabulary import Hole, Part
 
 
 class Greet(Node):
@@ -119,15 +119,14 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def talk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Talk:
+def talk(folder: Path) -> Talk:
     """Runs a conversation with a server of its own."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
     def run(conversation: Callable[[Editor], Awaitable[None]]) -> None:
         async def whole() -> None:
             client = LanguageClient("test", "1")
             arguments = ("--config", str(ROOT / "config" / "cell.yaml"), "--with", str(folder / "nodes"))
-            await client.start_io(sys.executable, "-m", "cell", "lsp", *arguments)
+            await client.start_io(sys.executable, "-m", "bracket_cell", "lsp", *arguments)
             editor = Editor(client, folder)
             try:
                 await editor.open()

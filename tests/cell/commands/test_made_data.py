@@ -10,16 +10,16 @@ from subprocess import PIPE, Popen
 
 import pytest
 
-from cell.commands.main import main
-from cell.commands.training.made_data import Children, make_data
-from cell.errors import InputError
-from cell.files.data_folder import DataFolder, DataPiece
-from cell.files.files import UNFINISHED, shipped
-from cell.interfaces.bench import Bench
-from cell.interfaces.product import Product
-from sim.data.objects import write_objects
-from sim.data.recording import Assembly, record
-from sim.scene.settings import SimSettings
+from bracket_cell.commands.main import main
+from bracket_ground.errors import InputError
+from bracket_ground.files.data_folder import DataFolder, DataPiece
+from bracket_ground.files.files import UNFINISHED, shipped
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.product import Product
+from bracket_lab.commands.training.made_data import Children, make_data
+from bracket_lab.drawing.objects import write_objects
+from bracket_lab.drawing.recording import Assembly, record
+from bracket_sim.scene.settings import SimSettings
 
 
 def test_data_are_made_once_what_was_interrupted_anew_and_of_other_options_or_another_product_not(
@@ -27,7 +27,7 @@ def test_data_are_made_once_what_was_interrupted_anew_and_of_other_options_or_an
 ) -> None:
     config = tmp_path / "cell.yaml"
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text())
+        (tmp_path / name).write_text(shipped("bracket_cell.config", name).read_text())
     folder, mine = tmp_path / "some", tmp_path / "some.unfinished" / "notes.txt"
     (folder / UNFINISHED).mkdir(parents=True)
     (folder / UNFINISHED / "half.jsonl").write_text("{")
@@ -60,8 +60,8 @@ def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_pat
     makes = f"""
 import signal, sys
 from pathlib import Path
-from cell.commands.training.made_data import Children
-from cell.commands.training.made_data import make_data
+from bracket_lab.commands.training.made_data import Children
+from bracket_lab.commands.training.made_data import make_data
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run where a shell has it ignored
 sys.executable = {str(maker)!r}
 make_data("hands", Path({str(tmp_path / "some")!r}), {{}})
@@ -83,7 +83,7 @@ def test_recordings_whose_physics_diverged_are_left_out_and_counted(
         assembly.world.diverged = seed % 2 == 0
         return assembly
 
-    monkeypatch.setattr("sim.data.recording.record", half_of_them)
+    monkeypatch.setattr("bracket_lab.drawing.recording.record", half_of_them)
     words = ["lab", "data", "actions", "--thin", "--physics", "--look", "nominal", "--seeds", "3:5"]
     assert main([*words, "--out", str(tmp_path / "some")]) == 0
     manifest = json.loads((tmp_path / "some" / "manifest.json").read_text())
@@ -157,7 +157,7 @@ def test_data_that_are_interrupted_leave_nothing_that_is_in_their_way(
             raise KeyboardInterrupt
         write_objects(*_)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("sim.data.objects.write_objects", interrupted)
+    monkeypatch.setattr("bracket_lab.drawing.objects.write_objects", interrupted)
     assert main(words) == 1
     assert not list(tmp_path.iterdir())
     assert main(words) == 0

@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 import cv2
 import pytest
 
-from cell.commands.main import main
-from cell.commands.options import CONFIGURATION
-from cell.commands.run import TREE
-from cell.commands.terminal import BESIDE
+from bracket_cell.commands.main import main
+from bracket_cell.commands.options import CONFIGURATION
+from bracket_cell.commands.run import TREE
+from bracket_cell.commands.terminal import BESIDE
+from btxml.views.picture import draws_text
 from tests import ROOT
 from tests.processes import finished
-from trees.views.picture import draws_text
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
@@ -84,7 +84,7 @@ def test_weights_that_are_no_model_are_named(tmp_path: Path, capsys: pytest.Capt
 def test_a_driver_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("products.yaml", "sim.yaml"):
         (tmp_path / name).write_text(CONFIGURATION.with_name(name).read_text())
-    text = CONFIGURATION.read_text().replace("panel: {kind: simulated}", "panel: {kind: sim.cell:Sesame}")
+    text = CONFIGURATION.read_text().replace("panel: {kind: simulated}", "panel: {kind: bracket_sim.cell:Sesame}")
     (tmp_path / "cell.yaml").write_text(text)
     line = next(i for i, text in enumerate(text.splitlines(), 1) if "Sesame" in text)
     message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml", "--log", tmp_path / "log.mcap")
@@ -140,11 +140,11 @@ def test_show_prints_the_tree(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_missing_font_is_told_instead_of_drawing_empty_boxes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trees.views.picture._rendered", lambda _: b"the same with and without text")
+    monkeypatch.setattr("btxml.views.picture._rendered", lambda _: b"the same with and without text")
     assert "apt-get install -y fonts-dejavu-core" in complaint(capsys, "show", TREE, "--png", tmp_path / "tree.png")
     assert not (tmp_path / "tree.png").exists()
-    monkeypatch.setattr("cell.commands.doctor.damaged_packages", dict)
-    monkeypatch.setattr("cell.commands.doctor.TRIAL_S", 0.2)
+    monkeypatch.setattr("bracket_cell.commands.doctor.damaged_packages", dict)
+    monkeypatch.setattr("bracket_cell.commands.doctor.TRIAL_S", 0.2)
     main(["doctor", "--json"])
     findings = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
     assert [finding["what"] for finding in findings if "fonts-dejavu-core" in finding["remedy"]]
@@ -184,7 +184,7 @@ def test_the_palette_for_groot_names_ports(capsys: pytest.CaptureFixture[str]) -
 
 def test_check_does_not_load_kinematics() -> None:
     script = (
-        f"import sys; from cell.commands.main import main; main(['check', {str(TREE)!r}]); "
+        f"import sys; from bracket_cell.commands.main import main; main(['check', {str(TREE)!r}]); "
         "sys.exit(' '.join(name for name in ('placo', 'coal', 'mujoco', 'onnxruntime', 'cv2') if name in sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -193,7 +193,8 @@ def test_check_does_not_load_kinematics() -> None:
 
 def test_a_run_never_imports_torch() -> None:
     script = (
-        "import sys, cell.runs.run, cell.commands.main, cell.commands.doctor, sim.cell; "
+        "import sys, bracket_cell.runs.run, bracket_cell.commands.main, bracket_cell.commands.doctor; "
+        "import bracket_sim.cell; "
         "sys.exit(' '.join(name for name in ('torch', 'triton', 'torchvision') if name in sys.modules) or 0)"
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -206,7 +207,7 @@ def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
     def interrupted(_: list[str]) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cell.commands.main.application", interrupted)
+    monkeypatch.setattr("bracket_cell.commands.main.application", interrupted)
     assert main(["nodes"]) == 1
     assert capsys.readouterr().err == "cell: interrupted\n"
     monkeypatch.setenv(BESIDE, "1")  # the command that runs this one says it
@@ -221,5 +222,5 @@ def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_shell_completes_commands() -> None:
     asked = {"_CELL_COMPLETE": "complete_bash", "COMP_WORDS": "cell re", "COMP_CWORD": "1"}
-    told = finished([sys.executable, "-m", "cell"], ROOT, asked)
+    told = finished([sys.executable, "-m", "bracket_cell"], ROOT, asked)
     assert sorted(told.stdout.split()) == ["record", "replay", "report"]

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cell.commands.main import main
-from cell.commands.training import networks
-from cell.commands.training.shares import Share
-from cell.commands.training.weights import Training, seconds
+from bracket_cell.commands.main import main
+from bracket_lab.commands.training import networks
+from bracket_lab.commands.training.shares import Share
+from bracket_lab.commands.training.weights import Training, seconds
 
 pytestmark = pytest.mark.torch
 
@@ -79,7 +79,7 @@ def test_an_interrupted_training_goes_on_without_being_told_to_overwrite(
             raise KeyboardInterrupt
         return {}
 
-    monkeypatch.setattr("learned.semantic.train.train_semantic", train)
+    monkeypatch.setattr("bracket_lab.learned.semantic.train.train_semantic", train)
     statuses = [main(["lab", "train", "semantic", "--out", str(out), *more]) for more in ([], [], [], ["--overwrite"])]
     assert statuses == [1, 0, 2, 0]
     assert calls == [False, True, True]

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.files.files import shipped
-from cell.interfaces.planning import weights_file
-from cell.kinds import WEIGHTS
-from cell.lab import holes_and_parts as things
+from bracket_cell.commands.main import main
+from bracket_cell.kinds import WEIGHTS
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.planning import weights_file
+from bracket_lab.evaluations import holes_and_parts as things
 
 COMMANDS = {
     "actions": (["actions", "--quick"], "slim"),
@@ -25,8 +25,8 @@ COMMANDS = {
 
 def configured(folder: Path, perception: str) -> Path:
     for name in ("products.yaml", "sim.yaml"):
-        (folder / name).write_text(shipped("config", name).read_text())
-    text = shipped("config", "cell.yaml").read_text()
+        (folder / name).write_text(shipped("bracket_cell.config", name).read_text())
+    text = shipped("bracket_cell.config", "cell.yaml").read_text()
     begin, end = text.index("\nperception:"), text.index("\nplanners:")
     path = folder / "cell.yaml"
     path.write_text(f"{text[:begin]}\nperception: {perception}\n{text[end:]}")

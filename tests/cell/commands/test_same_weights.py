@@ -11,12 +11,12 @@ from pathlib import Path
 import onnx
 import pytest
 
-from cell.commands.main import main
-from cell.files.files import shipped
-from cell.kinds import WEIGHTS
-from cell.lab import weights
-from cell.lab.weights import APART, CHANCE, SAME, Figure, compared
-from learned.inference.onnx_model import OnnxModel, save_onnx
+from bracket_cell.commands.main import main
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.onnx_model import OnnxModel, save_onnx
+from bracket_ground.files.files import shipped
+from bracket_lab.evaluations import weights
+from bracket_lab.evaluations.weights import APART, CHANCE, SAME, Figure, compared
 
 
 def share(value: float, n: int) -> Mapping[str, Figure]:
@@ -90,7 +90,7 @@ def test_weights_of_another_product_are_told_before_anything_is_scored(
 ) -> None:
     monkeypatch.setattr(weights, "_SCORED", {})
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (tmp_path / name).write_text(shipped("config", name).read_text().replace("o3", "relief"))
+        (tmp_path / name).write_text(shipped("bracket_cell.config", name).read_text().replace("o3", "relief"))
     config = tmp_path / "cell.yaml"
     assert main(["lab", "eval", "weights", str(WEIGHTS), "--only", "holes", "--config", str(config)]) == 2
     told = " ".join(capsys.readouterr().err.split())

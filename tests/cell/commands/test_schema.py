@@ -10,12 +10,12 @@ import yaml
 from jsonschema import Draft202012Validator
 from lxml import etree
 
-from cell.commands.main import main
-from cell.commands.schema import schema_texts
-from sim.scene.look_range import LookFile
-from sim.scene.settings import SimSettings
+from bracket_cell.commands.main import main
+from bracket_cell.commands.schema import schema_texts
+from bracket_cell.trees.node_library import node_registry
+from bracket_sim.scene.look_range import LookFile
+from bracket_sim.scene.settings import SimSettings
 from tests import ROOT
-from trees.node_library import node_registry
 
 CONFIG = ROOT / "config"
 FILES = [
@@ -101,7 +101,7 @@ def test_schemas_are_renewed_and_nothing_else_is_replaced(tmp_path: Path, capsys
 
 
 TREES = sorted((ROOT / "trees").rglob("*.xml"))
-NODE = '''from trees import InputPort, Node
+NODE = '''from btxml import InputPort, Node
 
 
 class Greet(Node):

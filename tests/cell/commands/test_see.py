@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.lab.see import _chosen
-from cell.commands.main import main
-from cell.commands.terminal import BAD_INPUT
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
-from cell.interfaces.pose import Pose
-from cell.pictures.sources import _video
+from bracket_cell.commands.main import main
+from bracket_cell.commands.terminal import BAD_INPUT
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from bracket_cell.pictures.sources import _video
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.commands.see import _chosen
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 
 TIPS_M = (0.78, 0.2)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.lab import stacks
-from cell.commands.main import main
-from learned.lab.stacks.vmrd import read_vmrd
-from sim.stacks.draw import DrawnStack
-from sim.stacks.settings import StackSettings
+from bracket_cell.commands.main import main
+from bracket_lab.commands import stacks
+from bracket_lab.experiments.stacks.vmrd import read_vmrd
+from bracket_lab.stacks.draw import DrawnStack
+from bracket_sim.stacks.settings import StackSettings
 from tests.learned.stacks.folders import vmrd
 from tests.learned.stacks.made_up import scene
 
@@ -74,7 +74,7 @@ def test_faults_of_a_folder_are_told_without_a_traceback(tmp_path: Path, capsys:
 def test_figure18_is_a_file_of_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from learned.lab.stacks import experiment
+    from bracket_lab.experiments.stacks import experiment
     from tests.learned.stacks.test_experiment import NoFeatures
 
     monkeypatch.setattr(stacks, "draw_stack", _drawn)

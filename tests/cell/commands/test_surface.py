@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from cell.commands import lab
-from cell.commands import main as commands
-from cell.commands.main import COMMANDS, application, main
-from cell.commands.options import PORTS, own_files, seeds_of, with_ports
-from cell.errors import InputError
+from bracket_cell.commands import main as commands
+from bracket_cell.commands import terminal
+from bracket_cell.commands.main import COMMANDS, application, main
+from bracket_cell.commands.options import PORTS, own_files, seeds_of, with_ports
+from bracket_ground.errors import InputError
+from bracket_lab import commands as lab
 from tests import ROOT
 
 LAB_LINE = "`cell lab --help` lists the commands for research."
@@ -136,17 +137,19 @@ def test_seeds_that_are_none_are_refused(text: str) -> None:
 def test_without_the_lab_the_product_says_where_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(commands, "find_spec", lambda _: None)
+    monkeypatch.setattr(commands, "offers", lambda _: False)
+    monkeypatch.setattr(terminal, "entry_points", lambda **_: ())
     assert main(["lab", "eval", "hands"]) == 2
-    assert "comes with a clone" in capsys.readouterr().err
+    assert "this command is not installed; install it: make train-deps" in capsys.readouterr().err
     assert main(["--help"]) == 0
     assert re.search(r"\blab\b", capsys.readouterr().out) is None
 
 
 def test_a_product_command_imports_no_other_and_no_lab() -> None:
     script = (
-        "import sys; from cell.commands.main import main; main(['check', '--no-config', 'trees/ahead.xml']); "
-        "print([name for name in sys.modules if '.lab' in name or name in ('cell.commands.run', 'cell.configuration')])"
+        "import sys; from bracket_cell.commands.main import main; main(['check', '--no-config', 'trees/ahead.xml']); "
+        "others = ('bracket_cell.commands.run', 'bracket_cell.configuration'); "
+        "print([name for name in sys.modules if 'bracket_lab' in name or name in others])"
     )
     told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert told.stdout == "[]\n"

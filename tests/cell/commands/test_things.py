@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from cell.commands.training.shipped import Step, steps_of_shipped
-from cell.commands.training.tasks import TASKS, train_app
-from cell.commands.training.weights import Training
+from bracket_lab.commands.training.shipped import Step, steps_of_shipped
+from bracket_lab.commands.training.tasks import TASKS, train_app
+from bracket_lab.commands.training.weights import Training
 
 
 def test_the_command_on_a_card_names_the_data_that_was_learned_from() -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.training.weights import writing
-from cell.errors import InputError
+from bracket_ground.errors import InputError
+from bracket_lab.commands.training.weights import writing
 
 
 def train(*files: Path, error: BaseException | None = None, made: Path | None = None, overwrite: bool = False) -> None:

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from cell.commands.lab.world import world
-from cell.commands.main import main
-from sim.worker.worker import Worker
+from bracket_cell.commands.main import main
+from bracket_lab.commands.world import world
+from bracket_sim.worker.worker import Worker
 
 
 def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
@@ -41,8 +41,8 @@ def test_a_world_that_cannot_say_where_it_is_closes_its_processes(
     def gone(*_: Any, **__: Any) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("cell.commands.lab.world.open_world", lambda *_: (server, devices))
-    monkeypatch.setattr("cell.commands.lab.world.console", lambda: SimpleNamespace(print=gone))
+    monkeypatch.setattr("bracket_lab.commands.world.open_world", lambda *_: (server, devices))
+    monkeypatch.setattr("bracket_lab.commands.world.console", lambda: SimpleNamespace(print=gone))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     with pytest.raises(BrokenPipeError):
         world(at=tmp_path / "w.sock")

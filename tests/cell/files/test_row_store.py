@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.files.row_store import RowStore
+from bracket_ground.errors import InputError
+from bracket_ground.files.row_store import RowStore
 
 OF = {"command": "faults"}
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.files.words import catalogue as catalogues
-from cell.files.words.catalogue import Catalogue, catalogue, languages
-from cell.files.words.message import Message, data_of, listed
-from cell.remote.channel import ENCODER
+from bracket_cell.remote.channel import ENCODER
+from bracket_ground.errors import InputError
+from bracket_ground.files.words import catalogue as catalogues
+from bracket_ground.files.words.catalogue import Catalogue, catalogue, languages
+from bracket_ground.files.words.message import Message, data_of, listed
 from tests.cell.words import spoken
 
 NEAR = Message("waiting: {reason}", reason=Message("the hand is near the way to {position}", position="p4"))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.files.yaml_file import write_values
+from bracket_ground.errors import InputError
+from bracket_ground.files.yaml_file import write_values
 
 
 def test_values_are_put_in_and_all_else_stays(tmp_path: Path) -> None:

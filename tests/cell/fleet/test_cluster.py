@@ -15,9 +15,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from cell.errors import InputError
-from cell.fleet.engine import cluster, results
-from cell.fleet.spec import Task
+from bracket_cell.fleet.engine import cluster, results
+from bracket_cell.fleet.spec import Task
+from bracket_ground.errors import InputError
 from tests import ROOT
 from tests.cell.fleet import working
 
@@ -83,6 +83,6 @@ def test_default_workers_do_all_runs_though_one_is_killed_and_one_lacks_the_pack
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "foo"])
 def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.fleet.engine.CONNECT_S", 0.5)
+    monkeypatch.setattr("bracket_cell.fleet.engine.CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(1, address):
         pass

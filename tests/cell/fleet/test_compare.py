@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.fleet.compare import Limit, differing, findings, overall, pair
-from cell.fleet.compare_text import as_json, by_person, lines, page, persons_as_json
-from cell.fleet.table import read_table, write_table
+from bracket_cell.commands.main import main
+from bracket_cell.fleet.compare import Limit, differing, findings, overall, pair
+from bracket_cell.fleet.compare_text import as_json, by_person, lines, page, persons_as_json
+from bracket_cell.fleet.table import read_table, write_table
+from bracket_ground.errors import InputError
 
 Rows = list[dict[str, Any]]
 

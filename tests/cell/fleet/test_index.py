@@ -11,15 +11,15 @@ import pyarrow as arrow
 import pyarrow.parquet
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.fleet.index import FAILURES, add_run, ask, refresh, run_row, summaries, summary_lines
-from cell.log.read.reader import Log
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.watching.observer import Outcome
+from bracket_cell.commands.main import main
+from bracket_cell.fleet.index import FAILURES, add_run, ask, refresh, run_row, summaries, summary_lines
+from bracket_cell.log.read.reader import Log
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.watching.observer import Outcome
+from bracket_ground.errors import InputError
+from btxml.engine.why import Reason, Step
 from tests.processes import finished
-from trees.engine.why import Reason, Step
 
 
 def failed(path: Path, seed: int, failure: str) -> None:
@@ -153,7 +153,7 @@ def test_no_question_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_question_leaves_no_word_about_the_program_that_answers(tmp_path: Path) -> None:
     """DuckDB's binding told of leaks in a page of lines, where what was imported was kept to the end."""
     failed(tmp_path / "1.mcap", 1, "PickPart: x")
-    asked = finished([sys.executable, "-m", "cell", "log", "list", str(tmp_path), "--sql", "from runs"])
+    asked = finished([sys.executable, "-m", "bracket_cell", "log", "list", str(tmp_path), "--sql", "from runs"])
     assert (asked.returncode, asked.stderr) == (0, "")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.fleet.intervals import mean, paired_mean, paired_share, student, wilson
+from bracket_cell.fleet.intervals import mean, paired_mean, paired_share, student, wilson
 
 
 @pytest.mark.parametrize(

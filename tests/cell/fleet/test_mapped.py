@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import CellError, InputError
-from cell.fleet.engine import mapped
+from bracket_cell.fleet.engine import mapped
+from bracket_ground.errors import CellError, InputError
 from tests.cell.fleet import working
 
 

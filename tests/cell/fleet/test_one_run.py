@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from cell.errors import CellError
-from cell.fleet import one_run
-from cell.fleet.one_run import ChildDied, in_child
+from bracket_cell.fleet import one_run
+from bracket_cell.fleet.one_run import ChildDied, in_child
+from bracket_ground.errors import CellError
 from tests.cell.fleet import working
 
 

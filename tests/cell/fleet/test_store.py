@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.fleet.store import get, put, results_folder
+from bracket_cell.fleet.store import get, put, results_folder
+from bracket_ground.errors import InputError
 
 NAMES = ("runs.jsonl", "runs.parquet")
 

@@ -16,11 +16,11 @@ from typing import Any
 import psutil
 import pytest
 
-from cell.configuration import DEFAULT_CONFIGURATION
-from cell.errors import InputError
-from cell.fleet.one_run import run_here
-from cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, apart, count, load_sweep, tasks
-from cell.fleet.table import read_table
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.fleet.one_run import run_here
+from bracket_cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, apart, count, load_sweep, tasks
+from bracket_cell.fleet.table import read_table
+from bracket_ground.errors import InputError
 
 WALL = ("peak", "wall", "took", "cpu", "real_time", "overruns", "late", "log", "contact_sheet")
 WORKER = re.compile(r"spawn_main|one_run import serve")
@@ -45,7 +45,19 @@ def workers(of: int) -> list[psutil.Process]:
 def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.yaml", tmp_path / "out"
     spec.write_text(SPEC)
-    command = [sys.executable, "-m", "cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", "1", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "bracket_cell",
+        "lab",
+        "sweep",
+        str(spec),
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+        "--json",
+    ]
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     told = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "env": {**os.environ, "TMPDIR": str(scratch)}}

@@ -8,9 +8,9 @@ import signal
 import time
 from pathlib import Path
 
-from cell.errors import InputError
-from cell.fleet.one_run import in_child
-from cell.fleet.spec import Task
+from bracket_cell.fleet.one_run import in_child
+from bracket_cell.fleet.spec import Task
+from bracket_ground.errors import InputError
 
 
 class Awkward(Exception):

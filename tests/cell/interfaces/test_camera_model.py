@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.pose import Pose
+from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.pose import Pose
 
 PLAIN = CameraModel(480, 360, 420.0)
 ABOVE = Pose((0.5, -0.4, 0.5), (0.1, 0.7, 0.7, 0.1))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import CellError, DeviceFault, InputError, LogError, Place, Problem, SettingError
+from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, Place, Problem, SettingError
 
 ERRORS = [
     CellError("something"),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.files.files import UNFINISHED, whole_folder
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import UNFINISHED, whole_folder
 
 
 def fill(path: Path, error: type[BaseException] | None = None) -> None:

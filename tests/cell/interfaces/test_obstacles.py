@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.errors import InputError
-from cell.interfaces.bench import Obstacle
+from bracket_cell.configuration import load_configuration
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.bench import Obstacle
 from tests import ROOT
 
 POST = "{name: post, position_m: [0.62, -0.1, 0.2], box_m: [0.06, 0.06, 0.4]}"

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import PartType
-from cell.interfaces.resting_pose import SIDES, UPRIGHT, axis_of, rest_on, side_up
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import PartType
+from bracket_ground.interfaces.resting_pose import SIDES, UPRIGHT, axis_of, rest_on, side_up
 
 PRODUCT = load_product(load_configuration())
 

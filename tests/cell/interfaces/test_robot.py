@@ -9,14 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError
-from cell.interfaces.pose import Array
-from cell.interfaces.robot import FOLDER, Calibration, default_robot, load_robot, shipped_robots
-from cell.runs.heading import robot_files
-from sim.scene.world import build_world
-from skills.motion.kinematics import Kinematics
-from skills.motion.settings import MotionSettings
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.runs.heading import robot_files
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.robot import FOLDER, Calibration, default_robot, load_robot, shipped_robots
+from bracket_sim.scene.world import build_world
 from tests.cell.conftest import changed_configuration
 
 CONFIGURATION = load_configuration()

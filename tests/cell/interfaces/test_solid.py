@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.errors import InputError, Problem
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.pose import Array
-from cell.interfaces.product import Product
-from cell.interfaces.solid import Solid, span_m
+from bracket_ground.errors import InputError, Problem
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.solid import Solid, span_m
 
 CONFIG = Path(__file__).parents[3] / "config"
 SOLIDS = [

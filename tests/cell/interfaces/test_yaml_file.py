@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_product
-from cell.errors import InputError, Problem
-from cell.files.model import Model
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.product import Product
-from cell.kinds import files_of
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_product
+from bracket_cell.kinds import files_of
+from bracket_ground.errors import InputError, Problem
+from bracket_ground.files.model import Model
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.product import Product
 
 PRODUCT = DEFAULT_CONFIGURATION.with_name("products.yaml")
 

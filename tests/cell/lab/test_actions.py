@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.errors import InputError
-from cell.interfaces.devices import TruthEvent
-from cell.interfaces.perception import Action
-from cell.lab.actions import Tally, evaluate_actions, matched, share
-from cell.lab.system import Listener, table_1, with_goals
-from learned.actions.settings import Classes
-from sim.data.hands import visible_shares
-from sim.data.placed import placed, releases, slipped, with_slips
-from sim.data.recording import Assembly, Source
-from sim.data.recording import record as recorded
-from sim.data.tracks import hands_of
-from sim.scene.settings import settings_of
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
+from bracket_cell.learned.actions.settings import Classes
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.devices import TruthEvent
+from bracket_ground.interfaces.perception import Action
+from bracket_lab.drawing.hands import visible_shares
+from bracket_lab.drawing.placed import placed, releases, slipped, with_slips
+from bracket_lab.drawing.recording import Assembly, Source
+from bracket_lab.drawing.recording import record as recorded
+from bracket_lab.drawing.tracks import hands_of
+from bracket_lab.evaluations.actions import Tally, evaluate_actions, matched, share
+from bracket_lab.evaluations.system import Listener, table_1, with_goals
+from bracket_sim.scene.settings import settings_of
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 
@@ -97,7 +97,7 @@ def test_fingers_that_open_after_a_part_slipped_into_its_hole_placed_it_when_bot
 
 def test_by_physics_what_slips_out_of_the_fingers_is_labelled_as_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand opens over p1 half a second before o1, which fell from it, stands there; no more is recorded."""
-    monkeypatch.setattr("sim.data.recording.LONGEST_S", 7.0)
+    monkeypatch.setattr("bracket_lab.drawing.recording.LONGEST_S", 7.0)
     nominal = simulated(CONFIGURATION, "nominal", "varied")
     assembly = recorded(PRODUCT, nominal.bench, settings_of(nominal.devices.simulation), 824104, physics=True)
     first = next(label for label in assembly.labels if label.kind == "assembly")
@@ -174,7 +174,7 @@ def test_an_evaluation_goes_on_where_it_stopped(
         tally = Tally(rows=[(0, 0, False), (19, 18, seeds[0] % 2 == 0)], placed=2, told=1, right=1, latency_s=[0.01])
         return dict.fromkeys(kinds, tally)
 
-    monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
+    monkeypatch.setattr("bracket_lab.evaluations.actions.evaluate_actions", watch)
     out = str(tmp_path / "rows.jsonl")
     words = ["lab", "eval", "actions", "--look", "nominal", "--seeds", "900000:900003", "--out", out, "--json"]
     assert main(words) == 1
@@ -202,7 +202,7 @@ def test_detectors_watch_with_the_camera_where_its_calibration_finds_it(monkeypa
         seen.append(configuration.bench.overhead.mount)
         raise Stop
 
-    monkeypatch.setattr("cell.lab.actions._Watcher", watcher)
+    monkeypatch.setattr("bracket_lab.evaluations.actions._Watcher", watcher)
     looks = simulated(CONFIGURATION, "varied", "varied")
     for calibrated in (True, False):
         with pytest.raises(Stop):

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from cell.commands.lab.bars import BARS, Figure, Measured, ask, chosen_bars, measured
-from cell.commands.main import main
-from cell.configuration import Configuration, load_configuration
-from cell.errors import InputError
-from cell.files.row_store import RowStore
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import Configuration, load_configuration
+from bracket_ground.errors import InputError
+from bracket_ground.files.row_store import RowStore
+from bracket_lab.commands.bars import BARS, Figure, Measured, ask, chosen_bars, measured
 
 FOUND = Figure(claim="found", key="trackers.slim.found", least=0.9)
 ONE = Measured(command="hands --look hard", seeds=10, figures=(FOUND,))

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.files.data_folder import DataFolder
-from cell.interfaces.frame import Frame
-from cell.lab.beside_robot import record_beside_robot
-from sim.data.actions import write_segments
-from sim.data.hands import hand_frames
-from sim.data.placed import holes_of
-from sim.data.recording import Assembly, Film, Source
-from sim.data.sight import GEOM_POSITIONS
-from sim.rendering.photographer import Exposure
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_ground.files.data_folder import DataFolder
+from bracket_ground.interfaces.frame import Frame
+from bracket_lab.drawing.actions import write_segments
+from bracket_lab.drawing.hands import hand_frames
+from bracket_lab.drawing.placed import holes_of
+from bracket_lab.drawing.recording import Assembly, Film, Source
+from bracket_lab.drawing.sight import GEOM_POSITIONS
+from bracket_lab.evaluations.beside_robot import record_beside_robot
+from bracket_sim.rendering.photographer import Exposure
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

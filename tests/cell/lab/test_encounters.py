@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cell.commands.lab.encounters import _tell_assembly
-from cell.configuration import DEFAULT_CONFIGURATION
-from cell.faults.injection import NOTICES_S, Attendant
-from cell.files.row_store import Row
-from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import HandSample
-from cell.lab.assembly import ALGORITHM_1, throughput_ratio
-from cell.lab.encounters import Encounters, Tracker, encounter, passed, summary
-from cell.lab.random_faults import counted, troubled_assembly
-from cell.lab.true_distance import TrueDistance, protective_m
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.faults.injection import NOTICES_S, Attendant
+from bracket_ground.files.row_store import Row
+from bracket_ground.interfaces.operator import OperatorOrder
+from bracket_ground.interfaces.perception import HandSample
+from bracket_lab.commands.encounters import _tell_assembly
+from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio
+from bracket_lab.evaluations.encounters import Encounters, Tracker, encounter, passed, summary
+from bracket_lab.evaluations.random_faults import counted, troubled_assembly
+from bracket_lab.evaluations.true_distance import TrueDistance, protective_m
 from tests.integration.cell_rig import BENCH, with_person
 
 

@@ -7,13 +7,13 @@ from typing import Any, cast
 
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import DEFAULT_CONFIGURATION
-from cell.errors import InputError
-from cell.faults.injection import Injection, Injections
-from cell.faults.named_faults import FAULTS
-from cell.faults.work_state import OTHER_STATES, STATES
-from cell.lab.faults import chosen, fast_rows, fault_try
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.faults.injection import Injection, Injections
+from bracket_cell.faults.named_faults import FAULTS
+from bracket_cell.faults.work_state import OTHER_STATES, STATES
+from bracket_ground.errors import InputError
+from bracket_lab.evaluations.faults import chosen, fast_rows, fault_try
 
 SAMPLE = {
     "carry": ("arm_frozen", "gripper_refuses", "camera_black"),

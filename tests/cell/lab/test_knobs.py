@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import load_configuration, simulated
-from cell.lab.knobs import SCORED, at
-from sim.scene.settings import settings_of
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, simulated
+from bracket_lab.evaluations.knobs import SCORED, at
+from bracket_sim.scene.settings import settings_of
 
 HOLES = ["lab", "eval", "knobs", "holes", "--seeds", "807100:807101"]
 

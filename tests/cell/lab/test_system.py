@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cell.commands.main import main
-from cell.lab import system
-from cell.lab.system import table_1
+from bracket_cell.commands.main import main
+from bracket_lab.evaluations import system
+from bracket_lab.evaluations.system import table_1
 
 ROW = {"end": "finished", "correct": True, "placed": 4, "told": 4, "told_right": 4, "allowed": 2, "allowed_right": 2}
 

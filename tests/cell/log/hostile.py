@@ -18,19 +18,20 @@ NAMES = (
     "dict", "frozen", "deque", "set", "of", "form", "tick", "lost", "learned", "number", "time_s", "files", "x" * 300,
 )  # fmt: skip
 CODE = (
-    "os.system", "subprocess.Popen", "builtins.eval", "skills.motion.separation.np.testing.runstring",
-    "cell.recording.sink.LogSink", "skills.drivers.ur.UrArm", "cell.interfaces.pose.Pose", "trees.engine.tree.Tree",
-    "skills.grasping.phases.Move", "skills.motion.motions.SameWay", "services", "tools", "motion", "clock", "runtime",
-    "tools.learn", "../../etc/passwd", "\x00", "{x.__class__}", "",
+    "os.system", "subprocess.Popen", "builtins.eval", "bracket_cell.skills.motion.separation.np.testing.runstring",
+    "bracket_cell.recording.sink.LogSink", "bracket_cell.skills.drivers.ur.UrArm", "btxml.engine.tree.Tree",
+    "bracket_ground.interfaces.pose.Pose",
+    "bracket_cell.skills.grasping.phases.Move", "bracket_cell.skills.motion.motions.SameWay",
+    "services", "tools", "motion", "clock", "runtime", "tools.learn", "../../etc/passwd", "\x00", "{x.__class__}", "",
 )  # fmt: skip
 ODD: tuple[Any, ...] = (
     None, True, 0, -1, 2**63, 2**64 - 1, 1e308, -1e-308, [], {}, [[]], [{}], {"": None}, "nan", {"float": "inf"},
     {"float": "nan"}, {"kept": True, "n": 1}, {"ref": 0}, {"ref": 10**9}, {"named": "services"}, {"named": "tools"},
     {"n": 5, "array": ["|O", [1], "00"]}, {"n": 5, "array": ["<f8", [2**40], ""]}, {"n": 5, "array": ["<f8", [0], "0"]},
-    {"n": 5, "record": "cell.interfaces.pose.Pose", "of": {"position_m": {"n": 6, "tuple": [0, 0, 0]}}},
-    {"n": 5, "function": ["skills.motion.separation", "np.testing.runstring", None], "of": {}},
+    {"n": 5, "record": "bracket_ground.interfaces.pose.Pose", "of": {"position_m": {"n": 6, "tuple": [0, 0, 0]}}},
+    {"n": 5, "function": ["bracket_cell.skills.motion.separation", "np.testing.runstring", None], "of": {}},
     {"n": 5, "method": [{"named": "services"}, "learn"]}, {"n": 5, "partial": [{"named": "tools.learn"}, [], {}]},
-    {"enum": ["trees.engine.status.Status", "mro"]}, {"enum": ["cell.interfaces.pose.Pose", "x"]},
+    {"enum": ["btxml.engine.status.Status", "mro"]}, {"enum": ["bracket_ground.interfaces.pose.Pose", "x"]},
 )  # fmt: skip
 
 

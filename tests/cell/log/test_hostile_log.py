@@ -12,21 +12,21 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from cell.errors import CellError
-from cell.interfaces.product import Product
-from cell.interfaces.resume import ResumeState
-from cell.log.read.mcap_file import Message
-from cell.log.read.reader import Log, read_log
-from cell.log.read.resume import after_tick
-from cell.log.read.ticks import TickBuilder
-from cell.log.replay.case import WEIGHTS
-from cell.log.replay.compare import logged
-from cell.log.replay.loading import Changes
-from cell.log.replay.logged_tree import logged_product
-from cell.log.replay.replay import Replay
-from cell.recording.schemas import json_bytes
-from cell.wiring.run_state import state_of
-from learned.inference.onnx_model import sealed, without_digest
+from bracket_cell.learned.inference.onnx_model import sealed, without_digest
+from bracket_cell.log.read.mcap_file import Message
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.read.resume import after_tick
+from bracket_cell.log.read.ticks import TickBuilder
+from bracket_cell.log.replay.case import WEIGHTS
+from bracket_cell.log.replay.compare import logged
+from bracket_cell.log.replay.loading import Changes
+from bracket_cell.log.replay.logged_tree import logged_product
+from bracket_cell.log.replay.replay import Replay
+from bracket_cell.recording.schemas import json_bytes
+from bracket_cell.wiring.run_state import state_of
+from bracket_ground.errors import CellError
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.resume import ResumeState
 from tests.cell.log.hostile import EDITS, Audit, flipped
 
 CASE = Path(__file__).parents[2] / "cases" / "assembly-g0-seed5.mcap"
@@ -60,7 +60,7 @@ class Kept:
         self.replay = Replay(self.log, Changes(weights=weights_of(self.log, folder)))
         self.replay.run(until_s=self.log.ticks[KEPT_AT].time_s)
         self.state = self.written()
-        assert b"skills.grasping" in orjson.dumps(self.state), "no skill was at work"
+        assert b"bracket_cell.skills.grasping" in orjson.dumps(self.state), "no skill was at work"
         ends = [place for place, one in enumerate(self.log.messages) if one.topic == "/timing"]
         self.messages = self.log.messages[: ends[20] + 1]
 

@@ -13,11 +13,11 @@ import pytest
 from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
-from cell.commands.main import main
-from cell.log.read.reader import Log, read_log
-from cell.log.report.query import diff
-from cell.runs.options import RunOptions
-from cell.runs.run import run
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.report.query import diff
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
 from tests.cell.conftest import ALGORITHM_1, changed_configuration
 from tests.cell.viewing.viewer import live_viewer
 

@@ -16,12 +16,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.log.read.reader import Log
-from cell.log.report.export import export
-from cell.log.report.for_rerun import write_for_rerun
-from cell.log.training.lerobot import VIDEO, write_lerobot
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.report.export import export
+from bracket_cell.log.report.for_rerun import write_for_rerun
+from bracket_cell.log.training.lerobot import VIDEO, write_lerobot
+from bracket_ground.errors import InputError
 from tests import ROOT
 
 READERS = ROOT / ".venv-readers" / "bin" / "python"

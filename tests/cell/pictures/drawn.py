@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.bench import CameraSetup
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.bench import CameraSetup
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

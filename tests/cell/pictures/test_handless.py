@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.options import CONFIGURATION
-from cell.configuration import load_configuration
-from cell.files.data_folder import DataFolder
-from cell.interfaces.observation import Image
-from cell.interfaces.pose import Array
-from cell.pictures.compositor import Compositor
-from cell.pictures.handless import filling, lay, write_handless
-from learned.hands.data import frames_of, load_hands
-from learned.hands.mediapipe.hands import Landmarks
-from learned.hands.reading import Reading
-from learned.hands.records import HandRow
+from bracket_cell.commands.options import CONFIGURATION
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.hands.mediapipe.hands import Landmarks
+from bracket_cell.learned.hands.reading import Reading
+from bracket_cell.learned.hands.records import HandRow
+from bracket_ground.files.data_folder import DataFolder
+from bracket_ground.interfaces.observation import Image
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.learned.hands.data import frames_of, load_hands
+from bracket_lab.pictures.compositor import Compositor
+from bracket_lab.pictures.handless import filling, lay, write_handless
 from tests.cell.pictures.test_photographs import landmarks
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead

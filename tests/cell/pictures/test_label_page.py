@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from cell.commands.main import main
-from cell.pictures.labels import LabelFolder
-from cell.pictures.server import LabelServer
-from cell.pictures.suggestions import Suggester
-from learned.hands.data import frames_of
-from learned.holes.data import load_plates
-from learned.inference.onnx_model import OnnxModel
-from learned.parts.data import load_scenes
+from bracket_cell.commands.main import main
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.pictures.labels import LabelFolder
+from bracket_cell.pictures.server import LabelServer
+from bracket_cell.pictures.suggestions import Suggester
+from bracket_lab.learned.hands.data import frames_of
+from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.parts.data import load_scenes
 from tests.cell.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

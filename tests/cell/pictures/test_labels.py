@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.pictures.labels import LabelFolder, PictureLabels
-from cell.pictures.scoring import apart, objection
-from learned.hands.data import frames_of
-from learned.hands.records import HandRow
-from learned.holes.data import load_plates
-from learned.holes.records import Hole
-from learned.parts.data import load_scenes
-from learned.parts.records import PartRow
+from bracket_cell.commands.main import main
+from bracket_cell.learned.hands.records import HandRow
+from bracket_cell.learned.holes.records import Hole
+from bracket_cell.learned.parts.records import PartRow
+from bracket_cell.pictures.labels import LabelFolder, PictureLabels
+from bracket_ground.errors import InputError
+from bracket_lab.learned.hands.data import frames_of
+from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.parts.data import load_scenes
+from bracket_lab.pictures.scoring import apart, objection
 from tests.cell.pictures.drawn import BENCH, PRODUCT, photograph_plate, photograph_tray
 
 HOLES = tuple(Hole(position=name, part="o1" if name == "p2" else None) for name in PRODUCT.positions)

@@ -6,7 +6,7 @@ import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from cell.recording.identity import PACKAGES, identity, versions, what_changed
+from bracket_cell.recording.identity import PACKAGES, identity, versions, what_changed
 
 
 def test_a_run_is_told_from_every_other() -> None:

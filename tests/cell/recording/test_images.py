@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.recording.images import CALLS_LATER, MOST_WAITING, ImageEncoder
+from bracket_cell.recording.images import CALLS_LATER, MOST_WAITING, ImageEncoder
+from bracket_ground.interfaces.frame import Frame
 from tests.cell.fakes import frame
 
 

@@ -19,24 +19,31 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from cell.errors import InputError
-from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
-from cell.interfaces.notes import Topic
-from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation, Trouble
-from cell.interfaces.operator import OperatorState
-from cell.interfaces.perception import PartsView
-from cell.interfaces.pose import Pose
-from cell.log.read.frames import Frames
-from cell.log.read.reader import read_log
-from cell.recording.recorder import Heading, McapRecorder
-from cell.recording.schemas import plain
-from cell.settings import LogSettings
-from cell.watching.observer import Outcome, SentCommand, TickRecord
-from skills.drivers.can_gripper import CanFrame
+from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.schemas import plain
+from bracket_cell.settings import LogSettings
+from bracket_cell.skills.drivers.can_gripper import CanFrame
+from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.command import Command, Display, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.notes import Topic
+from bracket_ground.interfaces.observation import (
+    ArmState,
+    GripperState,
+    JointSamples,
+    ObjectStatus,
+    Observation,
+    Trouble,
+)
+from bracket_ground.interfaces.operator import OperatorState
+from bracket_ground.interfaces.perception import PartsView
+from bracket_ground.interfaces.pose import Pose
+from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
 from tests import ROOT
 from tests.cell.fakes import frame, idle_view
-from trees.engine.node import StatusChange
-from trees.engine.status import Status
 
 OUTCOME = Outcome("finished", "the tree succeeded", 1, 0, 1.0, 0.5)
 
@@ -195,7 +202,8 @@ def test_the_same_ticks_make_the_same_file(tmp_path: Path) -> None:
 def test_a_log_of_a_killed_process_holds_all_its_ticks(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     script = (
-        "import os, signal, pathlib; from cell.recording.recorder import *; from cell.settings import LogSettings;"
+        "import os, signal, pathlib; from bracket_cell.recording.recorder import *;"
+        "from bracket_cell.settings import LogSettings;"
         "from tests.cell.recording.test_recorder import record; from tests.cell.fakes import frame;"
         f"r = McapRecorder(pathlib.Path({str(path)!r}), LogSettings(), Heading())\n"
         "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n)); r.settle()\n"

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.command import Command, Display
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
-from cell.interfaces.pose import Pose
-from cell.recording.recorder import Heading, McapRecorder
-from cell.recording.scene import CellModel
-from cell.settings import LogSettings
-from cell.watching.observer import SentCommand, TickRecord
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.settings import LogSettings
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
+from bracket_ground.interfaces.pose import Pose
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME
 from tests.cell.viewing.viewer import decoded, topics, world_from

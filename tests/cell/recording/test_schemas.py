@@ -10,10 +10,10 @@ import jsonschema
 import pytest
 from mcap.reader import make_reader
 
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView
-from cell.log.read.reader import Log
-from cell.recording.json_schema import fields_of, with_nulls, without_nulls
-from cell.recording.schemas import TOPICS, plain, schema
+from bracket_cell.log.read.reader import Log
+from bracket_cell.recording.json_schema import fields_of, with_nulls, without_nulls
+from bracket_cell.recording.schemas import TOPICS, plain, schema
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView
 
 UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
 LISTS_OF_LISTS = {"finished", "lies_on"}  # of a memory: no viewer reads a schema with them

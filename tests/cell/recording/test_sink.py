@@ -11,17 +11,17 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.errors import InputError
-from cell.log.read.reader import read_log
-from cell.recording import sink as log_sink
-from cell.recording.recorder import Heading, McapRecorder
-from cell.recording.sink import LogSink
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.settings import LogSettings
-from cell.viewing.progress import LiveProgress
-from cell.watching.observer import Level, TickRecord
-from sim.worker.worker import Worker
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.recording import sink as log_sink
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.sink import LogSink
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.settings import LogSettings
+from bracket_cell.viewing.progress import LiveProgress
+from bracket_cell.watching.observer import Level, TickRecord
+from bracket_ground.errors import InputError
+from bracket_sim.worker.worker import Worker
 from tests.cell.conftest import changed_configuration
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record

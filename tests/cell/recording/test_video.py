@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.recording.images import Video
+from bracket_cell.recording.images import Video
+from bracket_ground.errors import InputError
 
 
 def noise(number: int) -> np.ndarray:

@@ -12,14 +12,14 @@ import can
 import numpy as np
 import pytest
 
-from cell.errors import CellError, DeviceFault, InputError, ModelError, SettingError
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.frame import Frame
-from cell.interfaces.observation import ArmState
-from cell.interfaces.pose import Pose
-from cell.remote.channel import Channel, Failure
-from cell.remote.detecting import Look
-from sim.process import messages as said
+from bracket_cell.remote.channel import Channel, Failure
+from bracket_cell.remote.detecting import Look
+from bracket_ground.errors import CellError, DeviceFault, InputError, ModelError, SettingError
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.observation import ArmState
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.process import messages as said
 
 ANY = said.FromController | said.ToController | Look
 LIMIT_S = 30.0

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import for_shift, load_configuration
-from cell.interfaces.command import Command, Display
-from cell.interfaces.notes import Topic
-from cell.interfaces.observation import Observation
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.watching.brackets import BracketTally
-from cell.watching.observer import Outcome, SentCommand, TickRecord
+from bracket_cell.configuration import for_shift, load_configuration
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.watching.brackets import BracketTally
+from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.notes import Topic
+from bracket_ground.interfaces.observation import Observation
 from tests.trees.nodes.rig import EMPTY_GRIPPER, STANDING
 
 Note = tuple[Topic, dict[str, object]]

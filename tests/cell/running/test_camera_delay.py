@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.runs.camera_delay import delay_of
+from bracket_cell.runs.camera_delay import delay_of
 
 TIMES_S = np.arange(0.0, 8.0, 0.008)
 PHASE_S = TIMES_S % 2.0

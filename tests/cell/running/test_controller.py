@@ -9,13 +9,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.command import Display, GripperCommand, JointTrajectory
-from cell.interfaces.observation import ArmState
-from cell.settings import ControllerSettings
-from cell.watching.observer import EXIT_STATUS, Outcome
+from bracket_cell.settings import ControllerSettings
+from bracket_cell.watching.observer import EXIT_STATUS, Outcome
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.command import Display, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.observation import ArmState
+from btxml.engine.status import Status
 from tests.cell.fakes import Rig, frame
-from trees.engine.status import Status
 
 
 def after(ticks: int, status: Status) -> Callable[[int], Status]:

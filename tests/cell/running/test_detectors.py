@@ -8,16 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
-from cell.errors import InputError, ModelError, SettingError
-from cell.interfaces.bench import CameraCalibration
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample, PartsView
-from cell.interfaces.pose import Pose
-from cell.kinds import DETECTORS, TRAINED_DEFAULTS, Kind
-from cell.settings import Perception
-from cell.wiring import detectors
-from cell.wiring.detectors import (
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
+from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, Kind
+from bracket_cell.learned.classical.action_detector import ClassicalActionDetector
+from bracket_cell.learned.classical.hand_tracker import ClassicalHandTracker
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.settings import Perception
+from bracket_cell.wiring import detectors
+from bracket_cell.wiring.detectors import (
     BESIDE_S,
     UNKNOWN_LATENCY_S,
     Detectors,
@@ -27,14 +25,16 @@ from cell.wiring.detectors import (
     latency_s,
     part_finder,
 )
-from learned.classical.action_detector import ClassicalActionDetector
-from learned.classical.hand_tracker import ClassicalHandTracker
-from learned.inference.onnx_model import OnnxModel
-from sim.data.trays import TrayCamera
-from sim.scene.clutter import sample_clutter
-from sim.scene.parts import ScenePart
-from sim.scene.posture import whole
-from sim.scene.settings import ClutterSettings
+from bracket_ground.errors import InputError, ModelError, SettingError
+from bracket_ground.interfaces.bench import CameraCalibration
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample, PartsView
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.drawing.trays import TrayCamera
+from bracket_sim.scene.clutter import sample_clutter
+from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.posture import whole
+from bracket_sim.scene.settings import ClutterSettings
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

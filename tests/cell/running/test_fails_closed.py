@@ -11,19 +11,19 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cell.interfaces.command import Command
-from cell.interfaces.faults import Action, Fault, Judgement
-from cell.interfaces.observation import ArmState, JointSamples, Observation
-from cell.interfaces.operator import OperatorState
-from cell.interfaces.perception import HandSample, HoleView
-from cell.interfaces.pose import Pose
-from cell.running.device_reader import RobotPoseHistory
-from cell.running.fault_checks import Detection
-from cell.running.supervisor import Supervisor, make_supervisor
-from skills.motion.near_hand import separation_of, way_out
-from skills.motion.planner import Load
-from skills.motion.separation import UNKNOWN
-from skills.motion.trajectory import joint_move
+from bracket_cell.running.device_reader import RobotPoseHistory
+from bracket_cell.running.fault_checks import Detection
+from bracket_cell.running.supervisor import Supervisor, make_supervisor
+from bracket_cell.skills.motion.near_hand import separation_of, way_out
+from bracket_cell.skills.motion.planner import Load
+from bracket_cell.skills.motion.separation import UNKNOWN
+from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.faults import Action, Fault, Judgement
+from bracket_ground.interfaces.observation import ArmState, JointSamples, Observation
+from bracket_ground.interfaces.operator import OperatorState
+from bracket_ground.interfaces.perception import HandSample, HoleView
+from bracket_ground.interfaces.pose import Pose
 from tests.cell.running.test_supervisor import (
     FOREARM_M,
     GRIPPER,

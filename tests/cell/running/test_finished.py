@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HoleView
-from cell.watching.brackets import FinishedBrackets
-from cell.watching.observer import End, Outcome, SentCommand, TickRecord
-from learned.semantic.goals import OpenGoals
+from bracket_cell.learned.semantic.goals import OpenGoals
+from bracket_cell.watching.brackets import FinishedBrackets
+from bracket_cell.watching.observer import End, Outcome, SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HoleView
 from tests.learned.products import DEFAULT
 
 NEW = ("o3", "o2", "o1", "o2", "o1", "o1")

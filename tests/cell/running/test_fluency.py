@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.faults import Action as Judged
-from cell.interfaces.faults import Judgement
-from cell.interfaces.perception import Action, HandSample
-from cell.watching.observer import SentCommand, TickRecord
-from cell.watching.statistics import Fluency
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_cell.watching.statistics import Fluency
+from bracket_ground.interfaces.command import Command, JointTrajectory
+from bracket_ground.interfaces.faults import Action as Judged
+from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.perception import Action, HandSample
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 

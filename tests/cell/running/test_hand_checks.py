@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.interfaces.observation import ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView
-from cell.running.hand_checks import HandMemory
+from bracket_cell.running.hand_checks import HandMemory
+from bracket_ground.interfaces.observation import ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView
 from tests.cell.running.test_supervisor import hand_at, sound
 
 FRAME_S = 1 / 15

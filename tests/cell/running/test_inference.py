@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import Action, BenchView
-from cell.interfaces.pose import Pose
-from cell.remote.detecting import DetectByCamera
-from cell.remote.worker import NotAnswering, await_ready
-from cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
+from bracket_cell.remote.detecting import DetectByCamera
+from bracket_cell.remote.worker import NotAnswering, await_ready
+from bracket_cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import Action, BenchView
+from bracket_ground.interfaces.pose import Pose
 
 PATIENCE_S = 30.0
 SHAPE = 12, 16, 3

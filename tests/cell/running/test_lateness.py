@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.observation import Observation
-from cell.running.observers import Announcer
-from cell.watching.lateness import BIN_S, Lateness, Quantiles
-from cell.watching.observer import Level, SentCommand, TickRecord
+from bracket_cell.running.observers import Announcer
+from bracket_cell.watching.lateness import BIN_S, Lateness, Quantiles
+from bracket_cell.watching.observer import Level, SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.observation import Observation
 from tests.cell.running.test_finished import ARM, GRIPPER
 
 PERIOD_S = 0.04

@@ -6,18 +6,18 @@ import gc
 import tracemalloc
 from collections.abc import Callable
 
-from cell.interfaces.command import Command, Display
-from cell.interfaces.devices import TruthEvent
-from cell.interfaces.observation import Observation
-from cell.viewing.moments import Moments
-from cell.watching.lateness import Lateness
-from cell.watching.observer import Observer, SentCommand, TickRecord
-from cell.watching.statistics import Fluency, RunStatistics
-from sim.worker.event_log import EventLog
+from bracket_cell.viewing.moments import Moments
+from bracket_cell.watching.lateness import Lateness
+from bracket_cell.watching.observer import Observer, SentCommand, TickRecord
+from bracket_cell.watching.statistics import Fluency, RunStatistics
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.devices import TruthEvent
+from bracket_ground.interfaces.observation import Observation
+from bracket_sim.worker.event_log import EventLog
+from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
 from tests.cell.running.test_brackets import Note
 from tests.cell.running.test_finished import ARM, GRIPPER
-from trees.engine.node import StatusChange
-from trees.engine.status import Status
 
 WARM, TICKS = 4000, 16_000
 LEAST_GROWTH_BYTES = 40_000  # of something that keeps 8 bytes or more a tick it would be 128 000

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from trees.node_library import node_registry
+from bracket_cell.commands.main import main
+from bracket_cell.trees.node_library import node_registry
+from bracket_ground.errors import InputError
 
 OWN = """
-from trees.engine.status import Status
-from trees.engine.node import Control, Decorator, Node
-from trees.nodes.moving import PickPart
+from btxml.engine.status import Status
+from btxml.engine.node import Control, Decorator, Node
+from bracket_cell.trees.nodes.moving import PickPart
 
 class GentlePickPart(PickPart):
     "Picks more slowly."
@@ -82,7 +82,7 @@ def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_u
         (
             "same.py",
             OWN.replace("Leaf", "PickPart"),
-            "two node classes are named PickPart; they stand in trees.nodes.moving",
+            "two node classes are named PickPart; they stand in bracket_cell.trees.nodes.moving",
         ),
     ],
 )

@@ -9,16 +9,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_faults
-from cell.faults.signal_faults import ANY, Kind, SignalFault
-from cell.interfaces.command import Command, GripperCommand, JointTrajectory
-from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.observation import GripperState, ObjectStatus, Observation
-from cell.interfaces.operator import OperatorState
-from cell.interfaces.perception import Action as SeenAction
-from cell.interfaces.perception import BenchView
-from cell.running.supervisor import make_supervisor
-from skills.motion.planner import Load
+from bracket_cell.configuration import load_configuration, load_faults
+from bracket_cell.faults.signal_faults import ANY, Kind, SignalFault
+from bracket_cell.running.supervisor import make_supervisor
+from bracket_cell.skills.motion.planner import Load
+from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.operator import OperatorState
+from bracket_ground.interfaces.perception import Action as SeenAction
+from bracket_ground.interfaces.perception import BenchView
 from tests.cell.path_arm import PathArm
 from tests.integration.cell_rig import motion_planner
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.command import Display
-from cell.interfaces.faults import Action, Fault
-from cell.interfaces.observation import Observation
-from cell.interfaces.operator import Answer, OperatorOrder, Question, WorkOrder
-from cell.running.fault_checks import Detection
-from cell.running.operator import KEPT, WAITING, OperatorChannel
-from cell.running.supervisor import Supervisor
+from bracket_cell.running.fault_checks import Detection
+from bracket_cell.running.operator import KEPT, WAITING, OperatorChannel
+from bracket_cell.running.supervisor import Supervisor
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.faults import Action, Fault
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.operator import Answer, OperatorOrder, Question, WorkOrder
+from btxml.engine.status import Status
 from tests.cell.fakes import Rig
 from tests.trees.nodes.rig import EMPTY_GRIPPER, STANDING
-from trees.engine.status import Status
 
 ASKED = Question(3, "goal", "which one?", answers=(Answer("g0", "g0"), Answer("none of these", "a new one")))
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.running import work_orders
-from cell.runs import assembled
-from cell.runs import run as runs
-from cell.runs.options import RunOptions
-from cell.watching.observer import TickRecord
+from bracket_cell.running import work_orders
+from bracket_cell.runs import assembled
+from bracket_cell.runs import run as runs
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.watching.observer import TickRecord
 from tests import ROOT
 
 VARIANTS = ("g0", "g1", "g2", "g0", "g1", "g2", "g0", "g1", "g2", "g0", "g1", "g2")

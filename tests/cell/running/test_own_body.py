@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.devices import Devices
-from cell.interfaces.frame import Frame, PendingFrame
-from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
-from cell.interfaces.perception import BenchView
-from cell.interfaces.pose import Array, Pose
-from cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
-from cell.running.inference import LockStep
-from skills.motion.planner import MotionPlanner
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
+from bracket_cell.running.inference import LockStep
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.frame import Frame, PendingFrame
+from bracket_ground.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
+from bracket_ground.interfaces.perception import BenchView
+from bracket_ground.interfaces.pose import Array, Pose
 from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel, frame, idle_view, no_parts
 
 CONFIGURATION = load_configuration()

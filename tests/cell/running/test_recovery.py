@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command, GripperCommand, JointTrajectory
-from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.operator import OperatorOrder
-from cell.running.device_writer import DeviceActor, GripperHold
+from bracket_cell.running.device_writer import DeviceActor, GripperHold
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.operator import OperatorOrder
+from btxml.engine.status import Status
 from tests.cell.fakes import PARKED, FakeGripper, Rig
-from trees.engine.status import Status
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
 

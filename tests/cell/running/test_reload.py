@@ -12,28 +12,28 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.observation import GripperState, ObjectStatus, Observation
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.skill import Progress, Skill, SkillStatus
-from cell.log.read.reader import read_log
-from cell.log.replay.replay import Replay
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.watching.observer import TickRecord
-from cell.watching.statistics import RunStatistics
-from cell.wiring.reload import WatchedTree, take_over
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.replay.replay import Replay
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.skill_node import SkillNode
+from bracket_cell.watching.observer import TickRecord
+from bracket_cell.watching.statistics import RunStatistics
+from bracket_cell.wiring.reload import WatchedTree, take_over
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.skill import Progress, Skill, SkillStatus
+from btxml.engine.node import Node
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
 from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
 from tests.trees.nodes.rig import services
-from trees.engine.node import Node
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.nodes.skill_node import SkillNode
 
 
 class Wait(Node):
@@ -254,7 +254,7 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     path, log = tmp_path / "tree.xml", tmp_path / "log.mcap"
     path.write_text(WHOLE.format('<Sleep msec="4000"/>'))
     monkeypatch.setattr(EditingStatistics, "path", path, raising=False)
-    monkeypatch.setattr("cell.runs.assembled.RunStatistics", EditingStatistics)
+    monkeypatch.setattr("bracket_cell.runs.assembled.RunStatistics", EditingStatistics)
     result = run(RunOptions(tree=path, seed=1, goal="g0", log=log, watch=True), Console(file=StringIO()))
     assert result.outcome.end == "failed"
     assert result.outcome.ticks < 20
@@ -297,7 +297,7 @@ def test_an_assembly_goes_on_with_its_graph_when_its_tree_is_edited(
     for name in ("assemble.xml", "clear_and_grasp.xml"):
         (tmp_path / name).write_text((ROOT / "trees" / name).read_text())
     monkeypatch.setattr(ImpatientStatistics, "folder", tmp_path, raising=False)
-    monkeypatch.setattr("cell.runs.assembled.RunStatistics", ImpatientStatistics)
+    monkeypatch.setattr("bracket_cell.runs.assembled.RunStatistics", ImpatientStatistics)
     log, told = tmp_path / "log.mcap", StringIO()
     options = RunOptions(tree=tmp_path / "assemble.xml", seed=3, goal="g1", log=log, watch=True)
     result = run(options, Console(file=told, width=200))

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.operator import OperatorOrder
-from cell.running import controller as controller_module
-from cell.running.safe_stop import condition
-from cell.watching.observer import Outcome, TickRecord
+from bracket_cell.running import controller as controller_module
+from bracket_cell.running.safe_stop import condition
+from bracket_cell.watching.observer import Outcome, TickRecord
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.operator import OperatorOrder
+from btxml.engine.status import Status
 from tests.cell.fakes import FakeObserver, FakeTree, Rig
-from trees.engine.status import Status
 
 
 def forever(_: int) -> Status:

@@ -12,19 +12,19 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cell.configuration import load_configuration, load_faults
-from cell.errors import InputError
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, weaker
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
-from cell.interfaces.perception import Action as SeenAction
-from cell.interfaces.perception import BenchView, HandSample, PartsView
-from cell.running.device_writer import withhold
-from cell.running.fault_checks import CHECKS as OWN
-from cell.running.fault_checks import arm_checks, tick_checks
-from cell.running.person_checks import person_checks
-from cell.running.supervisor import Supervisor, make_supervisor
+from bracket_cell.configuration import load_configuration, load_faults
+from bracket_cell.running.device_writer import withhold
+from bracket_cell.running.fault_checks import CHECKS as OWN
+from bracket_cell.running.fault_checks import arm_checks, tick_checks
+from bracket_cell.running.person_checks import person_checks
+from bracket_cell.running.supervisor import Supervisor, make_supervisor
+from bracket_ground.errors import InputError
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.command import Command, JointTrajectory
+from bracket_ground.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, weaker
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
+from bracket_ground.interfaces.perception import Action as SeenAction
+from bracket_ground.interfaces.perception import BenchView, HandSample, PartsView
 from tests.cell.fakes import arm_monitor
 from tests.integration.cell_rig import motion_planner
 
@@ -572,8 +572,8 @@ def near_hand(tick: int, path_s: float | None = None, **changes: object) -> Obse
 
 
 def path_out() -> JointTrajectory:
-    from skills.motion.near_hand import way_out
-    from skills.motion.planner import Load
+    from bracket_cell.skills.motion.near_hand import way_out
+    from bracket_cell.skills.motion.planner import Load
 
     planner = motion_planner()
     park_rad = np.array(planner.bench.arm_park_rad)

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.observation import ArmState
-from cell.running import watchdog
-from cell.running.watchdog import Watchdog
+from bracket_cell.running import watchdog
+from bracket_cell.running.watchdog import Watchdog
+from bracket_ground.interfaces.observation import ArmState
+from btxml.engine.status import Status
 from tests import ROOT
 from tests.cell.fakes import Rig
 from tests.processes import started
-from trees.engine.status import Status
 
 LIMIT_S = 60.0
 
@@ -170,8 +170,8 @@ def test_on_a_loaded_machine_steps_of_a_simulated_run_may_last_longer(monkeypatc
 
 HANGS = """
 import sys, threading, time
-from trees.engine.status import Status
-from cell.running.watchdog import Watchdog
+from btxml.engine.status import Status
+from bracket_cell.running.watchdog import Watchdog
 from tests.cell.fakes import Rig
 
 def swallow():

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.command import Command
-from cell.interfaces.notes import Topic
-from cell.interfaces.observation import Observation
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from cell.running.work_orders import LOOK_S, WorkOrders
-from cell.watching.observer import SentCommand, TickRecord
+from bracket_cell.running.work_orders import LOOK_S, WorkOrders
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.notes import Topic
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 
 GOALS = tuple(PRODUCT.goals)

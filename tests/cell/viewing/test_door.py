@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.viewing.door import Caller, Door
+from bracket_cell.viewing.door import Caller, Door
 
 PLACES_N = 8
 WELCOME = b"come in"

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from cell.log.read.reader import Log
-from cell.runs.viewers import LAYOUT
+from bracket_cell.log.read.reader import Log
+from bracket_cell.runs.viewers import LAYOUT
 from tests import ROOT
 from tests.cell.viewing.viewer import topics
 
@@ -85,4 +85,4 @@ def test_every_plotted_path_leads_to_a_value(layout: dict[str, Any], tray_log: L
 
 
 def test_the_command_names_the_file() -> None:
-    assert LAYOUT == ROOT / "config" / "foxglove_layout.json"
+    assert LAYOUT == ROOT / "cell" / "bracket_cell" / "config" / "foxglove_layout.json"

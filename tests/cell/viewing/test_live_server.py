@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from cell.errors import InputError
-from cell.recording.recorder import Heading, McapRecorder
-from cell.recording.scene import CellModel
-from cell.settings import LogSettings
-from cell.viewing import door, gate
-from cell.viewing.live_server import LiveServer
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.settings import LogSettings
+from bracket_cell.viewing import door, gate
+from bracket_cell.viewing.live_server import LiveServer
+from bracket_ground.errors import InputError
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record
 from tests.cell.recording.test_scene import cell  # noqa: F401 - a fixture

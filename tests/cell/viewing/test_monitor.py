@@ -21,26 +21,26 @@ import zmq
 from btview.client import Groot2Client
 from rich.console import Console
 
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command
-from cell.viewing.door import GREETING_S
-from cell.viewing.live_view import Keys, MonitorClient, Screen, view
-from cell.viewing.monitor import Monitor
-from cell.viewing.stepping import Stepper
-from cell.viewing.tree_lines import Line
-from cell.watching.observer import SentCommand, TickRecord
-from cell.watching.why_now import Why
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.door import GREETING_S
+from bracket_cell.viewing.live_view import Keys, MonitorClient, Screen, view
+from bracket_cell.viewing.monitor import Monitor
+from bracket_cell.viewing.stepping import Stepper
+from bracket_cell.viewing.tree_lines import Line
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_cell.watching.why_now import Why
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Command
+from btxml.engine.node import Node
+from btxml.engine.ports import InputPort
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
+from btxml.views.groot2 import tree_xml
 from tests import ROOT
 from tests.cell.fakes import Rig
-from trees.engine.node import Node
-from trees.engine.ports import InputPort
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.views.groot2 import tree_xml
 
 T = TypeVar("T")
 HEADER = struct.Struct("<BBI")
@@ -263,7 +263,7 @@ def test_hooks_rest_while_nobody_asks_and_act_again_with_the_next_request(
     bench = make(hooks=True)
     order = {"uid": FIRST, "mode": 1, "desired_status": "FAILURE", "position": 0}
     bench.ask("I", json.dumps(order).encode())
-    monkeypatch.setattr("cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
+    monkeypatch.setattr("bracket_cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
     bench.monitor.serve()
     assert json.loads(bench.ask("D")[1])[0]["enabled"] is False
     assert bench.tick() is Status.RUNNING
@@ -577,7 +577,7 @@ def test_breakpoints_of_a_view_that_was_killed_end_and_those_of_others_stay(
         assert len(json.loads(bench.ask("D")[1])) > 1
     finally:
         client.close()  # without a word
-    monkeypatch.setattr("cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
+    monkeypatch.setattr("bracket_cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
     bench.monitor.serve()
     monkeypatch.undo()
     assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {LAST}

@@ -9,13 +9,13 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from cell.errors import InputError
-from cell.viewing.door import GREETING_S
-from cell.viewing.gate import Address
-from cell.viewing.production import Production
+from bracket_cell.viewing.door import GREETING_S
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.production import Production
+from bracket_ground.errors import InputError
 
 sync = pytest.importorskip("asyncua.sync", reason="the extra opcua is not installed")
-from cell.viewing.opcua_server import OpcuaServer  # noqa: E402 - without the extra it is of no use
+from bracket_cell.viewing.opcua_server import OpcuaServer  # noqa: E402 - without the extra it is of no use
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # the library makes its address space in seconds
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from cell.configuration import load_configuration, load_product
-from cell.viewing.run_summary import run_summary
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.viewing.run_summary import run_summary
 
 PRODUCT = load_product(load_configuration())
 SUMMARY: dict[str, Any] = {

@@ -8,10 +8,10 @@ import sys
 
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.operator import OperatorOrder, Question
-from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.lab.typed_orders import TypedOrders, order_of, typed_lines
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.operator import OperatorOrder, Question
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_lab.evaluations.typed_orders import TypedOrders, order_of, typed_lines
 from tests.cell.viewing.page.rig import HELP, WHICH
 
 
@@ -56,7 +56,7 @@ def test_lines_come_from_a_pipe_whole() -> None:
 
 def test_a_program_ends_while_nobody_types() -> None:
     program = (
-        "from cell.lab.typed_orders import TypedOrders, typed_lines; import time;"
+        "from bracket_lab.evaluations.typed_orders import TypedOrders, typed_lines; import time;"
         "TypedOrders(typed_lines(0), print, tuple, print); time.sleep(0.3); print('ended')"
     )
     reading, writing = os.pipe()

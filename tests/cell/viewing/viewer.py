@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from cell.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.pose import Array, Pose
 
 PROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE = struct.Struct("<BIQ")  # opcode, subscription, log time

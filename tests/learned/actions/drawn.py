@@ -9,10 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.hand_window import FRAME_PX, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES
-from learned.actions.segments import holes_on_bench
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.actions.segments import holes_on_bench
+from bracket_ground.interfaces.hand_window import FRAME_PX, window_px
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from learned.actions.data import inputs_of, load_segments
-from learned.actions.segments import CROP_PX, SegmentReader
-from learned.actions.settings import Classes
+from bracket_cell.learned.actions.segments import CROP_PX, SegmentReader
+from bracket_cell.learned.actions.settings import Classes
+from bracket_ground.errors import InputError
+from bracket_lab.learned.actions.data import inputs_of, load_segments
 from tests.learned.actions.drawn import BENCH, PRODUCT, write_folder
 
 CLASSES = Classes.of(PRODUCT)

@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.perception import HoleView
-from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
-from learned.actions.hole_events import Filled, FilledHoles, seen_unfilled
-from learned.actions.segments import posterior_of
-from learned.actions.settings import Classes
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
+from bracket_cell.learned.actions.hole_events import Filled, FilledHoles, seen_unfilled
+from bracket_cell.learned.actions.segments import posterior_of
+from bracket_cell.learned.actions.settings import Classes
+from bracket_ground.interfaces.perception import HoleView
 
 PRODUCT = load_product(load_configuration())
 CLASSES = Classes.of(PRODUCT)

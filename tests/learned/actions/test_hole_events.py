@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from cell.interfaces.perception import HandSample, HoleView
-from learned.actions.hole_events import DroppedParts, Filled
-from learned.actions.settings import Classes
+from bracket_cell.learned.actions.hole_events import DroppedParts, Filled
+from bracket_cell.learned.actions.settings import Classes
+from bracket_ground.interfaces.perception import HandSample, HoleView
 from tests.learned.actions.drawn import HOLES_M, PRODUCT
 
 CLASSES = Classes.of(PRODUCT)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
-from learned.actions.model import TrainedActionDetector
-from learned.actions.settings import Classes
-from learned.inference.onnx_model import ModelCard
+from bracket_cell.learned.actions.model import TrainedActionDetector
+from bracket_cell.learned.actions.settings import Classes
+from bracket_cell.learned.inference.onnx_model import ModelCard
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
 from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT
 
 CLASSES = Classes.of(PRODUCT)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.frame import Frame
-from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
-from cell.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
-from cell.interfaces.pose import Array
-from learned.actions.segments import CROP_PX, LONG_S, SegmentReader, middle
-from learned.actions.variation import Variation, varied_track
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.actions.segments import CROP_PX, LONG_S, SegmentReader, middle
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.hand_window import hand_window, last_at_hole, window_px
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.learned.actions.variation import Variation, varied_track
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

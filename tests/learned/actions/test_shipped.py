@@ -6,18 +6,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.files.data_folder import DataFolder
-from cell.interfaces.planning import weights_file
-from cell.kinds import WEIGHTS
-from learned.actions.data import load_segments
-from learned.actions.evaluate import answers, class_scores, confusion
-from learned.actions.segments import SegmentReader
-from learned.actions.settings import Classes
-from learned.inference.onnx_model import OnnxModel
-from sim.data.actions import write_segments
-from sim.data.recording import Source, record
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.actions.segments import SegmentReader
+from bracket_cell.learned.actions.settings import Classes
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.files.data_folder import DataFolder
+from bracket_ground.interfaces.planning import weights_file
+from bracket_lab.drawing.actions import write_segments
+from bracket_lab.drawing.recording import Source, record
+from bracket_lab.learned.actions.data import load_segments
+from bracket_lab.learned.actions.evaluate import answers, class_scores, confusion
+from bracket_sim.scene.settings import settings_of
 
 LOOKS = simulated(load_configuration(), "nominal", "varied")
 SHIPPED = WEIGHTS / weights_file("actions", "slim")
@@ -47,10 +47,10 @@ def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) ->
 def test_the_shipped_file_is_small_and_needs_no_torch() -> None:
     assert SHIPPED.stat().st_size < 2_000_000
     program = (
-        "import sys; from cell.kinds import WEIGHTS;"
-        "from cell.configuration import load_configuration, load_product;"
-        "from learned.actions.model import load_actions; c = load_configuration();"
+        "import sys; from bracket_cell.kinds import WEIGHTS;"
+        "from bracket_cell.configuration import load_configuration, load_product;"
+        "from bracket_cell.learned.actions.model import load_actions; c = load_configuration();"
         "load_actions(c.bench, load_product(c), WEIGHTS / 'actions_slim.onnx');"
-        "assert not {'torch', 'sim.scene.world', 'mujoco'} & set(sys.modules)"
+        "assert not {'torch', 'bracket_sim.scene.world', 'mujoco'} & set(sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import InputError, ModelError
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
-from learned.actions.settings import Classes
+from bracket_cell.learned.actions.settings import Classes
+from bracket_ground.errors import InputError, ModelError
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, HandSample, Segment
 from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT, write_folder
 
 pytestmark = pytest.mark.torch
@@ -30,10 +30,10 @@ def placing(at: int) -> Segment:
 
 @pytest.mark.slow
 def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
-    from learned.actions.data import load_segments
-    from learned.actions.model import load_actions
-    from learned.actions.settings import ActionTraining
-    from learned.actions.train import Task, train_actions
+    from bracket_cell.learned.actions.model import load_actions
+    from bracket_cell.learned.actions.settings import ActionTraining
+    from bracket_lab.learned.actions.data import load_segments
+    from bracket_lab.learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 180, 1)], CLASSES)
     kept = load_segments([write_folder(tmp_path / "kept", 40, 2)], CLASSES)
@@ -54,10 +54,10 @@ SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("paper", "hand",
 
 @pytest.mark.parametrize("kind", ["slim", "track", *SLOW])
 def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
-    from learned.actions.data import load_segments
-    from learned.actions.model import load_actions
-    from learned.actions.settings import ActionTraining
-    from learned.actions.train import Task, train_actions
+    from bracket_cell.learned.actions.model import load_actions
+    from bracket_cell.learned.actions.settings import ActionTraining
+    from bracket_lab.learned.actions.data import load_segments
+    from bracket_lab.learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 16, 1, whole=True)], CLASSES)
     settings = ActionTraining(epochs=50, batch=8, share=0.1)
@@ -73,8 +73,8 @@ def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path,
 
 
 def test_whole_frames_are_asked_for_where_they_are_missing(tmp_path: Path) -> None:
-    from learned.actions.data import load_segments
-    from learned.actions.train import Task, train_actions
+    from bracket_lab.learned.actions.data import load_segments
+    from bracket_lab.learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
     with pytest.raises(InputError, match="--frames"):
@@ -82,8 +82,8 @@ def test_whole_frames_are_asked_for_where_they_are_missing(tmp_path: Path) -> No
 
 
 def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
-    from learned.actions.data import load_segments
-    from learned.actions.train import Task, train_actions
+    from bracket_lab.learned.actions.data import load_segments
+    from bracket_lab.learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
     with pytest.raises(InputError, match="legal: slim"):
@@ -91,10 +91,10 @@ def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
 
 
 def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(tmp_path: Path) -> None:
-    from learned.actions.data import load_segments
-    from learned.actions.settings import ActionTraining
-    from learned.actions.train import Task
-    from learned.lab.paper.actions import KINDS, measure_folds, page, summary
+    from bracket_cell.learned.actions.settings import ActionTraining
+    from bracket_lab.experiments.paper.actions import KINDS, measure_folds, page, summary
+    from bracket_lab.learned.actions.data import load_segments
+    from bracket_lab.learned.actions.train import Task
 
     segments = load_segments([write_folder(tmp_path / "data", 20, 1, whole=True)], CLASSES)
     apart = [segments.without(fold, 2) for fold in range(2)]
@@ -119,9 +119,9 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
 def test_weights_by_chance_answer_and_paper_has_all_channels_of_vgg16(tmp_path: Path) -> None:
     from torch import nn
 
-    from learned.actions.model import load_actions
-    from learned.actions.network import Vgg16
-    from learned.actions.train import Task, write_untrained
+    from bracket_cell.learned.actions.model import load_actions
+    from bracket_lab.learned.actions.network import Vgg16
+    from bracket_lab.learned.actions.train import Task, write_untrained
 
     out = tmp_path / "actions_slim.onnx"
     write_untrained(Task(BENCH, PRODUCT), "slim", out)

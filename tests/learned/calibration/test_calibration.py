@@ -11,21 +11,29 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample
-from cell.interfaces.pose import Pose
-from cell.lab.holes_and_parts import calibrated_bench
-from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, tray_off_m, trouble
-from learned.calibration.landmarks import PlateModel
-from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
-from sim.data.sight import true_calibration, true_camera
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.studio import visible_poses
-from sim.scene.look import Look, MountError, Mounts
-from sim.scene.settings import settings_of
-from sim.scene.world import build_world
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.learned.calibration.check import (
+    EVERY_S,
+    LOOKS,
+    WORLD,
+    CalibrationCheck,
+    TrayCheck,
+    tray_off_m,
+    trouble,
+)
+from bracket_cell.learned.calibration.landmarks import PlateModel
+from bracket_cell.learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
+from bracket_ground.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.drawing.sight import true_calibration, true_camera
+from bracket_lab.evaluations.holes_and_parts import calibrated_bench
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.look import Look, MountError, Mounts
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.scene.world import build_world
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
-from learned.bench_watcher import ClassicalDetectors, DetectorChain
-from learned.classical.box_model import View, outline
-from learned.classical.settings import PerceptionSettings
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.bench_watcher import ClassicalDetectors, DetectorChain
+from bracket_cell.learned.classical.box_model import View, outline
+from bracket_cell.learned.classical.settings import PerceptionSettings
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)

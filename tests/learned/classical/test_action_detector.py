@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
-from cell.interfaces.pose import Pose
-from learned.classical.action_detector import ClassicalActionDetector, turning_points
-from learned.classical.settings import PerceptionSettings
+from bracket_cell.learned.classical.action_detector import ClassicalActionDetector, turning_points
+from bracket_cell.learned.classical.settings import PerceptionSettings
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import SEGMENT_FRAMES, Action, HandSample, HoleView, Segment
+from bracket_ground.interfaces.pose import Pose
 from tests.learned.classical.scenes import BENCH, PRODUCT, hole_m
 
 RATE_HZ = 15.0

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.product import Product
-from learned.classical.colour import BACKGROUND, ColourModel
+from bracket_cell.learned.classical.colour import BACKGROUND, ColourModel
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.product import Product
 from tests.learned.classical.scenes import PRODUCT, SKIN
 
 OTHER_COLOURS = ((0.85, 0.75, 0.05), (0.45, 0.10, 0.60), (0.05, 0.65, 0.65))

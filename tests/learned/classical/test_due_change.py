@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from learned.classical.due_change import DueChange
+from bracket_cell.learned.classical.due_change import DueChange
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
 
 RATE_HZ, ROWS, COLUMNS = 15.0, 90, 120
 SIDE, STEP = 30, 3  # small pixels: of the arm, and by which it moves in a frame

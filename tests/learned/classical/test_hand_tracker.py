@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample
-from learned.classical.colour import ColourModel
-from learned.classical.hand_tracker import ClassicalHandTracker
-from learned.classical.settings import PerceptionSettings
+from bracket_cell.learned.classical.colour import ColourModel
+from bracket_cell.learned.classical.hand_tracker import ClassicalHandTracker
+from bracket_cell.learned.classical.settings import PerceptionSettings
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
 from tests.learned.classical.scenes import BENCH, PRODUCT, SKIN, Canvas, bench_canvas, draw_hand, in_hole
 
 TIPS = [(0.72, 0.14), (0.80, 0.30), (0.95, -0.05)]

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HoleView
-from learned.classical.colour import ColourModel
-from learned.classical.hole_reader import ClassicalHoleReader
-from learned.classical.settings import PerceptionSettings
+from bracket_cell.learned.classical.colour import ColourModel
+from bracket_cell.learned.classical.hole_reader import ClassicalHoleReader
+from bracket_cell.learned.classical.settings import PerceptionSettings
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HoleView
 from tests.learned.classical.scenes import BENCH, PRODUCT, SKIN, Canvas, bench_canvas, draw_hand, hole_m, in_hole
 
 ABOVE = np.array([0.0, 0.0, 0.2])

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.errors import DeviceFault
-from cell.interfaces.bench import Obstacle
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample
-from learned.classical.bench_evidence import Landmarks
-from learned.classical.box_model import View, obstacle_mask
-from learned.classical.image_health import Freshness, ImageHealth
-from learned.classical.track_health import TrackHealth, motion_of
+from bracket_cell.learned.classical.bench_evidence import Landmarks
+from bracket_cell.learned.classical.box_model import View, obstacle_mask
+from bracket_cell.learned.classical.image_health import Freshness, ImageHealth
+from bracket_cell.learned.classical.track_health import TrackHealth, motion_of
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.bench import Obstacle
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 from tests.learned.classical.scenes import classical_bench_watcher
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from cell.errors import DeviceFault
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from learned.classical.box_model import View, outline
-from learned.classical.part_detector import ClassicalPartDetector
-from learned.classical.silhouette import Silhouette
+from bracket_cell.learned.classical.box_model import View, outline
+from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
+from bracket_cell.learned.classical.silhouette import Silhouette
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
 from tests.learned.classical.scenes import BENCH, PRODUCT, Canvas, Standing
 
 LOOK = Pose((*BENCH.tray.centre_m[:2], 0.52), (0.0, 0.7071067811865476, 0.7071067811865476, 0.0))

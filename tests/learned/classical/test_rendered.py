@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from learned.classical.part_detector import ClassicalPartDetector
-from sim.scene.clutter import full_set, sample_clutter
-from sim.scene.settings import ClutterSettings
-from sim.scene.unknown_objects import UNKNOWN
-from sim.truth.labels import resting_parts
+from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
+from bracket_sim.scene.clutter import full_set, sample_clutter
+from bracket_sim.scene.settings import ClutterSettings
+from bracket_sim.scene.unknown_objects import UNKNOWN
+from bracket_sim.truth.labels import resting_parts
 from tests.benchmarks.perception_accuracy import PartErrors, RunErrors, compare, look, open_sim, worker_run
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT, classical_bench_watcher
 

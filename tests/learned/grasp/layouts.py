@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from cell.files.yaml_file import load_yaml
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from learned.grasp.boxes import Boxes
-from learned.grasp.candidates import CANDIDATES, touching
-from learned.grasp.settings import GripperOutline
+from bracket_cell.learned.grasp.boxes import Boxes
+from bracket_cell.learned.grasp.candidates import CANDIDATES, touching
+from bracket_cell.learned.grasp.settings import GripperOutline
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
 
 ROOT = Path(__file__).parents[3]
 PRODUCT = load_yaml(ROOT / "config" / "products.yaml", Product)

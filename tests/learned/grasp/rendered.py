@@ -7,15 +7,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from cell.configuration import load_configuration
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.planning import GraspPlan, GraspPlanner
-from cell.wiring.drawn_frames import crops_of_view
-from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import Crops, View, load_crops, with_embeddings
-from learned.grasp.evaluate import embedded
-from learned.grasp.scenes import Scene
-from sim.data.trays import TrayCamera
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.crops import Crops, View, load_crops, with_embeddings
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.planning import GraspPlan, GraspPlanner
+from bracket_lab.drawing.trays import TrayCamera
+from bracket_lab.learned.grasp.evaluate import embedded
+from bracket_lab.learned.grasp.scenes import Scene
+from bracket_lab.wiring.drawn_frames import crops_of_view
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS
 
 BENCH = load_configuration().bench

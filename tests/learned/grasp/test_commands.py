@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from learned.grasp.data import read_scenes
+from bracket_cell.commands.main import main
+from bracket_lab.learned.grasp.data import read_scenes
 from tests.learned.grasp.layouts import PRODUCT
 
 
@@ -54,11 +54,11 @@ def test_damaged_scenes_are_named_before_training(
 
 @pytest.mark.torch
 def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
-    from learned.grasp.data import write_scenes
-    from learned.grasp.scenes import draw_scenes
-    from learned.grasp.settings import PairwiseSettings
-    from learned.grasp.train import train_grasp
-    from learned.inference.onnx_model import OnnxModel
+    from bracket_cell.learned.grasp.settings import PairwiseSettings
+    from bracket_cell.learned.inference.onnx_model import OnnxModel
+    from bracket_lab.learned.grasp.data import write_scenes
+    from bracket_lab.learned.grasp.scenes import draw_scenes
+    from bracket_lab.learned.grasp.train import train_grasp
 
     data = tmp_path / "scenes.jsonl"
     write_scenes(data, draw_scenes(PRODUCT, 8, 30, "train"), PRODUCT, "a test")

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import CROP_PX, STEP_M, CropReader, Crops, load_crops
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.crops import CROP_PX, STEP_M, CropReader, Crops, load_crops
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
 from tests.learned.grasp.rendered import BENCH, camera, crops
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from learned.grasp.data import read_scenes, write_scenes
-from learned.grasp.records import DetectionRecord, SceneRecord, write_records
-from learned.grasp.scenes import data_hash, draw_scenes
+from bracket_cell.learned.grasp.records import DetectionRecord, SceneRecord, write_records
+from bracket_ground.errors import InputError
+from bracket_lab.learned.grasp.data import read_scenes, write_scenes
+from bracket_lab.learned.grasp.scenes import data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, chain, walled
 
 SOURCE = "a test"
@@ -101,7 +101,7 @@ def test_a_file_without_scenes_is_refused(file: Path) -> None:
 
 @pytest.mark.torch
 def test_scenes_of_one_run_stay_together() -> None:
-    from learned.grasp.train import split_by_run
+    from bracket_lab.learned.grasp.train import split_by_run
 
     drawn = list(draw_scenes(PRODUCT, 9, 30, "train"))
     recorded = [replace(scene, run=f"run {number // 6}") for number, scene in enumerate(drawn)]

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learned.grasp.crops import CHANNELS, CROP_PX, Crops, View
-from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import PAPER_SCENES, DetectionNoise
+from bracket_cell.learned.grasp.crops import CHANNELS, CROP_PX, Crops, View
+from bracket_cell.learned.grasp.settings import PAPER_SCENES, DetectionNoise
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT
 
 pytestmark = pytest.mark.torch
@@ -22,7 +22,7 @@ def no_camera(views: Sequence[View]) -> list[Crops]:
 
 
 def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab.paper.grasp import BASELINES, trained_baseline
+    from bracket_lab.experiments.paper.grasp import BASELINES, trained_baseline
 
     for name, baseline in BASELINES.items():
         if baseline.settings is not None:
@@ -39,7 +39,7 @@ def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_cell_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab import grasp_cells as cells
+    from bracket_lab.experiments import grasp_cells as cells
 
     monkeypatch.setattr(cells, "TEST_SCENES", 5)
     monkeypatch.setattr(cells, "FEW_SCENES", 2)
@@ -49,8 +49,8 @@ def test_a_cell_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_seed_gives_other_test_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab import grasp_cells as cells
-    from learned.lab.grasp_page import experiments
+    from bracket_lab.experiments import grasp_cells as cells
+    from bracket_lab.experiments.grasp_page import experiments
 
     asked: list[tuple[int, str]] = []
 
@@ -71,14 +71,16 @@ def test_another_seed_gives_other_test_scenes(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab.experiments import kept, write_page
-    from learned.lab.grasp_page import HEAD, experiments
-    from learned.lab.paper.grasp import BASELINES
+    from bracket_lab.experiments.experiments import kept, write_page
+    from bracket_lab.experiments.grasp_page import HEAD, experiments
+    from bracket_lab.experiments.paper.grasp import BASELINES
 
     names = [f"{score}_{count}" for score in ("object_accuracy", "by_type") for count in (1, 2, 3)]
     names += ["iterative_success", "steps", "needless_moves", "graspability_accuracy"]
     values = {name + end: value for name in names for end, value in (("", 0.5), ("_low", 0.4), ("_high", 0.6))}
-    monkeypatch.setattr("learned.lab.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells])
+    monkeypatch.setattr(
+        "bracket_lab.experiments.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells]
+    )
     out, tables = tmp_path / "grasp.md", experiments(no_camera)
     write_page(HEAD, tables, PRODUCT, kept(tmp_path / "none"), out, {"command": "a test"})
     text = out.read_text()

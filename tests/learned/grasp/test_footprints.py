@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import CHANNELS, CROP_PX
-from learned.grasp.scenes import Scene, draw_scenes
-from learned.grasp.settings import DetectionNoise
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.crops import CHANNELS, CROP_PX
+from bracket_cell.learned.grasp.settings import DetectionNoise
+from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, moved, standing
 
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
@@ -18,7 +18,7 @@ TYPES = list(PRODUCT.parts)
 
 
 def test_bodies_fill_the_cells_where_they_stand() -> None:
-    from learned.grasp.footprints import CELL_M, MAP_PX, true_maps
+    from bracket_lab.learned.grasp.footprints import CELL_M, MAP_PX, true_maps
 
     parts = (standing("o1", 0.0, 0.0), standing("o3", -0.01, 0.048))
     turned = tuple(moved(part, 0.05, -0.08, 0.9) for part in parts)
@@ -36,7 +36,7 @@ def test_bodies_fill_the_cells_where_they_stand() -> None:
 
 
 def test_seen_from_its_other_end_a_part_has_its_surroundings_turned() -> None:
-    from learned.grasp.footprints import true_maps
+    from bracket_lab.learned.grasp.footprints import true_maps
 
     parts = (standing("o2", 0.01, 0.0, 0.4), standing("o1", 0.05, 0.04, 1.1))
     back = (standing("o2", 0.01, 0.0, 0.4 + math.pi), parts[1])
@@ -48,7 +48,7 @@ def test_seen_from_its_other_end_a_part_has_its_surroundings_turned() -> None:
 
 @pytest.mark.slow
 def test_the_network_learns_where_parts_stand() -> None:
-    from learned.grasp.footprints import fit_footprints, true_maps
+    from bracket_lab.learned.grasp.footprints import fit_footprints, true_maps
 
     scenes = list(draw_scenes(PRODUCT, 3, 2, "train"))
     rng, crops = np.random.default_rng(0), []
@@ -63,7 +63,7 @@ def test_the_network_learns_where_parts_stand() -> None:
 
 
 def test_the_same_crops_give_the_same_network() -> None:
-    from learned.grasp.footprints import fit_footprints
+    from bracket_lab.learned.grasp.footprints import fit_footprints
 
     scenes = list(draw_scenes(PRODUCT, 4, 5, "train"))
     rng = np.random.default_rng(0)
@@ -75,7 +75,7 @@ def test_the_same_crops_give_the_same_network() -> None:
 def test_a_mirrored_crop_leans_the_other_way() -> None:
     import torch
 
-    from learned.grasp.footprints import flipped_crops
+    from bracket_lab.learned.grasp.footprints import flipped_crops
 
     crops = torch.randint(0, 256, (3, CHANNELS, CROP_PX, CROP_PX), dtype=torch.uint8)
     found = flipped_crops(crops, [3])

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.errors import ModelError
-from learned.grasp.boxes import boxes_of
-from learned.grasp.candidates import graspable, touching
-from learned.grasp.settings import WITH_MARGINS
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.candidates import graspable, touching
+from bracket_cell.learned.grasp.settings import WITH_MARGINS
+from bracket_ground.errors import ModelError
 from tests.learned.grasp.layouts import PRODUCT, standing, walled
 
 

@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.errors import ModelError
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.planning import GraspPlan, GraspPlanner
-from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
-from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
-from learned.grasp.language import END, MAX_WORDS, MOVE
-from learned.grasp.paper_planner import KINDS, PaperPlanner, load_grasp_planner
-from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import SceneSettings
-from learned.grasp.solution import Solution
-from learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.grasp.settings import SceneSettings
+from bracket_cell.learned.grasp.solution import Solution
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.errors import ModelError
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.planning import GraspPlan, GraspPlanner
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
+from bracket_lab.learned.grasp.language import END, MAX_WORDS, MOVE
+from bracket_lab.learned.grasp.paper_planner import KINDS, PaperPlanner, load_grasp_planner
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, ROOT, WEIGHTS, chain, enclosed, moved, standing, walled
 from tests.learned.grasp.rendered import Seeing, look
 
@@ -234,7 +234,10 @@ def test_words_that_are_no_sentence_are_refused(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_planning_never_imports_torch() -> None:
-    code = "import sys, learned.grasp.model, learned.grasp.evaluate; assert 'torch' not in sys.modules"
+    code = (
+        "import sys, bracket_cell.learned.grasp.model, bracket_lab.learned.grasp.evaluate;"
+        "assert 'torch' not in sys.modules"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 

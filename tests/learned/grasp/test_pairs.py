@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.planning import GraspPlanner
-from cell.interfaces.pose import Array
-from learned.grasp.boxes import boxes_of
-from learned.grasp.candidates import as_headed, available
-from learned.grasp.evaluate import is_right
-from learned.grasp.model import PairwisePlanner, RulePlanner
-from learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
-from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
-from learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.candidates import as_headed, available
+from bracket_cell.learned.grasp.model import PairwisePlanner, RulePlanner
+from bracket_cell.learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
+from bracket_cell.learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.planning import GraspPlanner
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.learned.grasp.evaluate import is_right
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
 
 EXACT = SceneSettings(noise=DetectionNoise(position_m=0.0, yaw_rad=0.0))
@@ -85,7 +85,7 @@ def test_more_noise_makes_the_planner_less_sure() -> None:
 
 @pytest.mark.torch
 def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
-    from learned.lab.paper.grasp import AveragingPlanner
+    from bracket_lab.experiments.paper.grasp import AveragingPlanner
 
     noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
     planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))

@@ -8,10 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.grasping import places_m
-from cell.interfaces.pose import Array
-from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.candidates import (
+from bracket_cell.learned.grasp.boxes import Boxes, boxes_of
+from bracket_cell.learned.grasp.candidates import (
     CANDIDATES,
     PLACE_M,
     SIDE,
@@ -24,8 +22,10 @@ from learned.grasp.candidates import (
     jaw_yaw_rad,
     touching,
 )
-from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import WITH_MARGINS, GripperOutline
+from bracket_cell.learned.grasp.settings import WITH_MARGINS, GripperOutline
+from bracket_ground.interfaces.grasping import places_m
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, can_grasp, standing, walled
 
 OUTLINE = GripperOutline()

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from learned.grasp.boxes import bodies_overlap
-from learned.grasp.graph import MAX_PARTS, edge_weights, feature_count, scene_graph
-from learned.grasp.scenes import data_hash, draw_scenes
-from learned.grasp.settings import SceneSettings
+from bracket_cell.learned.grasp.boxes import bodies_overlap
+from bracket_cell.learned.grasp.settings import SceneSettings
+from bracket_lab.learned.grasp.graph import MAX_PARTS, edge_weights, feature_count, scene_graph
+from bracket_lab.learned.grasp.scenes import data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, moved, standing
 
 

@@ -8,10 +8,10 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from cell.errors import ModelError
-from learned.grasp.boxes import Blocks, boxes_of
-from learned.grasp.language import END, HELP, MAX_WORDS, decode, encode, words_of
-from learned.grasp.solution import Solution, letter, solve, solves
+from bracket_cell.learned.grasp.boxes import Blocks, boxes_of
+from bracket_cell.learned.grasp.solution import Solution, letter, solve, solves
+from bracket_ground.errors import ModelError
+from bracket_lab.learned.grasp.language import END, HELP, MAX_WORDS, decode, encode, words_of
 from tests.learned.grasp.layouts import PRODUCT, chain, standing
 
 

@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.planning import crops_file
-from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
-from learned.grasp.evaluate import embedded
-from learned.grasp.graph import scene_graph
-from learned.grasp.language import MAX_WORDS, decode, encode
-from learned.grasp.pairs import PAIR_FEATURES
-from learned.grasp.paper_planner import load_grasp_planner
-from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.settings import Attention, PairwiseSettings, PaperSettings, TrainingSettings
-from learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
+from bracket_cell.learned.grasp.pairs import PAIR_FEATURES
+from bracket_cell.learned.grasp.settings import Attention, PairwiseSettings, PaperSettings, TrainingSettings
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.planning import crops_file
+from bracket_lab.learned.grasp.evaluate import embedded
+from bracket_lab.learned.grasp.graph import scene_graph
+from bracket_lab.learned.grasp.language import MAX_WORDS, decode, encode
+from bracket_lab.learned.grasp.paper_planner import load_grasp_planner
+from bracket_lab.learned.grasp.scenes import Scene, data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, walled
 
 if TYPE_CHECKING:
-    from learned.grasp.footprints import Maps
+    from bracket_lab.learned.grasp.footprints import Maps
 
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
@@ -60,7 +60,7 @@ class Trained:
 
 @pytest.fixture(scope="module")
 def pairwise(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    from learned.grasp.train import train_grasp
+    from bracket_lab.learned.grasp.train import train_grasp
 
     path = tmp_path_factory.mktemp("pairwise") / "grasp.onnx"
     scores = train_grasp(PRODUCT, path, SEED, "pairwise", settings=SHORT_PAIRWISE, quiet=True)
@@ -69,7 +69,7 @@ def pairwise(tmp_path_factory: pytest.TempPathFactory) -> Trained:
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    from learned.grasp.train import train_grasp
+    from bracket_lab.learned.grasp.train import train_grasp
 
     path = tmp_path_factory.mktemp("paper") / "grasp.onnx"
     scores = train_grasp(PRODUCT, path, SEED, "paper", settings=SHORT_PAPER, camera=noisy_camera, quiet=True)
@@ -108,7 +108,7 @@ def drawn_for(settings: TrainingSettings) -> list[Scene]:
 def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: Trained) -> None:
     import torch
 
-    from learned.grasp.train import train_network
+    from bracket_lab.learned.grasp.train import train_network
 
     net = train_network(drawn_for(SHORT_PAIRWISE), PRODUCT, SEED, SHORT_PAIRWISE)
     for count in (1, 7):
@@ -121,7 +121,7 @@ def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: T
 def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Scene]) -> None:
     import torch
 
-    from learned.grasp.train import train_network
+    from bracket_lab.learned.grasp.train import train_network
 
     net = train_network(drawn_for(SHORT_PAPER), PRODUCT, SEED, SHORT_PAPER, camera=noisy_camera)
     crops = load_crops(crops_file(paper.path))
@@ -146,9 +146,9 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
 def test_an_interrupted_training_keeps_what_tells_footprints(
     tmp_path: Path, paper: Trained, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from learned.grasp import footprints, train
-    from learned.training import recipe
-    from learned.training.training_loop import fit
+    from bracket_lab.learned.grasp import footprints, train
+    from bracket_lab.learned.training import recipe
+    from bracket_lab.learned.training.training_loop import fit
 
     flipped_crops = footprints.flipped_crops
     learned: list[int] = []
@@ -180,7 +180,7 @@ def test_an_interrupted_training_keeps_what_tells_footprints(
 def test_padding_does_not_change_the_answer(scenes: list[Scene], attention: Attention) -> None:
     import torch
 
-    from learned.grasp.paper import PaperNet, graph_data
+    from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
     data = graph_data(scenes, PRODUCT, "normalised")
@@ -198,7 +198,7 @@ def test_padding_does_not_change_the_answer(scenes: list[Scene], attention: Atte
 def test_it_learns_verdicts_and_words_of_all_required_parts(scenes: list[Scene]) -> None:
     import torch
 
-    from learned.grasp.paper import PaperNet, graph_data
+    from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
     data = graph_data(scenes, PRODUCT, "normalised", maps=random_maps(scenes))
@@ -218,7 +218,7 @@ def test_turning_the_scene_turns_poses_and_not_footprints(scenes: list[Scene]) -
     """Distances and differences of headings stay; mirrored footprints are one of four flips of what was seen."""
     import torch
 
-    from learned.grasp.paper import PaperNet, graph_data
+    from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     maps = random_maps(scenes)
     data = graph_data(scenes, PRODUCT, "normalised", maps=maps)
@@ -240,7 +240,7 @@ def test_turning_the_scene_turns_poses_and_not_footprints(scenes: list[Scene]) -
 def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
     import torch
 
-    from learned.grasp.paper import PaperNet, graph_data
+    from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(1)
     data = graph_data(scenes, PRODUCT, "printed")
@@ -255,7 +255,7 @@ def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
 
 
 def test_words_of_the_data_are_the_solutions(scenes: list[Scene]) -> None:
-    from learned.grasp.paper import graph_data
+    from bracket_lab.learned.grasp.paper import graph_data
 
     data = graph_data(scenes[:1], PRODUCT, "normalised")
     names = list(PRODUCT.parts)
@@ -267,7 +267,7 @@ def test_words_of_the_data_are_the_solutions(scenes: list[Scene]) -> None:
 
 
 def test_the_papers_planner_wants_a_camera(tmp_path: Path) -> None:
-    from learned.grasp.train import train_grasp
+    from bracket_lab.learned.grasp.train import train_grasp
 
     with pytest.raises(InputError, match="a camera is needed"):
         train_grasp(PRODUCT, tmp_path / "paper.onnx", 0, "paper", settings=SHORT_PAPER, quiet=True)
@@ -289,7 +289,7 @@ def test_the_card_says_what_the_weights_are(pairwise: Trained, paper: Trained) -
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
-    from learned.grasp.train import train_grasp
+    from bracket_lab.learned.grasp.train import train_grasp
 
     with pytest.raises(InputError, match="pairwise, paper"):
         train_grasp(PRODUCT, tmp_path / "rule.onnx", 0, "rule")
@@ -301,7 +301,7 @@ def test_a_layer_is_the_weighted_convolution_of_a_library() -> None:
     import torch
     from torch_geometric.nn import GraphConv
 
-    from learned.grasp.paper import GraphConvolution
+    from bracket_lab.learned.grasp.paper import GraphConvolution
 
     torch.manual_seed(2)
     ours, theirs = GraphConvolution(4, 5), GraphConv(4, 5)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration
-from cell.errors import DeviceFault
-from cell.interfaces.frame import Frame
-from learned.classical.box_model import View, check_image
-from learned.classical.depth_evidence import DepthEvidence
-from learned.hands.depth import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
-from learned.hands.reading import Reading
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.classical.box_model import View, check_image
+from bracket_cell.learned.classical.depth_evidence import DepthEvidence
+from bracket_cell.learned.hands.depth import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
+from bracket_cell.learned.hands.reading import Reading
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.frame import Frame
 
 BENCH = load_configuration().bench
 PALM, THUMB, INDEX = np.array([240.0, 200.0]), np.array([228.0, 150.0]), np.array([250.0, 150.0])

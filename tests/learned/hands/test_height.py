@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from learned.classical.box_model import View
-from learned.hands.height import PalmLength, heights_m, learn_length
-from learned.hands.reading import ApparentSize, Reading
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.classical.box_model import View
+from bracket_cell.learned.hands.height import PalmLength, heights_m, learn_length
+from bracket_cell.learned.hands.reading import ApparentSize, Reading
 
 BENCH = load_configuration().bench
 VIEW = View(BENCH.overhead.model, BENCH.overhead.mount.pose)

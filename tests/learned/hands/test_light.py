@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from learned.hands.model import DARK, levelled
+from bracket_cell.learned.hands.model import DARK, levelled
 
 
 def test_light_images_stay_as_they_are() -> None:

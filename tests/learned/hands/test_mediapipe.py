@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError, ModelError
-from cell.interfaces.pose import Array
-from cell.kinds import WEIGHTS
-from learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
-from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
-from learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker
-from learned.hands.reading import ApparentSize, Reading
-from learned.hands.regions import Image
-from learned.lab.mediapipe_fetch import fetch
-from learned.lab.photographs import compare_photographs, load_truth, pair_errors
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
+from bracket_cell.learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
+from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker
+from bracket_cell.learned.hands.reading import ApparentSize, Reading
+from bracket_cell.learned.hands.regions import Image
+from bracket_ground.errors import InputError, ModelError
+from bracket_ground.interfaces.pose import Array
+from bracket_lab.experiments.mediapipe_fetch import fetch
+from bracket_lab.experiments.photographs import compare_photographs, load_truth, pair_errors
 
 HAND = np.array([[0.0, 0.0], *([[10.0 * finger, -40.0 - 15 * joint] for finger in range(-2, 3) for joint in range(4)])])
 

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, Segment
-from learned.bench_watcher import DetectorChain
-from learned.hands.depth import BELIEVED_M, heights_by_depth
-from learned.hands.height import PalmLength
-from learned.hands.reading import ApparentSize, Reading, over_table
-from learned.hands.tracking import HandTracks
-from skills.motion.known_bench import Implausible, KnownBench, ViewRange
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.bench_watcher import DetectorChain
+from bracket_cell.learned.hands.depth import BELIEVED_M, heights_by_depth
+from bracket_cell.learned.hands.height import PalmLength
+from bracket_cell.learned.hands.reading import ApparentSize, Reading, over_table
+from bracket_cell.learned.hands.tracking import HandTracks
+from bracket_cell.skills.motion.known_bench import Implausible, KnownBench, ViewRange
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, Segment
 from tests.learned.hands.test_tracking import BENCH, HEIGHTS_M, STEP_S, VIEW, Script, frame, reading
 
 RANGE = ViewRange(BENCH)

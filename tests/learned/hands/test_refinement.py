@@ -8,14 +8,22 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.interfaces.pose import Array
-from learned.hands.model import NEW_CONFIDENCE
-from learned.hands.reading import ApparentSize, Reading
-from learned.hands.refinement import CLOSE_PX, LENGTH_PX, REFINED, UNCLEAR, Closeup, Refinement, to_the_right_rad
-from learned.hands.regions import Regions
-from learned.hands.tracking import LEAST_CONFIDENCE
-from learned.inference.onnx_model import Network
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.hands.model import NEW_CONFIDENCE
+from bracket_cell.learned.hands.reading import ApparentSize, Reading
+from bracket_cell.learned.hands.refinement import (
+    CLOSE_PX,
+    LENGTH_PX,
+    REFINED,
+    UNCLEAR,
+    Closeup,
+    Refinement,
+    to_the_right_rad,
+)
+from bracket_cell.learned.hands.regions import Regions
+from bracket_cell.learned.hands.tracking import LEAST_CONFIDENCE
+from bracket_cell.learned.inference.onnx_model import Network
+from bracket_ground.interfaces.pose import Array
 
 SURE, RATIO = 0.99, 0.1
 

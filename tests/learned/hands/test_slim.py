@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.errors import ModelError
-from cell.interfaces.planning import weights_file
-from cell.kinds import WEIGHTS
-from cell.lab.hands import FOUND_M, ONLY, evaluate_hands
-from learned.hands.model import SlimReader, finder_file, refiner_file, slim_tracker
-from learned.inference.onnx_model import OnnxModel
-from sim.data.hands import hand_frames
-from sim.data.recording import Source, record
-from sim.data.working_arm import TurnedHand
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.hands.model import SlimReader, finder_file, refiner_file, slim_tracker
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.errors import ModelError
+from bracket_ground.interfaces.planning import weights_file
+from bracket_lab.drawing.hands import hand_frames
+from bracket_lab.drawing.recording import Source, record
+from bracket_lab.drawing.working_arm import TurnedHand
+from bracket_lab.evaluations.hands import FOUND_M, ONLY, evaluate_hands
+from bracket_sim.scene.settings import settings_of
 
 FILE = WEIGHTS / weights_file("hands", "slim")
 MOST_BYTES = 7_500_000

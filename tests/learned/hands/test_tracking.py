@@ -8,16 +8,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.errors import DeviceFault
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import HandSample
-from cell.interfaces.pose import Array
-from learned.classical.box_model import View
-from learned.hands.height import PalmLength
-from learned.hands.reading import ApparentSize, Reading
-from learned.hands.regions import Image
-from learned.hands.tracking import HandTracks
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.classical.box_model import View
+from bracket_cell.learned.hands.height import PalmLength
+from bracket_cell.learned.hands.reading import ApparentSize, Reading
+from bracket_cell.learned.hands.regions import Image
+from bracket_cell.learned.hands.tracking import HandTracks
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
+from bracket_ground.interfaces.pose import Array
 
 BENCH = load_configuration().bench
 VIEW = View(BENCH.overhead.model, BENCH.overhead.mount.pose)

@@ -12,15 +12,9 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from cell.configuration import load_configuration, load_product  # noqa: E402
-from cell.errors import InputError, ModelError  # noqa: E402
-from cell.kinds import WEIGHTS  # noqa: E402
-from learned.hands.augment import turned_images, varied  # noqa: E402
-from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, frames_of, load_hands  # noqa: E402
-from learned.hands.evaluate import score_readings  # noqa: E402
-from learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
-from learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
-from learned.hands.model import (  # noqa: E402
+from bracket_cell.configuration import load_configuration, load_product  # noqa: E402
+from bracket_cell.kinds import WEIGHTS  # noqa: E402
+from bracket_cell.learned.hands.model import (  # noqa: E402
     FINDER_KIND,
     READER_KIND,
     REFINER_KIND,
@@ -28,14 +22,20 @@ from learned.hands.model import (  # noqa: E402
     finder_file,
     refiner_file,
 )
-from learned.hands.network import HEAT_PX, Finder, Reader, soft_argmax  # noqa: E402
-from learned.hands.refinement import CLOSE_PX  # noqa: E402
-from learned.hands.refiner import Refiner  # noqa: E402
-from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
-from learned.hands.train import train_hands  # noqa: E402
-from learned.inference.onnx_model import OnnxModel  # noqa: E402
-from learned.training.recipe import Recipe, Task  # noqa: E402
-from learned.training.torch_model import begin_with  # noqa: E402
+from bracket_cell.learned.hands.refinement import CLOSE_PX  # noqa: E402
+from bracket_cell.learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
+from bracket_cell.learned.inference.onnx_model import OnnxModel  # noqa: E402
+from bracket_ground.errors import InputError, ModelError  # noqa: E402
+from bracket_lab.learned.hands.augment import turned_images, varied  # noqa: E402
+from bracket_lab.learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, frames_of, load_hands  # noqa: E402
+from bracket_lab.learned.hands.evaluate import score_readings  # noqa: E402
+from bracket_lab.learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
+from bracket_lab.learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
+from bracket_lab.learned.hands.network import HEAT_PX, Finder, Reader, soft_argmax  # noqa: E402
+from bracket_lab.learned.hands.refiner import Refiner  # noqa: E402
+from bracket_lab.learned.hands.train import train_hands  # noqa: E402
+from bracket_lab.learned.training.recipe import Recipe, Task  # noqa: E402
+from bracket_lab.learned.training.torch_model import begin_with  # noqa: E402
 
 pytestmark = pytest.mark.torch
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.frame import Frame
-from learned.holes.model import CROP_PX, VOTES, PlateHoleReader, hole_crops, squares_m
-from learned.inference.onnx_model import ModelCard
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.holes.model import CROP_PX, VOTES, PlateHoleReader, hole_crops, squares_m
+from bracket_cell.learned.inference.onnx_model import ModelCard
+from bracket_ground.interfaces.frame import Frame
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

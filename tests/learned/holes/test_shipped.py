@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.files.data_folder import DataFolder
-from cell.kinds import WEIGHTS
-from learned.holes.data import Plate, load_plates
-from learned.holes.evaluate import HoleFindings, evaluate_holes
-from learned.holes.model import KIND, HoleNetwork, Reading
-from learned.inference.onnx_model import OnnxModel
-from sim.data.plates import write_plates
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.holes.model import KIND, HoleNetwork, Reading
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_ground.files.data_folder import DataFolder
+from bracket_lab.drawing.plates import write_plates
+from bracket_lab.learned.holes.data import Plate, load_plates
+from bracket_lab.learned.holes.evaluate import HoleFindings, evaluate_holes
+from bracket_sim.scene.settings import settings_of
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from learned.holes.data import Plate
-from learned.holes.model import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
-from learned.holes.records import Hole
-from learned.inference.onnx_model import OnnxModel
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.holes.model import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
+from bracket_cell.learned.holes.records import Hole
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_lab.learned.holes.data import Plate
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -39,8 +39,8 @@ def drawn(seed: int) -> Plate:
 
 
 def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
-    from learned.holes.settings import HoleTraining
-    from learned.holes.train import train_holes
+    from bracket_lab.learned.holes.settings import HoleTraining
+    from bracket_lab.learned.holes.train import train_holes
 
     plates = [drawn(seed) for seed in range(40)]
     out = tmp_path / "holes_plate.onnx"
@@ -57,8 +57,8 @@ def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
 
 
 def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
-    from learned.holes.settings import HoleTraining
-    from learned.holes.train import LEAST_LEGAL, least_sure
+    from bracket_lab.learned.holes.settings import HoleTraining
+    from bracket_lab.learned.holes.train import LEAST_LEGAL, least_sure
 
     rng = np.random.default_rng(0)
     truth = np.concatenate([np.zeros(500, np.int64), np.ones(1000, np.int64)])
@@ -74,8 +74,8 @@ def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
 
 
 def test_probabilities_are_chosen_for_as_many_astray_parts_as_are_met_with() -> None:
-    from learned.holes.settings import HoleTraining
-    from learned.holes.train import as_met_with, least_sure
+    from bracket_lab.learned.holes.settings import HoleTraining
+    from bracket_lab.learned.holes.train import as_met_with, least_sure
 
     rng = np.random.default_rng(1)
     truth = np.concatenate([np.zeros(1000, np.int64), np.ones(1000, np.int64)])
@@ -98,7 +98,7 @@ def test_probabilities_are_chosen_for_as_many_astray_parts_as_are_met_with() -> 
 
 
 def test_a_part_is_told_to_be_astray_as_seldom_as_parts_are() -> None:
-    from learned.holes.train import MISSED_COST, least_upright
+    from bracket_lab.learned.holes.train import MISSED_COST, least_upright
 
     def plates(astray: int) -> list[Any]:
         return [SimpleNamespace(holes=[SimpleNamespace(part="o1", upright=index >= astray) for index in range(100)])]
@@ -112,7 +112,7 @@ def test_a_part_is_told_to_be_astray_as_seldom_as_parts_are() -> None:
 
 
 def test_a_reader_that_is_sure_of_nothing_has_a_score_without_a_share_of_nothing() -> None:
-    from learned.holes.train import validation_scores
+    from bracket_lab.learned.holes.train import validation_scores
 
     said, right = np.array([True, True, False]), np.array([True, False, True])
     assert validation_scores(said, right) == pytest.approx({"validation_said": 2 / 3, "validation_right": 0.5})

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from cell.kinds import WEIGHTS
-from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
-from learned.parts.boxes import HEAD_KIND, KIND, REGIONS, TURNS, BoxPartDetector, boxed, surest_regions
-from learned.parts.maps import INPUT_PX, surface_of
-from learned.parts.model import POSE_KIND
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
+from bracket_cell.learned.parts.maps import INPUT_PX, surface_of
+from bracket_cell.learned.parts.model import POSE_KIND
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.learned.parts.boxes import HEAD_KIND, KIND, REGIONS, TURNS, BoxPartDetector, boxed, surest_regions
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -7,9 +7,9 @@ import math
 import cv2
 import numpy as np
 
-from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.pose import Pose
-from learned.parts.maps import CROP_PX, PLANES, crop_of, crops_of, half_turned
+from bracket_cell.learned.parts.maps import CROP_PX, PLANES, crop_of, crops_of, half_turned
+from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.pose import Pose
 
 CAMERA = CameraModel(480, 360, 420.0, -0.1)
 ABOVE = Pose((0.5, -0.4, 0.5), (0.0, 1.0, 0.0, 0.0))

@@ -9,17 +9,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
-from cell.interfaces.resting_pose import SIDES, UPRIGHT, rest_on
-from cell.wiring.detectors import Detectors
-from learned.parts.lying_fit import LyingFitter
-from learned.parts.lying_parts import LyingParts, covers
-from sim.data.trays import TrayCamera
-from sim.scene.clutter import sample_clutter
-from sim.scene.settings import ClutterSettings
-from sim.truth.labels import resting_parts
+from bracket_cell.learned.parts.lying_fit import LyingFitter
+from bracket_cell.learned.parts.lying_parts import LyingParts, covers
+from bracket_cell.wiring.detectors import Detectors
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.resting_pose import SIDES, UPRIGHT, rest_on
+from bracket_lab.drawing.trays import TrayCamera
+from bracket_sim.scene.clutter import sample_clutter
+from bracket_sim.scene.settings import ClutterSettings
+from bracket_sim.truth.labels import resting_parts
 from tests.benchmarks.perception_accuracy import look, open_sim
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.pose import Pose
-from learned.inference.exposure import levelled
-from learned.parts.augment import sample
-from learned.parts.data import Label, Scene
-from learned.parts.evaluate import Findings, average_precision, judge
-from learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, network_input, overlap, peaks
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.inference.exposure import levelled
+from bracket_cell.learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, network_input, overlap, peaks
+from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.learned.parts.augment import sample
+from bracket_lab.learned.parts.data import Label, Scene
+from bracket_lab.learned.parts.evaluate import Findings, average_precision, judge
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product, simulated
-from cell.errors import DeviceFault, ModelError
-from cell.files.data_folder import DataFolder
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from cell.kinds import WEIGHTS
-from learned.inference.onnx_model import Network, OnnxModel
-from learned.parts.data import Scene, load_scenes
-from learned.parts.evaluate import Findings, evaluate_parts
-from learned.parts.maps import UPRIGHT, overlap
-from learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
-from sim.data.objects import write_objects
-from sim.data.splits import mixed_clutter
-from sim.scene.settings import settings_of
+from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference.onnx_model import Network, OnnxModel
+from bracket_cell.learned.parts.maps import UPRIGHT, overlap
+from bracket_cell.learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
+from bracket_ground.errors import DeviceFault, ModelError
+from bracket_ground.files.data_folder import DataFolder
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.drawing.objects import write_objects
+from bracket_lab.drawing.splits import mixed_clutter
+from bracket_lab.learned.parts.data import Scene, load_scenes
+from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
+from bracket_sim.scene.settings import settings_of
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.resting_pose import SIDES, rest_on
-from learned.inference.onnx_model import ModelCard
-from learned.parts.stacked import STACKED_KIND, StackReader, Told, carriers, lying_pose, meeting
+from bracket_cell.learned.inference.onnx_model import ModelCard
+from bracket_cell.learned.parts.stacked import STACKED_KIND, StackReader, Told, carriers, lying_pose, meeting
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.resting_pose import SIDES, rest_on
 from tests.learned.classical.scenes import BENCH, PRODUCT
 
 LARGE, SMALL, APART = ([70, 70, 130, 130], [98, 88, 122, 112], [230, 40, 270, 80])

@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError, ModelError
-from cell.interfaces.frame import Frame
-from cell.interfaces.pose import Pose
-from cell.interfaces.resting_pose import rest_on
-from learned.parts.boxes import BoxPartDetector, head_file
-from learned.parts.data import AXIS_M, Label, Scene
-from learned.parts.maps import INPUT_PX, Peak, surface_of
-from learned.parts.model import CentrePartDetector
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.parts.maps import INPUT_PX, Peak, surface_of
+from bracket_cell.learned.parts.model import CentrePartDetector
+from bracket_ground.errors import InputError, ModelError
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.resting_pose import rest_on
+from bracket_lab.learned.parts.boxes import BoxPartDetector, head_file
+from bracket_lab.learned.parts.data import AXIS_M, Label, Scene
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -52,7 +52,7 @@ SCENES = [drawn(seed) for seed in range(6)]
 
 
 def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
-    from learned.parts.train import train_parts
+    from bracket_lab.learned.parts.train import train_parts
 
     out = tmp_path / "parts_centre.onnx"
     facts = train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
@@ -73,7 +73,7 @@ class Nothing:
 def test_what_lies_high_lies_on_something_though_that_is_hidden(
     monkeypatch: pytest.MonkeyPatch, above_m: float, on_top: bool
 ) -> None:
-    from learned.parts import train_stacked
+    from bracket_lab.learned.parts import train_stacked
 
     kind, rest = PRODUCT.parts["o2"], rest_on(PRODUCT.parts["o2"], "+y")
     assert rest is not None
@@ -91,7 +91,7 @@ def test_what_lies_high_lies_on_something_though_that_is_hidden(
 
 @pytest.mark.slow
 def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.parts import train
+    from bracket_lab.learned.parts import train
 
     lost: list[str] = []
     of_centre, of_pose = train.centre_loss, train._pose_loss
@@ -121,9 +121,9 @@ def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, mo
 def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     import torch
 
-    from learned.parts.settings import CentreTraining
-    from learned.parts.train import centre_loss, centre_recipe
-    from learned.training.recipe import Task
+    from bracket_lab.learned.parts.settings import CentreTraining
+    from bracket_lab.learned.parts.train import centre_loss, centre_recipe
+    from bracket_lab.learned.training.recipe import Task
 
     settings = CentreTraining(epochs=6, batch=3, widths=(8, 12, 16, 24), features=16)
 
@@ -135,7 +135,7 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     networks = [trained(settings) for _ in range(2)]
     for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
         assert torch.equal(one, other)
-    from learned.parts.augment import sample
+    from bracket_lab.learned.parts.augment import sample
 
     drawn_one = sample(SCENES[0], tuple(PRODUCT.parts), FLOOR_M, None)
     parts = [torch.from_numpy(part[np.newaxis]) for part in (drawn_one.heat, drawn_one.further, drawn_one.weights)]
@@ -149,9 +149,9 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
 
 @pytest.mark.slow
 def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path: Path) -> None:
-    from learned.parts.rcnn import train_rcnn
-    from learned.parts.settings import RcnnTraining
-    from learned.training.recipe import Task
+    from bracket_lab.learned.parts.rcnn import train_rcnn
+    from bracket_lab.learned.parts.settings import RcnnTraining
+    from bracket_lab.learned.training.recipe import Task
 
     out = tmp_path / "parts_rcnn.onnx"
     settings = RcnnTraining(backbone="resnet18", share=0.05, steps=2, batch=2)
@@ -169,7 +169,7 @@ def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path:
 
 
 def test_targets_are_whole_boxes_in_the_input_of_the_network() -> None:
-    from learned.parts.rcnn import targets
+    from bracket_lab.learned.parts.rcnn import targets
 
     found = targets(SCENES[0], tuple(PRODUCT.parts))
     wanted = np.array([label.box_px for label in SCENES[0].labels]) * 320 / CAMERA.width_px
@@ -178,14 +178,14 @@ def test_targets_are_whole_boxes_in_the_input_of_the_network() -> None:
 
 
 def test_a_backbone_that_there_is_not_is_told_before_data_are_made(capsys: pytest.CaptureFixture[str]) -> None:
-    from cell.commands.main import main
+    from bracket_cell.commands.main import main
 
     assert main(["lab", "train", "parts", "--kind", "rcnn", "--backbone", "vgg"]) == 2
     assert "legal: resnet101" in capsys.readouterr().err
 
 
 def test_a_share_of_channels_goes_with_the_small_backbone_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    from cell.commands.main import main
+    from bracket_cell.commands.main import main
 
     assert main(["lab", "train", "parts", "--kind", "rcnn", "--backbone", "resnet50", "--share", "0.25"]) == 2
     assert "--share 0.25: goes with --backbone resnet18" in capsys.readouterr().err

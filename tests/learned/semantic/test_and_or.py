@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.interfaces.planning import UNKNOWN_GOAL
-from learned.lab.paper.and_or import AndOrGraph, AndOrPlanner
-from learned.semantic.graph import EMPTY, Layout
-from learned.semantic.misdetection import Scenarios
-from learned.semantic.scenarios import consistent, scenarios, split, sub_demonstrations
+from bracket_cell.learned.semantic.graph import EMPTY, Layout
+from bracket_cell.learned.semantic.misdetection import Scenarios
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_lab.experiments.paper.and_or import AndOrGraph, AndOrPlanner
+from bracket_lab.learned.semantic.scenarios import consistent, scenarios, split, sub_demonstrations
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from learned.lab.semantic_certify import CONFIDENCE, Case, binomial_tail, certificate, least_limit
+from bracket_cell.commands.main import main
+from bracket_lab.experiments.semantic_certify import CONFIDENCE, Case, binomial_tail, certificate, least_limit
 
 
 def drawn(count: int, seed: int) -> list[Case]:

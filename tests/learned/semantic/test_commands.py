@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.commands.training.weights import new_weights
-from cell.files.files import shipped
-from learned.semantic.records import load_demonstrations
+from bracket_cell.commands.main import main
+from bracket_cell.learned.semantic.records import load_demonstrations
+from bracket_ground.files.files import shipped
+from bracket_lab.commands.training.weights import new_weights
 from tests.learned.products import DEFAULT
 
 
@@ -46,4 +46,4 @@ def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFix
 
 def test_new_weights_are_written_beside_the_configuration_or_into_the_working_folder(tmp_path: Path) -> None:
     assert new_weights("semantic", "factored", tmp_path / "mine.yaml") == tmp_path / "semantic_factored.onnx"
-    assert new_weights("grasp", "paper", shipped("config", "cell.yaml")) == Path("grasp_paper.onnx")
+    assert new_weights("grasp", "paper", shipped("bracket_cell.config", "cell.yaml")) == Path("grasp_paper.onnx")

@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.files.files import shipped
-from cell.interfaces.planning import AssemblyState
-from learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
-from learned.semantic.evaluate import Answers, coverage
-from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.misdetection import Scenarios, misdetect
-from learned.semantic.paper_planner import load_semantic_planner
-from learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
-from learned.semantic.scenarios import sampled, scenarios
+from bracket_cell.commands.main import main
+from bracket_cell.learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
+from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
+from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
+from bracket_cell.learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_lab.learned.semantic.evaluate import Answers, coverage
+from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
+from bracket_lab.learned.semantic.scenarios import sampled, scenarios
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)
@@ -191,7 +191,7 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
     config = tmp_path / "config" / "cell.yaml"
     config.parent.mkdir()
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        (config.parent / name).write_text(shipped("config", name).read_text())
+        (config.parent / name).write_text(shipped("bracket_cell.config", name).read_text())
     assert main(["lab", "train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]) == 0
     told = "".join(capsys.readouterr().err.split())
     assert told.endswith("planners.semantic.confusions:../confusions.json")  # as a path in that file

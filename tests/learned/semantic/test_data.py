@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from learned.semantic.data import demonstrations_of, states_of
-from learned.semantic.graph import EMPTY, Layout
-from learned.semantic.records import Demonstration, PlacementRecord, load_demonstrations, save_demonstrations
-from learned.semantic.scenarios import scenarios
+from bracket_cell.learned.semantic.graph import EMPTY, Layout
+from bracket_cell.learned.semantic.records import (
+    Demonstration,
+    PlacementRecord,
+    load_demonstrations,
+    save_demonstrations,
+)
+from bracket_ground.errors import InputError
+from bracket_lab.learned.semantic.data import demonstrations_of, states_of
+from bracket_lab.learned.semantic.scenarios import scenarios
 from tests.learned.products import DEFAULT, HARDER
 
 LAYOUT = Layout.of(DEFAULT)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
-from learned.semantic.goals import FinishedGoal, OpenGoals
-from learned.semantic.model import BayesPlanner, FactoredPlanner
-from learned.semantic.paper_planner import load_semantic_planner
-from learned.semantic.settings import NewGoals
+from bracket_cell.commands.main import main
+from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
+from bracket_cell.learned.semantic.model import BayesPlanner, FactoredPlanner
+from bracket_cell.learned.semantic.settings import NewGoals
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
+from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
 from tests.learned.products import DEFAULT
 
 NEW = ("o3", "o2", "o1", "o2", "o1", "o1")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
-from learned.lab.paper.htn import HtnPlanner, methods_of
-from learned.semantic.evaluate import Answers, success
-from learned.semantic.graph import Layout
-from learned.semantic.scenarios import consistent, scenarios
+from bracket_cell.learned.semantic.graph import Layout
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
+from bracket_lab.experiments.paper.htn import HtnPlanner, methods_of
+from bracket_lab.learned.semantic.evaluate import Answers, success
+from bracket_lab.learned.semantic.scenarios import consistent, scenarios
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

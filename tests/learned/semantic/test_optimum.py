@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learned.lab.semantic_demonstrators import (
+from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
+from bracket_cell.learned.semantic.misdetection import misdetect
+from bracket_cell.learned.semantic.posterior import BayesPosterior
+from bracket_lab.experiments.semantic_demonstrators import (
     HabitSettings,
     drawn_demonstrators,
     generated_demonstrations,
     set_probabilities,
 )
-from learned.lab.semantic_optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
-from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.misdetection import misdetect
-from learned.semantic.posterior import BayesPosterior
-from learned.semantic.scenarios import Demonstrators, runs
+from bracket_lab.experiments.semantic_optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
+from bracket_lab.learned.semantic.scenarios import Demonstrators, runs
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)

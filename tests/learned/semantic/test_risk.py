@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.interfaces.product import Product
-from learned.lab.semantic_streams import NEVER, assemble, unlisted
-from learned.semantic.confusions import Confusions
-from learned.semantic.goals import FinishedGoal, OpenGoals
-from learned.semantic.graph import Layout
-from learned.semantic.model import BayesPlanner
-from learned.semantic.risk import act_probability
+from bracket_cell.learned.semantic.confusions import Confusions
+from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
+from bracket_cell.learned.semantic.graph import Layout
+from bracket_cell.learned.semantic.model import BayesPlanner
+from bracket_cell.learned.semantic.risk import act_probability
+from bracket_ground.interfaces.product import Product
+from bracket_lab.experiments.semantic_streams import NEVER, assemble, unlisted
 from tests.learned.products import DEFAULT
 
 pytestmark = pytest.mark.torch

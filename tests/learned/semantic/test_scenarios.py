@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from learned.semantic.graph import EMPTY, Layout, action_pairs
-from learned.semantic.misdetection import misdetect
-from learned.semantic.scenarios import (
+from bracket_cell.learned.semantic.graph import EMPTY, Layout, action_pairs
+from bracket_cell.learned.semantic.misdetection import misdetect
+from bracket_lab.learned.semantic.scenarios import (
     SCENARIO_LIMIT,
     bound,
     consistent,

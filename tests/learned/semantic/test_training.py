@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from learned.inference.onnx_model import OnnxModel
-from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.paper_planner import load_semantic_planner
-from learned.semantic.scenarios import scenarios, split
+from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
+from bracket_ground.errors import InputError
+from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
+from bracket_lab.learned.semantic.scenarios import scenarios, split
 from tests.learned.products import DEFAULT, HARDER, relabelled
 
 if TYPE_CHECKING:
-    from learned.semantic.settings import FactoredSettings, PaperSettings
+    from bracket_cell.learned.semantic.settings import FactoredSettings, PaperSettings
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -25,7 +25,7 @@ LAYOUT = Layout.of(DEFAULT)
 
 def short(kind: str, share: float = 1.0) -> PaperSettings | FactoredSettings:
     """Settings that train in a second or two; a share of the steps is enough where nothing need be learned."""
-    from learned.semantic.settings import FactoredSettings, PaperSettings
+    from bracket_cell.learned.semantic.settings import FactoredSettings, PaperSettings
 
     return (
         PaperSettings(hidden=32, steps=round(200 * share), learning_rate=0.01)
@@ -39,8 +39,8 @@ def short(kind: str, share: float = 1.0) -> PaperSettings | FactoredSettings:
 def test_relabelling_nodes_permutes_what_a_layer_says_of_them(direction: str, aggregation: str) -> None:
     import torch
 
-    from learned.semantic.paper import PaperNetwork, SageLayer
-    from learned.semantic.settings import PaperSettings
+    from bracket_cell.learned.semantic.settings import PaperSettings
+    from bracket_lab.learned.semantic.paper import PaperNetwork, SageLayer
 
     torch.manual_seed(0)
     settings = PaperSettings.model_validate({"direction": direction, "aggregation": aggregation})
@@ -59,8 +59,8 @@ def test_relabelling_nodes_permutes_what_a_layer_says_of_them(direction: str, ag
 def test_messages_take_the_direction_that_is_set() -> None:
     import torch
 
-    from learned.semantic.paper import PaperNetwork
-    from learned.semantic.settings import PaperSettings
+    from bracket_cell.learned.semantic.settings import PaperSettings
+    from bracket_lab.learned.semantic.paper import PaperNetwork
 
     edges = torch.zeros(1, 3, 6)
     edges[0, 1, 4] = 1.0
@@ -73,7 +73,7 @@ def test_messages_take_the_direction_that_is_set() -> None:
 
 
 def test_plans_as_words_name_the_open_slots_in_order() -> None:
-    from learned.semantic.paper import IGNORED, plan_words
+    from bracket_lab.learned.semantic.paper import IGNORED, plan_words
 
     whole = scenarios(LAYOUT, 0)
     end = len(LAYOUT.words) - 1
@@ -90,7 +90,7 @@ def test_a_layer_is_the_graphsage_layer_of_a_library(aggregation: str) -> None:
     import torch
     from torch_geometric.nn import SAGEConv
 
-    from learned.semantic.paper import SageLayer
+    from bracket_lab.learned.semantic.paper import SageLayer
 
     torch.manual_seed(1)
     ours, theirs = SageLayer(4, 5, aggregation), SAGEConv(4, 5, aggr=aggregation)
@@ -104,9 +104,9 @@ def test_a_layer_is_the_graphsage_layer_of_a_library(aggregation: str) -> None:
 
 @pytest.mark.parametrize("kind", ["paper", "factored"])
 def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: Path) -> None:
-    from learned.inference.onnx_model import ModelCard
-    from learned.semantic.train import OUTPUTS, train_network
-    from learned.training.torch_model import TorchModel, write_weights
+    from bracket_cell.learned.inference.onnx_model import ModelCard
+    from bracket_lab.learned.semantic.train import OUTPUTS, train_network
+    from bracket_lab.learned.training.torch_model import TorchModel, write_weights
 
     whole = scenarios(LAYOUT, 0)
     train, held_out = split(whole, 0.5, 0)
@@ -126,7 +126,7 @@ def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: 
 
 @pytest.mark.parametrize("kind", [pytest.param("paper", marks=pytest.mark.slow), "factored"])
 def test_training_on_another_product(kind: str, tmp_path: Path) -> None:
-    from learned.semantic.train import train_semantic
+    from bracket_lab.learned.semantic.train import train_semantic
 
     out = tmp_path / "planner.onnx"
     scores = train_semantic(HARDER, out, 3, kind, settings=short(kind), quiet=True)
@@ -138,7 +138,7 @@ def test_training_on_another_product(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
-    from learned.semantic.train import train_semantic
+    from bracket_lab.learned.semantic.train import train_semantic
 
     for kind in ("paper", "factored"):
         hashes = set()
@@ -151,9 +151,9 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> None:
     import torch
 
-    from learned.semantic.network import FactoredNetwork
-    from learned.semantic.settings import FactoredSettings
-    from learned.semantic.train import train_network
+    from bracket_cell.learned.semantic.settings import FactoredSettings
+    from bracket_lab.learned.semantic.network import FactoredNetwork
+    from bracket_lab.learned.semantic.train import train_network
 
     parts, positions = [2, 0, 1], [3, 5, 0, 1, 4, 2]
     other = Layout.of(relabelled(DEFAULT, parts, positions))
@@ -172,10 +172,10 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
 def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
     import torch
 
-    from learned.semantic.misdetection import misdetect
-    from learned.semantic.network import FactoredNetwork
-    from learned.semantic.posterior import BayesPosterior, Likelihood, Noise, UnknownGoal, posterior
-    from learned.semantic.settings import DETECTION_ERROR, FactoredSettings
+    from bracket_cell.learned.semantic.misdetection import misdetect
+    from bracket_cell.learned.semantic.posterior import BayesPosterior, Likelihood, Noise, UnknownGoal, posterior
+    from bracket_cell.learned.semantic.settings import DETECTION_ERROR, FactoredSettings
+    from bracket_lab.learned.semantic.network import FactoredNetwork
 
     network = FactoredNetwork(LAYOUT, FactoredSettings())
     with torch.no_grad():
@@ -193,11 +193,11 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 
 @pytest.mark.slow
 def test_habits_that_are_shown_are_learned() -> None:
-    from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
-    from learned.lab.semantic_models import exact_scores, optimal_scores, planner_of
-    from learned.lab.semantic_optimum import exact_joint, run_states
-    from learned.semantic.data import states_of
-    from learned.semantic.evaluate import Answers
+    from bracket_lab.experiments.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
+    from bracket_lab.experiments.semantic_models import exact_scores, optimal_scores, planner_of
+    from bracket_lab.experiments.semantic_optimum import exact_joint, run_states
+    from bracket_lab.learned.semantic.data import states_of
+    from bracket_lab.learned.semantic.evaluate import Answers
 
     rng = np.random.default_rng(2)
     demonstrators = drawn_demonstrators(LAYOUT, HabitSettings(strength=2.0), rng)
@@ -213,9 +213,9 @@ def test_habits_that_are_shown_are_learned() -> None:
 
 
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
-    from learned.lab.semantic_demonstrators import generated_demonstrations
-    from learned.semantic.records import save_demonstrations
-    from learned.semantic.train import train_semantic
+    from bracket_cell.learned.semantic.records import save_demonstrations
+    from bracket_lab.experiments.semantic_demonstrators import generated_demonstrations
+    from bracket_lab.learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"
     save_demonstrations(data, DEFAULT, generated_demonstrations(DEFAULT, 40, 1.0, 0), "a test")
@@ -230,8 +230,8 @@ def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
 
 def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One page of all sections, from cells that are not really measured."""
-    from learned.lab.experiments import kept, write_page
-    from learned.lab.semantic_page import EXPERIMENTS, HEAD
+    from bracket_lab.experiments.experiments import kept, write_page
+    from bracket_lab.experiments.semantic_page import EXPERIMENTS, HEAD
 
     small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
     names = ["goal_nll", "goal_calibration_error", "next_calibration_error", "wrong_always", "coverage_at_act"]
@@ -247,7 +247,9 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
     shares = {name + end: 0.5 for name in stream for end in ("", "_low", "_high")}
     values = {**small, **success, **both, **parts, **unknown, **shares, "train_s": 1.0, "plan_s": 1e-3}
 
-    monkeypatch.setattr("learned.lab.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells])
+    monkeypatch.setattr(
+        "bracket_lab.experiments.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells]
+    )
     page = tmp_path / "semantic.md"
     write_page(HEAD, EXPERIMENTS, DEFAULT, kept(tmp_path / "none"), page, {"seeds": "1"})
     text = page.read_text()
@@ -256,7 +258,7 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
 
 
 def test_no_training_for_what_is_not_learned(tmp_path: Path) -> None:
-    from learned.semantic.train import train_semantic
+    from bracket_lab.learned.semantic.train import train_semantic
 
     with pytest.raises(InputError, match="there are paper, factored"):
         train_semantic(DEFAULT, tmp_path / "planner.onnx", 0, "bayes")
@@ -267,7 +269,7 @@ def test_the_runtime_never_imports_torch() -> None:
     import sys
 
     code = (
-        "import sys, learned.semantic.model, learned.semantic.evaluate;"
+        "import sys, bracket_cell.learned.semantic.model, bracket_lab.learned.semantic.evaluate;"
         "sys.exit(any(name in sys.modules for name in ('torch', 'onnx', 'rich')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.interfaces.stacks import VMRD_CLASSES, StackedObject, StackedScene
+from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedObject, StackedScene
 
 
 def scene(seed: int) -> StackedScene:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.pose import Array
-from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
-from learned.lab.experiments import kept, measured
-from learned.lab.stacks import experiment
-from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
-from learned.lab.stacks.settings import StackTraining
-from learned.lab.stacks.vmrd import read_vmrd, write_scene, write_splits
-from learned.training.schedule import Schedule
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
+from bracket_lab.experiments.experiments import kept, measured
+from bracket_lab.experiments.stacks import experiment
+from bracket_lab.experiments.stacks.experiment import Study, draw_figure18, figure18, table4
+from bracket_lab.experiments.stacks.settings import StackTraining
+from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
+from bracket_lab.learned.training.schedule import Schedule
 from tests.learned.stacks.folders import picture
 from tests.learned.stacks.made_up import scene
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError
-from cell.interfaces.stacks import StackedScene
-from learned.lab.stacks.checks import above_of, children_first
-from learned.lab.stacks.files import read_stacks
-from learned.lab.stacks.vmrd import read_vmrd, write_scene, write_splits
+from bracket_cell.commands.main import main
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.stacks import StackedScene
+from bracket_lab.experiments.stacks.checks import above_of, children_first
+from bracket_lab.experiments.stacks.files import read_stacks
+from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
 from tests.learned.stacks.folders import picture, put, regrad_v1, regrad_v2, vmrd
 
 Write = Callable[[Path], Path]

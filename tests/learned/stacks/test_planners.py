@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from cell.interfaces.stacks import VMRD_CLASSES
-from learned.lab.stacks.batches import CHILD, FATHER, NOTHING, answers_of, batch_of, pair_geometry
-from learned.lab.stacks.experiment import alike
-from learned.lab.stacks.networks import GvmrnRf, PointerNet, Vmrn
-from learned.lab.stacks.planners import Always, Topmost, train_planner
-from learned.lab.stacks.scores import Seen, ious, names_what_lies_on, score
-from learned.lab.stacks.settings import Kind, StackTraining
-from learned.lab.stacks.views import Labelled, StackView, _read, _write, labelled
-from learned.training.schedule import Schedule
+from bracket_ground.interfaces.stacks import VMRD_CLASSES
+from bracket_lab.experiments.stacks.batches import CHILD, FATHER, NOTHING, answers_of, batch_of, pair_geometry
+from bracket_lab.experiments.stacks.experiment import alike
+from bracket_lab.experiments.stacks.networks import GvmrnRf, PointerNet, Vmrn
+from bracket_lab.experiments.stacks.planners import Always, Topmost, train_planner
+from bracket_lab.experiments.stacks.scores import Seen, ious, names_what_lies_on, score
+from bracket_lab.experiments.stacks.settings import Kind, StackTraining
+from bracket_lab.experiments.stacks.views import Labelled, StackView, _read, _write, labelled
+from bracket_lab.learned.training.schedule import Schedule
 from tests.learned.stacks.made_up import scene
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]

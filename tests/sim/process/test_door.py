@@ -14,16 +14,16 @@ from pathlib import Path
 
 import pytest
 
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmState
-from sim.process import server
-from sim.process.buses import CarriedBuses
-from sim.process.client import RemoteCell, connected
-from sim.process.messages import Advance, Drawn, Pace
-from sim.process.opening import drawn_from
-from sim.process.server import NEWCOMERS, WorldServer
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.observation import ArmState
+from bracket_sim.process import server
+from bracket_sim.process.buses import CarriedBuses
+from bracket_sim.process.client import RemoteCell, connected
+from bracket_sim.process.messages import Advance, Drawn, Pace
+from bracket_sim.process.opening import drawn_from
+from bracket_sim.process.server import NEWCOMERS, WorldServer
 from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel
 
 PERIOD_S, JOIN_S = 0.008, 30.0

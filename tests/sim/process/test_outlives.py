@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import DeviceFault, InputError
-from cell.interfaces.command import JointTrajectory
-from cell.interfaces.devices import KEEP_ALIVE_S
-from cell.interfaces.observation import ArmState
-from sim.process.client import RemoteCell
-from sim.process.messages import Drawn, Pace
-from sim.process.opening import connect, drawn_from
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.devices import KEEP_ALIVE_S
+from bracket_ground.interfaces.observation import ArmState
+from bracket_sim.process.client import RemoteCell
+from bracket_sim.process.messages import Drawn, Pace
+from bracket_sim.process.opening import connect, drawn_from
 from tests.processes import started
 
 CONFIGURATION = load_configuration()
@@ -29,7 +29,7 @@ TURN_RAD, LONG_S = 1.2, 4.0
 @contextmanager
 def world(folder: Path, *more: str) -> Iterator[Path]:
     address = folder / "world.sock"
-    with started([sys.executable, "-m", "cell", "lab", "world", "--at", str(address), *more]) as process:
+    with started([sys.executable, "-m", "bracket_cell", "lab", "world", "--at", str(address), *more]) as process:
         assert process.stderr is not None
         assert "the world is at" in process.stderr.readline()
         yield address

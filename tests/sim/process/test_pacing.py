@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from sim.devices.pacing import CATCH_UP_S, Pacer
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_sim.devices.pacing import CATCH_UP_S, Pacer
 
 PERIOD_S = 0.008
 

@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from cell.commands.main import main
-from cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from tests.processes import finished, started
 
 DURATION_S = 6.6  # with this seed a part is grasped after 6 s
 CHOSEN = ("--goal", "g1", "--seed", "3")
-CELL = (sys.executable, "-m", "cell")
+CELL = (sys.executable, "-m", "bracket_cell")
 MEASURED_IN_WALL_TIME = ("/timing", "/log")
 TOLD = ("end", "ticks", "placements", "help_requests", "inferred_goal", "contacts")
 

@@ -11,14 +11,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import load_configuration, load_product
-from sim.cell import SimCell
-from sim.scene.settings import SimSettings
-from sim.scene.world import World
-from sim.twin import controller
-from sim.twin.arm import TwinArm
-from sim.twin.cell import TwinCell
-from sim.twin.control import ControlDoor, ask
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.settings import SimSettings
+from bracket_sim.scene.world import World
+from bracket_sim.twin import controller
+from bracket_sim.twin.arm import TwinArm
+from bracket_sim.twin.cell import TwinCell
+from bracket_sim.twin.control import ControlDoor, ask
 from tests.processes import started
 
 UNLOCK_S = 0.5  # of a protective stop, in place of the 5 s that a controller refuses for

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.clock import WallClock
-from sim.cell import SimCell
-from sim.scene.settings import HARDWARE, SimSettings
-from skills.drivers.settings import UrSettings
-from skills.drivers.ur import UrArm
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.drivers.settings import UrSettings
+from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.interfaces.clock import WallClock
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.settings import HARDWARE, SimSettings
 from tests.contracts.arm import CHECKS, Bench
 from tests.sim.twin.rig import Twin, running_twin
 

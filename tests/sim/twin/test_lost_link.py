@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.clock import WallClock
-from skills.drivers.settings import UrSettings
-from skills.drivers.ur import UrArm
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.drivers.settings import UrSettings
+from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.interfaces.clock import WallClock
 from tests.contracts.arm import Bench
 from tests.sim.twin.rig import Twin, running_twin
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
-from cell.interfaces.clock import WallClock
-from cell.interfaces.observation import ArmMode
-from skills.drivers.settings import UrSettings
-from skills.drivers.ur import UrArm
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.drivers.settings import UrSettings
+from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.observation import ArmMode
 from tests.contracts.arm import Bench, off_rad
 from tests.sim.twin.rig import Twin, running_twin
 

@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from cell.remote.channel import Channel
-from cell.remote.child import Child
-from skills.drivers.rtde_receiver import Sample
-from skills.drivers.ur import Stream, nearest_s
-from skills.drivers.ur_stream import FromStream, Sent
-from skills.motion.settings import MotionSettings
-from skills.motion.trajectory import joint_move
+from bracket_cell.remote.channel import Channel
+from bracket_cell.remote.child import Child
+from bracket_cell.skills.drivers.rtde_receiver import Sample
+from bracket_cell.skills.drivers.ur import Stream, nearest_s
+from bracket_cell.skills.drivers.ur_stream import FromStream, Sent
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.trajectory import joint_move
 
 PATH = joint_move(np.zeros(6), np.full(6, 0.4), MotionSettings())
 

@@ -13,15 +13,15 @@ from typing import IO, Protocol
 
 import behaviortreepy
 
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.blackboard import UNSET
+from btxml.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
 from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.random_trees import VARIABLES, Case
-from trees.engine.blackboard import UNSET
-from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
 
 OURS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 THEIRS = {

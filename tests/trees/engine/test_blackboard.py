@@ -6,12 +6,12 @@ from enum import Enum
 
 import pytest
 
-from cell.errors import InputError
+from bracket_ground.errors import InputError
+from btxml.engine.node import Node
+from btxml.engine.ports import InOutPort, InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.files.compile.registry import Registry
 from tests.trees.conftest import Load
-from trees.engine.node import Node
-from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.engine.status import Status
-from trees.files.build.registry import Registry
 
 
 class Colour(Enum):

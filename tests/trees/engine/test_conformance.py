@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
+from bracket_ground.interfaces.clock import ManualClock
 from tests.trees.engine.differential import Original, Ours, both, compare, differences, read_changes, standard_output
 from tests.trees.engine.random_trees import SHORT_MS, Case, Features, Generator
 

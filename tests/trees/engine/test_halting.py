@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.errors import NodeError
+from btxml.engine.node import Node
+from btxml.engine.status import Status
+from btxml.files.compile.registry import Registry
 from tests.trees.conftest import Load, load_whatever_is_reached
-from trees.engine.errors import NodeError
-from trees.engine.node import Node
-from trees.engine.status import Status
-from trees.files.build.registry import Registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
 CONTROLS = {

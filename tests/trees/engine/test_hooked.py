@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from trees.engine.hooks import ORDERS, Hooks
-from trees.engine.node import Node
-from trees.engine.status import Status
-from trees.engine.traits import Traits
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.hooks import ORDERS, Hooks
+from btxml.engine.node import Node
+from btxml.engine.status import Status
+from btxml.engine.traits import Traits
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import load_tree
 
 
 def hooked(folder: Path, node: str, answer: str = "SUCCESS") -> Tree:

@@ -14,19 +14,19 @@ from typing import ClassVar
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.errors import NodeError, TraitError
+from btxml.engine.hooks import Hook, Hooks, Mode, Position
+from btxml.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator, Node, TreeNode
+from btxml.engine.status import Status
+from btxml.engine.traits import Traits
+from btxml.engine.tree import Tree
+from btxml.files.checks.guarding import check_guards
+from btxml.files.checks.structure import check_structure
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import build
+from btxml.files.parse.library import read_library
 from tests.trees.conftest import Load
-from trees.engine.errors import NodeError, TraitError
-from trees.engine.hooks import Hook, Hooks, Mode, Position
-from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, Decorator, Node, TreeNode
-from trees.engine.status import Status
-from trees.engine.traits import Traits
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.files.checks.guarding import check_guards
-from trees.files.checks.structure import check_structure
-from trees.files.loader import build
-from trees.files.parse.library import read_library
 
 SIZE, TICKS = 16, 16
 REFUSED = "no guard has agreed in this tick"

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from cell.recording.schemas import plain
+from bracket_cell.recording.schemas import plain
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.node import SKIPPED, Node
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
 from tests.trees.conftest import Load
-from trees.engine.node import SKIPPED, Node
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.engine.tree import Tree
 
 
 class Steps(Node):
@@ -270,7 +270,7 @@ def test_feedback_that_is_new_in_every_tick_fills_no_memory(load: Load, monkeypa
             self.feedback_message = str(int(self.feedback_message or 0) + 1)
             return Status.RUNNING
 
-    monkeypatch.setattr("trees.engine.tree.CACHE_LIMIT", 5)
+    monkeypatch.setattr("btxml.engine.tree.CACHE_LIMIT", 5)
     tree = load("<Counts/>", Counts)
     kept = []
     for number in range(1, 20):

@@ -10,16 +10,16 @@ from typing import Any, ClassVar
 
 import pytest
 
-from cell import load_cell, replay, run
-from cell.interfaces.clock import ManualClock
+from bracket_cell import load_cell, replay, run
+from bracket_cell.trees.nodes.http_request import HttpRequest
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine import outside
+from btxml.engine.outside import LoggedAnswers, Outside, when_cancelled
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
 from tests.trees.conftest import Load
 from tests.trees.engine.test_py_trees import Kept
-from trees.engine import outside
-from trees.engine.outside import LoggedAnswers, Outside, when_cancelled
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.nodes.http_request import HttpRequest
 
 PATIENCE_S = 20.0
 

@@ -10,16 +10,16 @@ import py_trees
 import pytest
 from py_trees import behaviours, common
 
-from cell.interfaces.notes import ListJournal
+from bracket_ground.interfaces.notes import ListJournal
+from btxml.engine.hooks import ORDERS, Hooks
+from btxml.engine.outside import LoggedAnswers
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.py_trees_adapter import PyTreesLeaf, as_py_trees
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
 from tests import ROOT
 from tests.trees.conftest import Load
 from tests.trees.engine.test_nodes import Steps
-from trees.engine.hooks import ORDERS, Hooks
-from trees.engine.outside import LoggedAnswers
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.py_trees_adapter import PyTreesLeaf, as_py_trees
-from trees.engine.status import Status
-from trees.engine.tree import Tree
 
 BODY = (
     '<Sequence name="top"><AlwaysSuccess/><Inverter><AlwaysFailure/></Inverter>'
@@ -194,8 +194,6 @@ def test_a_monitors_hook_outlives_the_ticks_of_py_trees(load: Load) -> None:
 
 
 def test_nothing_but_the_adapter_knows_py_trees() -> None:
-    files = [
-        file for package in ("cell", "trees", "skills", "learned", "sim") for file in (ROOT / package).rglob("*.py")
-    ]
+    files = [file for package in ("engine", "ground", "cell", "sim", "lab") for file in (ROOT / package).rglob("*.py")]
     found = [file.name for file in files if re.search(r"^\s*(from|import) py_trees", file.read_text(), re.MULTILINE)]
     assert found == ["py_trees_adapter.py"]

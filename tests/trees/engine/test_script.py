@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from trees.engine.blackboard import Scope
-from trees.engine.errors import NodeError
-from trees.engine.script import ScriptError, parse_script
+from btxml.engine.blackboard import Scope
+from btxml.engine.errors import NodeError
+from btxml.engine.script import ScriptError, parse_script
 
 ENUMS = {"RED": 1, "BLUE": 2}
 

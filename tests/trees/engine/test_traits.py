@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from trees.engine.controls import ReactiveSequence, SequenceWithMemory
-from trees.engine.errors import TraitError
-from trees.engine.node import Node
-from trees.engine.ports import InputPort
-from trees.engine.status import Status
-from trees.engine.traits import Traits
-from trees.nodes.placing import PlacePart
+from bracket_cell.trees.nodes.placing import PlacePart
+from btxml.engine.controls import ReactiveSequence, SequenceWithMemory
+from btxml.engine.errors import TraitError
+from btxml.engine.node import Node
+from btxml.engine.ports import InputPort
+from btxml.engine.status import Status
+from btxml.engine.traits import Traits
 
 
 class Waits(Node):

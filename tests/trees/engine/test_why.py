@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from trees.engine.hooks import Hook, Hooks, Mode
-from trees.engine.node import Control, Node
-from trees.engine.ports import InputPort
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.engine.why import reason_of
-from trees.files.build.registry import Registry
-from trees.files.loader import load_tree
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.hooks import Hook, Hooks, Mode
+from btxml.engine.node import Control, Node
+from btxml.engine.ports import InputPort
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.engine.why import reason_of
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import load_tree
 
 FILE = """<root BTCPP_format="4" main_tree_to_execute="M">
 <BehaviorTree ID="M"><Sequence>

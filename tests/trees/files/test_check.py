@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from trees.engine.controls import ReactiveSequence
-from trees.engine.errors import TreeFileError
-from trees.engine.node import Control, Decorator, Node
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.engine.traits import Traits
-from trees.files.build.registry import Registry
-from trees.files.check import check, findings
-from trees.files.loader import load_tree
-from trees.vocabulary import Hole, Part
+from bracket_cell.trees.vocabulary import Hole, Part
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.controls import ReactiveSequence
+from btxml.engine.errors import TreeFileError
+from btxml.engine.node import Control, Decorator, Node
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.engine.traits import Traits
+from btxml.files.check import check, findings
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import load_tree
 
 Write = Callable[..., Path]
 

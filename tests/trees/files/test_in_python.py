@@ -9,13 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import trees
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
-from tests.trees.engine.random_trees import Features, Generator
-from trees import (
+import btxml
+from bracket_cell.trees import Bench, load_tree, tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.moving import MoveTo
+from bracket_cell.trees.nodes.placing import PlacePart
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.clock import ManualClock
+from btxml import (
     AlwaysSuccess,
-    Bench,
     Fallback,
     InputPort,
     Inverter,
@@ -29,15 +31,11 @@ from trees import (
     Status,
     SubTree,
     Tree,
-    load_tree,
-    tree,
 )
-from trees.engine.literals import from_text, to_text
-from trees.engine.node import TreeNode
-from trees.files.build.registry import BUILT_IN, Registry
-from trees.node_library import node_registry
-from trees.nodes.moving import MoveTo
-from trees.nodes.placing import PlacePart
+from btxml.engine.literals import from_text, to_text
+from btxml.engine.node import TreeNode
+from btxml.files.compile.registry import BUILT_IN, Registry
+from tests.trees.engine.random_trees import Features, Generator
 
 
 class Counts(Node):
@@ -122,8 +120,8 @@ def test_a_bench_refuses_entries_that_the_tree_does_not_have() -> None:
 
 def test_every_node_of_the_language_is_at_the_front_door() -> None:
     for node in BUILT_IN:
-        assert getattr(trees, node.__name__) is node
-        assert node.__name__ in trees.__all__
+        assert getattr(btxml, node.__name__) is node
+        assert node.__name__ in btxml.__all__
 
 
 VALUES = st.one_of(

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from trees.files.check import Findings, findings
-from trees.files.loader import load_tree
-from trees.node_library import node_registry
+from bracket_cell.commands.main import main
+from bracket_cell.trees.node_library import node_registry
+from btxml.files.check import Findings, findings
+from btxml.files.loader import load_tree
 
 ROOT = '<root BTCPP_format="4" main_tree_to_execute="M">\n{}\n</root>'
 MAIN = '<BehaviorTree ID="M"><Sequence>\n{}\n</Sequence></BehaviorTree>'
@@ -33,7 +33,7 @@ DOUBTFUL = {
         2, "port 'output_key' of SetBlackboard writes {n}, and nothing reads it; remove it",
     ),
     "<ActivateGripper/>\n<ReturnToTray/>": (
-        3, "ReturnToTray needs a part in the gripper, and nothing before it sees to that; PickPart does",
+        3, "ReturnToTray needs a part in the gripper, and nothing before it sees to that; PickLying or PickPart does",
     ),
     '<Parallel success_count="2"><Script code="a:=1"/>\n<Script code="a:=2"/></Parallel>'
     '<ScriptCondition code="a==1"/>': (

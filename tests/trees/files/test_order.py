@@ -9,18 +9,18 @@ from typing import ClassVar
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
+from bracket_cell.trees.node_library import node_registry
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.blackboard import UNSET
+from btxml.engine.errors import Problem
+from btxml.engine.node import Node
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.files.check import check
+from btxml.files.compile.registry import Registry
+from btxml.files.loader import build
+from btxml.files.parse.library import read_library
 from tests.trees.engine.random_trees import Features, Generator
-from trees.engine.blackboard import UNSET
-from trees.engine.errors import Problem
-from trees.engine.node import Node
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.files.build.registry import Registry
-from trees.files.check import check
-from trees.files.loader import build
-from trees.files.parse.library import read_library
-from trees.node_library import node_registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
 NAMES = ("a", "b")

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
+from bracket_ground.interfaces.clock import ManualClock
+from btxml.engine.node import RUNNING, Node
+from btxml.engine.status import ANY, Status
+from btxml.engine.traits import Traits
+from btxml.files.checks.reach import _Reach
+from btxml.files.compile.registry import Registry
+from btxml.files.parse.library import bottom_up, called, read_library
 from tests.trees.engine.differential import Ours, Refused
 from tests.trees.engine.random_trees import Features, Generator
-from trees.engine.node import RUNNING, Node
-from trees.engine.status import ANY, Status
-from trees.engine.traits import Traits
-from trees.files.build.registry import Registry
-from trees.files.checks.reach import _Reach
-from trees.files.parse.library import bottom_up, called, read_library
 
 
 class Leaf(Node):

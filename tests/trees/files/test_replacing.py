@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from trees.bench import TreeBench
-from trees.files.check import Circumstances, findings
-from trees.files.loader import load_tree
-from trees.node_library import node_registry
-from trees.testing import assert_ticks
+from bracket_cell.commands.main import main
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.node_library import node_registry
+from btxml.files.check import Circumstances, findings
+from btxml.files.loader import load_tree
+from btxml.testing import assert_ticks
 
 RETRY = """<root BTCPP_format="4" main_tree_to_execute="FetchOne"><include path="{shipped}"/>
   <BehaviorTree ID="PickPart" _replaces="true">

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from trees.files.build.registry import Registry
-from trees.files.check import Circumstances, findings
-from trees.files.parse.version3 import Converted, convert
+from bracket_cell.commands.main import main
+from btxml.files.check import Circumstances, findings
+from btxml.files.compile.registry import Registry
+from btxml.files.parse.version3 import Converted, convert
 
 Write = Callable[[str], Path]
 WHOLE = """<?xml version="1.0"?>
@@ -112,7 +112,7 @@ def test_no_file_is_overwritten(write: Write, tmp_path: Path, capsys: pytest.Cap
 
 
 def test_with_stubs_a_tree_may_have_the_name_of_a_node_of_this_cell(write: Write) -> None:
-    from trees.node_library import node_registry
+    from bracket_cell.trees.node_library import node_registry
 
     text = '<BehaviorTree ID="OpenGripper"><{} position="1"/></BehaviorTree>'
     for inner in ("MoveGripper", "OpenGripper"):

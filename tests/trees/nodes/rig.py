@@ -6,17 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import ModelError
-from cell.interfaces.command import Command
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
-from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan
-from cell.interfaces.pose import Pose
-from skills.motion.planner import MotionPlanner
-from trees.guard import Guard, GuardSettings
-from trees.nodes.services import Services, Tick, Tools
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_cell.trees.nodes.services import Services, Tick, Tools
+from bracket_ground.errors import ModelError
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
+from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan
+from bracket_ground.interfaces.pose import Pose
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGURATION = load_configuration()

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from cell.interfaces.perception import Action, HandSample
-from cell.interfaces.planning import AssemblyState
+from bracket_cell.trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.perception import Action, HandSample
+from bracket_ground.interfaces.planning import AssemblyState
+from btxml.engine.status import Status
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
-from trees.engine.status import Status
-from trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
-from trees.nodes.services import Services
 
 IDLE, TRANSIT = Action("idle", 1.0), Action("transit", 1.0)
 ONE_O1_TWO_O2 = AssemblyState({"p1": "o1", "p2": "o1", "p4": "o3"})

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, OperatorState
-from cell.interfaces.perception import HoleView
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from bracket_cell.trees.nodes.asking import AskForHelp, AskWhichGoal, HearOperator, WaitWhilePaused
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, OperatorState
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import BENCH, EMPTY_HOLES, SURE, hand_at, see, services
-from trees.engine.status import Status
-from trees.nodes.asking import AskForHelp, AskWhichGoal, HearOperator, WaitWhilePaused
-from trees.nodes.services import Services
-from trees.testing import alone
 
 TEXT = "put one into the tray"
 DOUBTFUL = AssemblyPlan(

@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from learned.semantic.model import BayesPlanner
+from bracket_cell.learned.semantic.model import BayesPlanner
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.nodes.asking_where import AskPosition
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
-from trees.bench import TreeBench
-from trees.engine.status import Status
-from trees.nodes.asking_where import AskPosition
-from trees.nodes.services import Services
-from trees.testing import alone
 
 NEW = AssemblyState({"p1": "o2", "p2": "o3", "p4": "o1", "p6": "o1"}, told_goal=UNKNOWN_GOAL)  # o1 and o2 are left
 NOTHING = AssemblyPlan({"g0": 0.0, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 1.0}, {}, "o1", {"o1": (), "o2": (), "o3": ()})

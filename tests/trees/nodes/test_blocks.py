@@ -10,24 +10,24 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.operator import OperatorOrder, OperatorState
-from cell.interfaces.perception import HoleView, PartsView
-from cell.interfaces.planning import AssemblyState, GraspPlan
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.each import rows_of
+from bracket_cell.trees.nodes.files import LoggedFiles, WorkingFolder
+from bracket_cell.trees.nodes.poses import FramedPose
+from bracket_cell.trees.nodes.services import Services
+from bracket_cell.trees.nodes.shift import TeachGoal
+from bracket_cell.trees.nodes.telling import Beep, TakeSnapshot
+from bracket_cell.trees.nodes.tray import ChoosePart, GridSpot
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.operator import OperatorOrder, OperatorState
+from bracket_ground.interfaces.perception import HoleView, PartsView
+from bracket_ground.interfaces.planning import AssemblyState, GraspPlan
+from btxml.engine.errors import NodeError
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
-from trees.engine.errors import NodeError
-from trees.engine.status import Status
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.nodes.each import rows_of
-from trees.nodes.files import LoggedFiles, WorkingFolder
-from trees.nodes.poses import FramedPose
-from trees.nodes.services import Services
-from trees.nodes.shift import TeachGoal
-from trees.nodes.telling import Beep, TakeSnapshot
-from trees.nodes.tray import ChoosePart, GridSpot
-from trees.testing import alone
 
 
 def run(body: str, to: Services, ticks: int = 50, **provided: Any) -> tuple[Status, dict[str, object]]:
@@ -314,7 +314,7 @@ def test_what_devices_cannot_do_is_a_failure_with_its_reason(node: str, told: st
 def test_nothing_is_let_go_over_the_bracket(monkeypatch: pytest.MonkeyPatch) -> None:
     to = services()
     to.now.observation = replace(to.now.observation, gripper=HOLDING)
-    monkeypatch.setattr("trees.nodes.arm.tool_pose", lambda to: to.tools.bench.bracket.pose)
+    monkeypatch.setattr("bracket_cell.trees.nodes.arm.tool_pose", lambda to: to.tools.bench.bracket.pose)
     status, _ = run("<OpenGripper/>", to)
     assert status is Status.FAILURE
 

@@ -7,12 +7,19 @@ from typing import Any
 
 import pytest
 
-from cell.errors import ModelError
-from cell.interfaces.command import Command
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.perception import Action, HandSample, HoleView, PartDetection
-from cell.interfaces.planning import AssemblyState, GraspPlan
-from cell.interfaces.pose import Pose
+from bracket_cell.trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
+from bracket_cell.trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
+from bracket_cell.trees.nodes.planning import ChoosePosition, DecodeGuidance, InferGoal
+from bracket_cell.trees.nodes.watching import SeenAction
+from bracket_ground.errors import ModelError
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.perception import Action, HandSample, HoleView, PartDetection
+from bracket_ground.interfaces.planning import AssemblyState, GraspPlan
+from bracket_ground.interfaces.pose import Pose
+from btxml.engine.errors import NodeError
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import (
     BENCH,
     EMPTY_HOLES,
@@ -25,13 +32,6 @@ from tests.trees.nodes.rig import (
     seen_parts,
     services,
 )
-from trees.engine.errors import NodeError
-from trees.engine.status import Status
-from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
-from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
-from trees.nodes.planning import ChoosePosition, DecodeGuidance, InferGoal
-from trees.nodes.watching import SeenAction
-from trees.testing import alone
 
 FREE = GraspPlan(0.9, (), False, "grasp")
 BLOCKED = GraspPlan(0.1, (2,), False, "move c")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from cell.interfaces.perception import Action, HandSample, HoleView
-from cell.interfaces.planning import AssemblyState
+from bracket_cell.trees.nodes.people import AssemblyFinished
+from bracket_cell.trees.nodes.services import Services
+from bracket_cell.trees.nodes.watching import SeenAction
+from bracket_ground.interfaces.perception import Action, HandSample, HoleView
+from bracket_ground.interfaces.planning import AssemblyState
+from btxml.engine.status import Status
 from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, PRODUCT, hand_at, see, services
-from trees.engine.status import Status
-from trees.nodes.people import AssemblyFinished
-from trees.nodes.services import Services
-from trees.nodes.watching import SeenAction
 
 PLACED = Action("assembly", 0.9, "o1", "p2", finished=True)
 TRANSIT = Action("transit", 0.6)

@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.perception import Action, HandSample
-from cell.interfaces.planning import AssemblyPlan, AssemblyState
-from learned.classical.foresight import foreseen
+from bracket_cell.learned.classical.foresight import foreseen
+from bracket_cell.trees.nodes.foresight import PositionForeseen
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.perception import Action, HandSample
+from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import PRODUCT, SURE, ScriptedPlanner, hand_at, see, services
 from tests.trees.nodes.test_ahead import hole_m
-from trees.engine.status import Status
-from trees.nodes.foresight import PositionForeseen
-from trees.nodes.services import Services
-from trees.testing import alone
 
 HOLES_M = {name: hole_m(name) for name in PRODUCT.positions}
 ALIKE = dict.fromkeys(HOLES_M, 0.3)

@@ -12,20 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_faults
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import Action, BenchView, Edge, HandSample
-from cell.running.device_writer import withhold
-from cell.running.supervisor import make_supervisor
-from skills.motion.near_hand import separation_of
-from skills.motion.planner import at_height
+from bracket_cell.configuration import load_configuration, load_faults
+from bracket_cell.running.device_writer import withhold
+from bracket_cell.running.supervisor import make_supervisor
+from bracket_cell.skills.motion.near_hand import separation_of
+from bracket_cell.skills.motion.planner import at_height
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Command, JointTrajectory
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import Action, BenchView, Edge, HandSample
+from btxml.engine.status import Status
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
-from trees.engine.status import Status
-from trees.loading import load_tree
-from trees.node_library import node_registry
 
 TICK_S = 0.04
 TABLE = load_faults(load_configuration())

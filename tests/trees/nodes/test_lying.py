@@ -8,22 +8,22 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartDetection, PartsView
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.pose import Pose
-from cell.interfaces.skill import Progress, SkillStatus
-from skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.trees.nodes.ahead import HoldsNeededPart
+from bracket_cell.trees.nodes.clutter import LookAtTray, lies_on_its_side
+from bracket_cell.trees.nodes.lying import FindLying, SetUpright
+from bracket_cell.trees.nodes.moving import IdentifyHeldPart
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection, PartsView
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import Progress, SkillStatus
+from btxml.engine.errors import NodeError
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
-from trees.engine.errors import NodeError
-from trees.engine.status import Status
-from trees.nodes.ahead import HoldsNeededPart
-from trees.nodes.clutter import LookAtTray, lies_on_its_side
-from trees.nodes.lying import FindLying, SetUpright
-from trees.nodes.moving import IdentifyHeldPart
-from trees.nodes.services import Services
-from trees.testing import alone
 
 
 def lying(part: str, x_m: float, confidence: float = 0.9, *, told: bool = True) -> PartDetection:
@@ -83,7 +83,7 @@ class Turned:
 
 
 def test_a_part_that_was_set_upright_is_no_reason_to_ask_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skills.lying.SetUpright", lambda *_: Turned())
+    monkeypatch.setattr("bracket_cell.skills.lying.SetUpright", lambda *_: Turned())
     to = services()
     to.memory.failed(lies_on_its_side(PRODUCT.title("o2")))
     to.memory.failed_at(VIEW.seen[2])
@@ -99,7 +99,7 @@ def test_a_type_that_is_seen_lying_however_often_it_was_set_upright_is_turned_no
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What turns it is wrong about how it lies: each further try would end the same way, and nobody would be asked."""
-    monkeypatch.setattr("skills.lying.SetUpright", lambda *_: Turned())
+    monkeypatch.setattr("bracket_cell.skills.lying.SetUpright", lambda *_: Turned())
     to = services()
     for turn in range(3):
         view = replace(VIEW, others=(lying("o2", 0.5 + 0.05 * turn),))  # each time it was put elsewhere

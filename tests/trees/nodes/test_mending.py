@@ -8,15 +8,9 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
-from cell.interfaces.perception import HoleView
-from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from tests import ROOT
-from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
-from trees.bench import TreeBench
-from trees.engine.status import Status
-from trees.nodes.asking import AskWhichGoal
-from trees.nodes.corrections import (
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.nodes.asking import AskWhichGoal
+from bracket_cell.trees.nodes.corrections import (
     AskToMend,
     AwaitContradiction,
     AwaitMisfit,
@@ -24,10 +18,16 @@ from trees.nodes.corrections import (
     BracketIsRight,
     LeaveMistake,
 )
-from trees.nodes.mistakes import Mistake, reason_of
-from trees.nodes.services import Services
-from trees.nodes.watching import ReconcileGraph
-from trees.testing import alone
+from bracket_cell.trees.nodes.mistakes import Mistake, reason_of
+from bracket_cell.trees.nodes.services import Services
+from bracket_cell.trees.nodes.watching import ReconcileGraph
+from bracket_ground.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from btxml.engine.status import Status
+from btxml.testing import alone
+from tests import ROOT
+from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
 
 G1 = PRODUCT.goal_placements("g1")
 P1, P2 = list(G1)[:2]

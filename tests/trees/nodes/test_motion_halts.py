@@ -9,18 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command, GripperCommand, JointTrajectory
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.skill import Skill
-from skills.grasping.phases import Move, Phase, PhasedSkill, SetGripper
-from skills.motion.motions import Motion
+from bracket_cell.configuration import load_configuration
+from bracket_cell.skills.grasping.phases import Move, Phase, PhasedSkill, SetGripper
+from bracket_cell.skills.motion.motions import Motion
+from bracket_cell.trees.nodes.skill_node import SkillNode
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.skill import Skill
+from btxml.files.compile.registry import Registry
 from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.test_halting import Counted, random_tree
-from trees.files.build.registry import Registry
-from trees.nodes.skill_node import SkillNode
 
 PERIOD_S = 0.04
 STOP_TICKS = 3

@@ -7,21 +7,21 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.observation import GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import HoleView, PartDetection
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.pose import Pose
-from cell.interfaces.skill import Progress, SkillStatus
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.nodes.arm import FeelFingers
+from bracket_cell.trees.nodes.moving import ReturnToTray
+from bracket_cell.trees.nodes.placing import AwaitLetGo, PlacedInVain, PlacePart, RecordPlacement, VerifyPlacement
+from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.perception import HoleView, PartDetection
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import Progress, SkillStatus
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, SURE, see, services
-from trees.bench import TreeBench
-from trees.engine.status import Status
-from trees.nodes.arm import FeelFingers
-from trees.nodes.moving import ReturnToTray
-from trees.nodes.placing import AwaitLetGo, PlacedInVain, PlacePart, RecordPlacement, VerifyPlacement
-from trees.nodes.services import Services
-from trees.testing import alone
 
 
 class Lowering:
@@ -55,7 +55,7 @@ def in_vain(to: Services, position: str = "p2") -> bool:
 
 def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
     end = [SkillStatus.FAILURE]
-    monkeypatch.setattr("skills.pick_and_place.Place", lambda *_: Lowering(end[0]))
+    monkeypatch.setattr("bracket_cell.skills.pick_and_place.Place", lambda *_: Lowering(end[0]))
     to = services()
     answers = []
     place(to, 2.5, holds=False)  # what fell did not meet its hole
@@ -111,7 +111,7 @@ def test_a_hole_that_looks_otherwise_for_long_or_stays_hidden_shows_no_placement
 
 
 def test_what_was_let_go_counts_as_placed_once_it_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skills.pick_and_place.Place", lambda *_: Lowering(SkillStatus.SUCCESS))
+    monkeypatch.setattr("bracket_cell.skills.pick_and_place.Place", lambda *_: Lowering(SkillStatus.SUCCESS))
     to = services()
     awaits: Any = alone(AwaitLetGo("await"), to)
     assert awaits.update() is Status.RUNNING
@@ -137,7 +137,7 @@ def test_what_does_not_go_in_is_exchanged_for_another_one_before_somebody_is_ask
 
 
 def test_one_that_did_not_go_in_is_taken_after_the_others_once_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skills.put_down.PutBack", lambda *_: Lowering(SkillStatus.SUCCESS))
+    monkeypatch.setattr("bracket_cell.skills.put_down.PutBack", lambda *_: Lowering(SkillStatus.SUCCESS))
     for unplaced, vain in (({}, 0), ({"o1 at p2": 2}, 1)):
         to = services(held_part="o1", unplaced=unplaced)
         node: Any = alone(ReturnToTray("back"), to)

@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.operator import OperatorOrder, OperatorState
-from cell.interfaces.pose import Pose
-from skills.motion.planner import MotionPlanner
-from skills.move_to import FollowPlan
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.move_to import FollowPlan
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.nodes.ported.moveit_pro import PlannedMove
+from bracket_cell.trees.nodes.poses import FramedPose
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.command import Command, JointTrajectory
+from bracket_ground.interfaces.operator import OperatorOrder, OperatorState
+from bracket_ground.interfaces.pose import Pose
+from btxml.engine.errors import NodeError
+from btxml.engine.status import Status
+from btxml.testing import alone, assert_ticks
 from tests.trees.nodes.rig import BENCH, CONFIGURATION, PRODUCT, services
-from trees.bench import TreeBench
-from trees.engine.errors import NodeError
-from trees.engine.status import Status
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.nodes.ported.moveit_pro import PlannedMove
-from trees.nodes.poses import FramedPose
-from trees.testing import alone, assert_ticks
 
 Write = Callable[[str], Path]
 PERIOD_S = 0.04

@@ -10,26 +10,26 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
-from cell.errors import InputError
-from cell.interfaces.clock import ManualClock
-from cell.interfaces.memory import PREFIX, Memory, more, without
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import ResumeState
-from cell.recording.json_schema import with_nulls, without_nulls
-from cell.recording.rotation import Snapshot
-from cell.recording.schemas import json_bytes, plain
-from cell.wiring.reload import take_over
+from bracket_cell.recording.json_schema import with_nulls, without_nulls
+from bracket_cell.recording.rotation import Snapshot
+from bracket_cell.recording.schemas import json_bytes, plain
+from bracket_cell.trees.bench import TreeBench
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.wiring.reload import take_over
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.clock import ManualClock
+from bracket_ground.interfaces.memory import PREFIX, Memory, more, without
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.resume import ResumeState
+from btxml.engine.node import Node
+from btxml.engine.ports import InputPort
+from btxml.engine.status import Status
+from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
+from btxml.views.groot2 import blackboards
 from tests.trees.nodes.rig import PRODUCT, seen_parts, services
-from trees.bench import TreeBench
-from trees.engine.node import Node
-from trees.engine.ports import InputPort
-from trees.engine.status import Status
-from trees.engine.tree import Tree
-from trees.files.build.registry import Registry
-from trees.loading import load_tree
-from trees.node_library import node_registry
-from trees.views.groot2 import blackboards
 
 WHOLE = '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{}</BehaviorTree>{}</root>'
 HOLDS = """<ScriptCondition code="@memory_held_part == 'o2' &amp;&amp; !@memory_held_lying"/>"""

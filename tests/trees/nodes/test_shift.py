@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from cell.interfaces.operator import OperatorState
-from cell.interfaces.perception import HoleView
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import ResumeState
+from bracket_cell.trees.nodes.services import Services, Tools
+from bracket_cell.trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
+from bracket_cell.trees.nodes.watching import StartGraph
+from bracket_ground.interfaces.operator import OperatorState
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.resume import ResumeState
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
-from trees.engine.status import Status
-from trees.nodes.services import Services, Tools
-from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
-from trees.nodes.watching import StartGraph
-from trees.testing import alone
 
 G0 = PRODUCT.goal_placements("g0")
 FULL = {position: HoleView(part, 1.0, 0.0) for position, part in G0.items()}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from bracket_cell.trees.nodes.people import ShowHand
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import hand_at, see, services
-from trees.engine.status import Status
-from trees.nodes.people import ShowHand
-from trees.testing import alone
 
 
 def test_it_waits_and_asks_until_a_hand_was_seen_and_remembers_it() -> None:

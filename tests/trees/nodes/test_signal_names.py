@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.configuration import Configuration, load_configuration, load_product
-from skills.drivers.settings import SignalSettings
-from trees.files.check import check
-from trees.node_library import node_registry
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import Configuration, load_configuration, load_product
+from bracket_cell.skills.drivers.settings import SignalSettings
+from bracket_cell.trees.node_library import node_registry
+from btxml.files.check import check
 
 SHIPPED = load_configuration()
 PRODUCT = load_product(SHIPPED)

@@ -7,19 +7,19 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.command import Command
-from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartDetection, PartsView
-from cell.interfaces.planning import GraspPlan
-from cell.interfaces.pose import Pose
-from cell.interfaces.skill import Progress, SkillStatus
+from bracket_cell.trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart
+from bracket_cell.trees.nodes.lying import FindLying
+from bracket_cell.trees.nodes.moving import MoveAside
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection, PartsView
+from bracket_ground.interfaces.planning import GraspPlan
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import Progress, SkillStatus
+from btxml.engine.errors import NodeError
+from btxml.engine.status import Status
+from btxml.testing import alone
 from tests.trees.nodes.rig import ScriptedGrasps, seen_parts, services
-from trees.engine.errors import NodeError
-from trees.engine.status import Status
-from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart
-from trees.nodes.lying import FindLying
-from trees.nodes.moving import MoveAside
-from trees.testing import alone
 
 FREE = GraspPlan(0.9, (), False, "grasp")
 BOXES = [(10 * number, 0, 10 * number + 9, 9) for number in range(4)]
@@ -120,7 +120,9 @@ class Done:
         """Nothing to stop."""
 
 
-@pytest.mark.parametrize(("index", "skill"), [(1, "skills.move_aside.MoveAside"), (3, "skills.lying.LayAside")])
+@pytest.mark.parametrize(
+    ("index", "skill"), [(1, "bracket_cell.skills.move_aside.MoveAside"), (3, "bracket_cell.skills.lying.LayAside")]
+)
 def test_a_part_is_moved_aside_as_it_stands_or_as_it_lies(
     monkeypatch: pytest.MonkeyPatch, index: int, skill: str
 ) -> None:
@@ -145,8 +147,8 @@ def test_a_part_that_is_laid_elsewhere_to_be_turned_there_counts_as_turned(
     monkeypatch: pytest.MonkeyPatch, on_others: bool, turns: int
 ) -> None:
     """Else one that fits nowhere would be laid about for ever."""
-    monkeypatch.setattr("skills.lying.LayAside", lambda *_: Done())
-    monkeypatch.setattr("skills.lying.raised", lambda _, part: bool(part.lies_on))
+    monkeypatch.setattr("bracket_cell.skills.lying.LayAside", lambda *_: Done())
+    monkeypatch.setattr("bracket_cell.skills.lying.raised", lambda _, part: bool(part.lies_on))
     at = services()
     at.memory.failed_at(lying("o2", 2))
     view = stack(lying("o3", 2, *([0] if on_others else [])))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.interfaces.notes import ListJournal
-from cell.interfaces.perception import Action, HoleView
-from cell.interfaces.planning import AssemblyState
+from bracket_cell.trees.nodes.watching import DetectAction, ReconcileGraph, SeenAction, UpdateGraph
+from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.perception import Action, HoleView
+from bracket_ground.interfaces.planning import AssemblyState
+from btxml.engine.status import Status
 from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, see, services
-from trees.engine.status import Status
-from trees.nodes.watching import DetectAction, ReconcileGraph, SeenAction, UpdateGraph
 
 PLACED = Action("assembly", 0.9, "o1", "p2", finished=True)
 

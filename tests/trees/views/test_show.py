@@ -10,14 +10,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from trees.engine.node import Node
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.files.build.registry import BUILT_IN, Registry
-from trees.testing import TreeBench, alone, assert_ticks
-from trees.views.palette import groot_model, palette_list, palette_text
-from trees.views.picture import picture
-from trees.views.show import show_file
+from btxml.engine.node import Node
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from btxml.files.compile.registry import BUILT_IN, Registry
+from btxml.testing import TreeBench, alone, assert_ticks
+from btxml.views.palette import groot_model, palette_list, palette_text
+from btxml.views.picture import picture
+from btxml.views.show import show_file
 
 
 class Fetch(Node):
@@ -147,7 +147,7 @@ def test_a_node_can_be_tested_alone() -> None:
 
 def test_loading_a_tree_is_light() -> None:
     heavy = "numpy,cv2,mujoco,torch,onnxruntime,placo,lark"
-    modules = "sys, trees.files.check, trees.views.show, trees.views.palette"
+    modules = "sys, btxml.files.check, btxml.views.show, btxml.views.palette"
     code = f"import {modules}; print([m for m in '{heavy}'.split(',') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

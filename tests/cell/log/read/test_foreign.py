@@ -16,12 +16,12 @@ from mcap.records import Attachment, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from cell.commands.main import main
-from cell.errors import LogError
-from cell.log.read.mcap_file import read_mcap
-from cell.log.read.reader import read_log
-from cell.log.read.records import HEAD, MAGIC
-from cell.log.read.salvage import recover
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.mcap_file import read_mcap
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.read.records import HEAD, MAGIC
+from bracket_cell.log.read.salvage import recover
+from bracket_ground.errors import LogError
 
 PRIVATE_OPCODE, FUTURE_OPCODE = 0x93, 0x3C
 

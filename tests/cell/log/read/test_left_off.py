@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.configuration import load_configuration, load_product
-from cell.errors import InputError
-from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import ResumeState
-from cell.log.read.resume import _after, read_resume_state
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from sim.process.messages import Drawn
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.log.read.resume import _after, read_resume_state
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.resume import ResumeState
+from bracket_sim.process.messages import Drawn
 from tests import ROOT
 
 PRODUCT = load_product(load_configuration())
@@ -97,10 +97,10 @@ def test_a_run_says_what_it_goes_on_with_and_in_which_world(
 ) -> None:
     address, said = tmp_path / "world.sock", io.StringIO()
     options: list[RunOptions] = []
-    monkeypatch.setattr("cell.runs.run.world_of", lambda _: address)
-    monkeypatch.setattr("cell.runs.run._run", lambda _, asked, *__: options.append(asked))
+    monkeypatch.setattr("bracket_cell.runs.run.world_of", lambda _: address)
+    monkeypatch.setattr("bracket_cell.runs.run._run", lambda _, asked, *__: options.append(asked))
     if there:
-        monkeypatch.setattr("sim.process.opening.drawn_from", lambda _: Drawn(17, "g1"))
+        monkeypatch.setattr("bracket_sim.process.opening.drawn_from", lambda _: Drawn(17, "g1"))
     with socket.socket(socket.AF_UNIX) as killed:
         if bound:
             killed.bind(str(address))

@@ -15,21 +15,21 @@ import pytest
 from mcap.reader import make_reader
 from pydantic import ValidationError
 
-from cell.errors import LogError
-from cell.interfaces.command import Command, Display
-from cell.log.read.indexed import IndexedLog, parts_within
-from cell.log.read.mcap_file import read_mcap
-from cell.log.read.reader import Log, LogStream, read_log
-from cell.log.replay.replay import Replay
-from cell.log.report.node_statistics import node_statistics
-from cell.log.report.query import Query, info, query
-from cell.recording import joint_samples
-from cell.recording import rotation as log_file
-from cell.recording.packing import pack
-from cell.recording.parts import part_path, parts_of
-from cell.recording.recorder import Heading, McapRecorder
-from cell.recording.sink import LogSink
-from cell.settings import LogSettings
+from bracket_cell.log.read.indexed import IndexedLog, parts_within
+from bracket_cell.log.read.mcap_file import read_mcap
+from bracket_cell.log.read.reader import Log, LogStream, read_log
+from bracket_cell.log.replay.replay import Replay
+from bracket_cell.log.report.node_statistics import node_statistics
+from bracket_cell.log.report.query import Query, info, query
+from bracket_cell.recording import joint_samples
+from bracket_cell.recording import rotation as log_file
+from bracket_cell.recording.packing import pack
+from bracket_cell.recording.parts import part_path, parts_of
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.sink import LogSink
+from bracket_cell.settings import LogSettings
+from bracket_ground.errors import LogError
+from bracket_ground.interfaces.command import Command, Display
 from tests.cell.conftest import COMMISSION
 from tests.cell.conftest import recorded as run_recorded
 from tests.cell.fakes import frame

@@ -15,17 +15,17 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from cell.errors import LogError
-from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
-from cell.log.read.frames import Frames
-from cell.log.read.mcap_file import Message, read_mcap
-from cell.log.read.reader import read_log
-from cell.log.read.records import HEAD, MAGIC
-from cell.log.read.salvage import recover
-from cell.log.read.ticks import TickBuilder
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.watching.observer import SentCommand
+from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.mcap_file import Message, read_mcap
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.read.records import HEAD, MAGIC
+from bracket_cell.log.read.salvage import recover
+from bracket_cell.log.read.ticks import TickBuilder
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.watching.observer import SentCommand
+from bracket_ground.errors import LogError
+from bracket_ground.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import OUTCOME, record
 

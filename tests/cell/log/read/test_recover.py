@@ -12,14 +12,14 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from cell.commands.main import main
-from cell.errors import LogError
-from cell.log.read.mcap_file import McapContent, read_mcap
-from cell.log.read.reader import read_log
-from cell.log.read.records import HEAD, MAGIC
-from cell.log.read.salvage import Loss, recover
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.mcap_file import McapContent, read_mcap
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.read.records import HEAD, MAGIC
+from bracket_cell.log.read.salvage import Loss, recover
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_ground.errors import LogError
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError, LogError
-from cell.log.read.reader import Log, read_log
-from cell.log.replay import case
-from cell.log.replay.case import check_case, close, write_case
-from cell.log.replay.compare import logged
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.replay import case
+from bracket_cell.log.replay.case import check_case, close, write_case
+from bracket_cell.log.replay.compare import logged
+from bracket_ground.errors import InputError, LogError
 from tests import ROOT
 
 CASES = sorted((ROOT / "tests" / "cases").glob("*.mcap"))

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cell.commands.main import main
-from cell.errors import LogError
-from cell.log.read.reader import read_log
-from cell.log.replay.loading import Changes
-from cell.log.replay.replay import Replay
-from cell.recording.parts import parts_of
-from cell.runs.options import RunOptions
-from cell.runs.run import run
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.replay.loading import Changes
+from bracket_cell.log.replay.replay import Replay
+from bracket_cell.recording.parts import parts_of
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_ground.errors import LogError
 from tests.cell.conftest import changed_configuration
 
 BRACKETS = 10
@@ -40,9 +40,9 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Ten">
 </root>
 """
 NODES = '''
-from trees.engine.ports import InputPort
-from trees.engine.status import Status
-from trees.nodes.services import CellNode
+from btxml.engine.ports import InputPort
+from btxml.engine.status import Status
+from bracket_cell.trees.nodes.services import CellNode
 
 class CountTicks(CellNode):
     """Counts its ticks over all brackets, and says when they are a multiple."""
@@ -135,7 +135,11 @@ def test_the_state_of_a_hostile_log_is_refused(shift: Path) -> None:
     state = copy.deepcopy(dict(log.ticks[0].state or {}))
     [fields] = [fields for path, _, fields in state["nodes"] if "CountTicks" in path]
     seen = fields["_seen"]
-    for kind in ("cell.recording.sink.LogSink", "subprocess.Popen", "skills.motion.separation.np.testing.runstring"):
+    for kind in (
+        "bracket_cell.recording.sink.LogSink",
+        "subprocess.Popen",
+        "bracket_cell.skills.motion.separation.np.testing.runstring",
+    ):
         fields["_seen"] = {"n": 10**6, "record": kind, "of": {}}
         object.__setattr__(log.ticks[0], "state", state)
         with pytest.raises(LogError, match=rf"at [\d.]+ s on: .*CountTicks::\d+._seen is a {kind}, which is no part"):

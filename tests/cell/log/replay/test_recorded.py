@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from cell.configuration import load_configuration
-from cell.errors import DeviceFault
-from cell.interfaces.clock import ManualClock
-from cell.log.read.reader import Log
-from cell.log.replay.recorded import RecordedArm, RecordedCamera, RecordedGripper
-from skills.drivers.settings import RecordedSettings
+from bracket_cell.configuration import load_configuration
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.replay.recorded import RecordedArm, RecordedCamera, RecordedGripper
+from bracket_cell.skills.drivers.settings import RecordedSettings
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.clock import ManualClock
 from tests.contracts import arm, gripper
 from tests.contracts import camera as camera_contract
 from tests.contracts.camera import CHECKS, Check

@@ -11,13 +11,13 @@ from typing import Any, cast
 import pytest
 import yaml
 
-from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
-from cell.device_settings import OwnDevice
-from cell.errors import LogError
-from cell.interfaces.robot import default_robot
-from cell.log.read.reader import Log
-from cell.log.replay.logged_tree import upgrade, write_files
-from skills.drivers.settings import CanSettings, SignalSettings
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from bracket_cell.device_settings import OwnDevice
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.replay.logged_tree import upgrade, write_files
+from bracket_cell.skills.drivers.settings import CanSettings, SignalSettings
+from bracket_ground.errors import LogError
+from bracket_ground.interfaces.robot import default_robot
 
 
 def as_recorded(folder: Path, code: Mapping[str, bytes] | None = None, **changes: object) -> Configuration:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from cell.files.files import shipped
-from cell.interfaces.faults import SIGNALS
-from cell.log.replay.logged_tree import recorded_table
+from bracket_cell.log.replay.logged_tree import recorded_table
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.faults import SIGNALS
 
 
 def test_a_table_of_before_a_sign_was_known_is_read() -> None:
-    lines = shipped("config", "faults.yaml").read_text("utf-8").splitlines()
+    lines = shipped("bracket_cell.config", "faults.yaml").read_text("utf-8").splitlines()
     older = "\n".join(line for line in lines if "camera_moved" not in line)
     rows = {row.signal: row.action for row in recorded_table(older).faults}
     assert set(rows) == set(SIGNALS)

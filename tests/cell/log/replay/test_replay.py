@@ -14,25 +14,25 @@ from typing import Any, ClassVar
 import pytest
 from rich.console import Console
 
-from cell.commands.main import main
-from cell.configuration import DEFAULT_CONFIGURATION
-from cell.errors import InputError, LogError
-from cell.log.read.reader import Log, LoggedTick, read_log
-from cell.log.read.ticks import Gap
-from cell.log.replay.loading import Changes, load
-from cell.log.replay.replay import Replay, Step
-from cell.log.report.query import Query, diff, info, query, ticks
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from cell.viewing.monitor import HEADER, PROTOCOL, Monitor
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.log.read.reader import Log, LoggedTick, read_log
+from bracket_cell.log.read.ticks import Gap
+from bracket_cell.log.replay.loading import Changes, load
+from bracket_cell.log.replay.replay import Replay, Step
+from bracket_cell.log.report.query import Query, diff, info, query, ticks
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_cell.viewing.monitor import HEADER, PROTOCOL, Monitor
+from bracket_ground.errors import InputError, LogError
+from btxml.engine.status import Status
 from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.read.test_reader import without
-from trees.engine.status import Status
 
 BARE: Any = {"images": False, "pixels": False, "one_process": True}
 LEAVES = """
 import sys
-from trees.nodes.services import CellNode
+from bracket_cell.trees.nodes.services import CellNode
 
 class Leaves(CellNode):
     def update(self):
@@ -42,8 +42,8 @@ class Leaves(CellNode):
 
 LEAVES_WHEN_HALTED = """
 import sys
-from trees.engine.status import Status
-from trees.nodes.services import CellNode
+from btxml.engine.status import Status
+from bracket_cell.trees.nodes.services import CellNode
 
 class Leaves(CellNode):
     def update(self):
@@ -222,7 +222,7 @@ def test_a_node_that_ends_the_program_when_halted_does_not_end_the_safe_stop(
 
 
 def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.viewing.monitor.Monitor", MeddlingMonitor)
+    monkeypatch.setattr("bracket_cell.viewing.monitor.Monitor", MeddlingMonitor)
     configuration = changed_configuration(tmp_path, "max_duration_s: 300.0", "max_duration_s: 4.5")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -290,9 +290,9 @@ def test_commands_answer_with_exit_status_and_json(
 
 def test_a_replay_opens_no_simulator(commission_log: Log) -> None:
     script = (
-        "import sys; from cell.commands.main import main;"
+        "import sys; from bracket_cell.commands.main import main;"
         f"status = main(['replay', {str(commission_log.path)!r}, '--until', '0.5']);"
-        "loaded = {'sim.scene.world', 'sim.cell', 'mujoco', 'torch'} & set(sys.modules);"
+        "loaded = {'bracket_sim.scene.world', 'bracket_sim.cell', 'mujoco', 'torch'} & set(sys.modules);"
         "sys.exit(f'loaded {loaded}' if loaded else status)"
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

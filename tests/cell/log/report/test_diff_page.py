@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.log.read.reader import Log
-from cell.log.report import query
-from cell.log.report.diff_page import diff_html, why
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.report import query
+from bracket_cell.log.report.diff_page import diff_html, why
 
 NAMES = ("one.mcap", "other.mcap")
 

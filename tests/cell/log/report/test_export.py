@@ -17,12 +17,12 @@ import cv2
 import pytest
 from pyarrow import parquet
 
-from cell.commands.main import main
-from cell.errors import InputError, LogError
-from cell.log.read.reader import Log
-from cell.log.report.export import BTLOG_HEAD, BTLOG_MAGIC, export, table
-from trees.engine.status import Status
-from trees.views.groot2 import CODES
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.report.export import BTLOG_HEAD, BTLOG_MAGIC, export, table
+from bracket_ground.errors import InputError, LogError
+from btxml.engine.status import Status
+from btxml.views.groot2 import CODES
 
 STATUSES = {code: status for status, code in CODES.items()}
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from foxglove import messages
 
-from cell.errors import InputError, LogError
-from cell.log.read.mcap_file import Message
-from cell.log.read.reader import Log
-from cell.log.report.report import report_html, write_report
-from cell.log.report.summary import beliefs, node_rows, placements, verdicts
+from bracket_cell.log.read.mcap_file import Message
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.report.report import report_html, write_report
+from bracket_cell.log.report.summary import beliefs, node_rows, placements, verdicts
+from bracket_ground.errors import InputError, LogError
 from tests.processes import finished
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

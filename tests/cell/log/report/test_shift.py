@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.interfaces.command import Command, Display
-from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.operator import Question
-from cell.log.read.reader import read_log
-from cell.log.report.report import report_html
-from cell.log.report.shift import Shift, shift_from
-from cell.recording.parts import part_path
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.watching.observer import Outcome
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import read_log
+from bracket_cell.log.report.report import report_html
+from bracket_cell.log.report.shift import Shift, shift_from
+from bracket_cell.recording.parts import part_path
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.watching.observer import Outcome
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.operator import Question
 from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
 
 HELD = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))

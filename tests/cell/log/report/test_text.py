@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.log.read.reader import Log
-from cell.log.replay.compare import Difference
-from cell.log.report.text import change_lines, difference_lines, entry_text, note_text, short
-from trees.engine.node import StatusChange
-from trees.engine.status import Status
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.replay.compare import Difference
+from bracket_cell.log.report.text import change_lines, difference_lines, entry_text, note_text, short
+from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
 
 
 @pytest.mark.parametrize(

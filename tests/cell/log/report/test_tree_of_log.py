@@ -10,17 +10,17 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cell.commands.lab.logs import save_snapshots
-from cell.commands.main import main
-from cell.commands.show import tree_at
-from cell.errors import InputError, LogError
-from cell.log.read.frames import Frames
-from cell.log.read.reader import Log, LoggedTick
-from cell.log.replay.logged_tree import logged_tree
-from cell.log.report.node_statistics import node_statistics, statistics_lines
+from bracket_cell.commands.main import main
+from bracket_cell.commands.show import tree_at
+from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.reader import Log, LoggedTick
+from bracket_cell.log.replay.logged_tree import logged_tree
+from bracket_cell.log.report.node_statistics import node_statistics, statistics_lines
+from bracket_ground.errors import InputError, LogError
+from bracket_lab.commands.logs import save_snapshots
+from btxml.engine.node import StatusChange
+from btxml.engine.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from tests import ROOT
-from trees.engine.node import StatusChange
-from trees.engine.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 
 CASE = ROOT / "tests" / "cases" / "assembly-g0-seed5.mcap"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cell.log.report.shift import HEIGHT, WIDTH, BracketRow, Shift, trend_of
+from bracket_cell.log.report.shift import HEIGHT, WIDTH, BracketRow, Shift, trend_of
 
 
 def bracket(number: int, length_s: float = 60.0, **changes: object) -> BracketRow:

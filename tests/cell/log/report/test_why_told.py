@@ -8,19 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.errors import LogError
-from cell.log.read.reader import Log, read_log
-from cell.log.replay.why import why_at
-from cell.log.report.query import info, ticks, why_of
-from cell.log.report.report import report_html
-from cell.log.report.summary import node_rows, with_cause
-from cell.log.report.text import info_lines, tick_lines, why_lines
-from cell.recording.recorder import Heading, McapRecorder
-from cell.settings import LogSettings
-from cell.watching.observer import Outcome
+from bracket_cell.commands.main import main
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.replay.why import why_at
+from bracket_cell.log.report.query import info, ticks, why_of
+from bracket_cell.log.report.report import report_html
+from bracket_cell.log.report.summary import node_rows, with_cause
+from bracket_cell.log.report.text import info_lines, tick_lines, why_lines
+from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.settings import LogSettings
+from bracket_cell.watching.observer import Outcome
+from bracket_ground.errors import LogError
+from btxml.engine.why import Reason, Step
 from tests.cell.recording.test_recorder import record
-from trees.engine.why import Reason, Step
 
 ROOT = Step("job", 1, "Sequence", "job", "commission.xml", 4, "FAILURE")
 SHORT = Step("job/ready", 990, "ScriptCondition", "ready?", "commission.xml", 9, "FAILURE", "'n > 3' is false, n = 2",

@@ -13,21 +13,21 @@ from typing import Any
 import cv2
 import pytest
 
-from cell.commands.main import main
-from cell.errors import InputError, LogError
-from cell.interfaces.hand_window import window_px
-from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
-from cell.interfaces.pose import Pose
-from cell.log.read.reader import Log
-from cell.log.replay.logged_tree import logged_bench, logged_product
-from cell.log.training.demonstrations import demonstration_of
-from cell.log.training.manifest import logs_by_hash, write_training_data
-from cell.log.training.segments import bench_views, carried_parts, segments
-from cell.log.training.tray_scenes import attempts, scene_records
-from learned.actions.data import load_segments
-from learned.actions.settings import Classes
-from learned.grasp.data import read_scenes
-from learned.semantic.records import load_demonstrations
+from bracket_cell.commands.main import main
+from bracket_cell.learned.actions.settings import Classes
+from bracket_cell.learned.semantic.records import load_demonstrations
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.replay.logged_tree import logged_bench, logged_product
+from bracket_cell.log.training.demonstrations import demonstration_of
+from bracket_cell.log.training.manifest import logs_by_hash, write_training_data
+from bracket_cell.log.training.segments import bench_views, carried_parts, segments
+from bracket_cell.log.training.tray_scenes import attempts, scene_records
+from bracket_ground.errors import InputError, LogError
+from bracket_ground.interfaces.hand_window import window_px
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
+from bracket_ground.interfaces.pose import Pose
+from bracket_lab.learned.actions.data import load_segments
+from bracket_lab.learned.grasp.data import read_scenes
 from tests import ROOT
 
 COMMAND = "cell lab data --from x --out y"
@@ -250,7 +250,7 @@ def test_command_writes_and_asks_for_what_is_missing(
 
 
 def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.commands.log_export.read", lambda _: pytest.fail("a log is read"))
+    monkeypatch.setattr("bracket_cell.commands.log_export.read", lambda _: pytest.fail("a log is read"))
     (tmp_path / "some.mcap").write_bytes(b"some")
     for other in ("none.mcap", "./some.mcap"):
         words = ["lab", "data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
@@ -278,7 +278,7 @@ def test_planners_are_trained_on_it(planner: str, tray_log: Log, tmp_path: Path)
         logs.append(replace(changed(tray_log, *edges), path=path, parts=()))
     write_training_data(logs, tmp_path / "out", COMMAND)
     data = {"semantic": "demonstrations.jsonl", "grasp": "scenes.jsonl"}[planner]
-    command = [sys.executable, "-m", "cell", "lab", "train", planner, "--data", str(tmp_path / "out" / data)]
+    command = [sys.executable, "-m", "bracket_cell", "lab", "train", planner, "--data", str(tmp_path / "out" / data)]
     command += ["--out", str(tmp_path / "weights.onnx"), "--json"]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stderr

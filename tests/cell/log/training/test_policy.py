@@ -13,25 +13,25 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 from rich.console import Console
 
-from cell.errors import ModelError
-from cell.log.read.reader import Log, read_log
-from cell.log.replay.loading import Changes
-from cell.log.replay.replay import Replay
-from cell.log.training.lerobot import write_lerobot
-from cell.runs.options import RunOptions
-from cell.runs.run import run
-from learned.inference.policy import ACTION, ENVIRONMENT, STATE, Policy
+from bracket_cell.learned.inference.policy import ACTION, ENVIRONMENT, STATE, Policy
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.replay.loading import Changes
+from bracket_cell.log.replay.replay import Replay
+from bracket_cell.log.training.lerobot import write_lerobot
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
+from bracket_ground.errors import ModelError
 from tests.cell.conftest import changed_configuration
 
 ABOVE_M = 0.16
 DEMONSTRATED, TRIED = 6, 20  # runs to learn from, parts to move above
 NODES = '''
-from cell.interfaces.perception import PartsView
-from cell.interfaces.pose import Pose
-from trees.engine.ports import InputPort, OutputPort
-from trees.engine.status import Status
-from trees.nodes.poses import FramedPose
-from trees.nodes.services import CellNode
+from bracket_ground.interfaces.perception import PartsView
+from bracket_ground.interfaces.pose import Pose
+from btxml.engine.ports import InputPort, OutputPort
+from btxml.engine.status import Status
+from bracket_cell.trees.nodes.poses import FramedPose
+from bracket_cell.trees.nodes.services import CellNode
 
 class NextPart(CellNode):
     """The seen parts one after the other; fails behind the last."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from cell.files.words.message import Message
-from cell.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, Judgement
-from cell.interfaces.faults import Action as Does
-from cell.interfaces.perception import Action, HandSample, PartDetection, PartsView
-from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.interfaces.pose import Pose
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, Judgement
+from bracket_ground.interfaces.faults import Action as Does
+from bracket_ground.interfaces.perception import Action, HandSample, PartDetection, PartsView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_ground.interfaces.pose import Pose
 from tests.cell.viewing.page.rig import HOLDS, WHICH, PageRig
 from tests.trees.nodes.rig import PRODUCT
 

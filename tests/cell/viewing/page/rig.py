@@ -19,29 +19,29 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
-from cell.interfaces.command import Command, Display
-from cell.interfaces.faults import Judgement
-from cell.interfaces.frame import Frame
-from cell.interfaces.notes import Topic
-from cell.interfaces.observation import ArmState, Image, ObjectStatus, Observation
-from cell.interfaces.operator import Answer, OperatorOrder, Question
-from cell.interfaces.perception import Action, BenchView, HandSample, PartsView
-from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.interfaces.pose import Pose
-from cell.recording.scene import CellModel
-from cell.running.operator import OperatorChannel
-from cell.settings import PageSettings
-from cell.viewing.gate import Address
-from cell.viewing.page.page import OperatorPage
-from cell.viewing.production import Production
-from cell.watching.observer import SentCommand, TickRecord
-from skills.motion.planner import MotionPlanner
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.settings import PageSettings
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.page.page import OperatorPage
+from bracket_cell.viewing.production import Production
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.notes import Topic
+from bracket_ground.interfaces.observation import ArmState, Image, ObjectStatus, Observation
+from bracket_ground.interfaces.operator import Answer, OperatorOrder, Question
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, PartsView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_ground.interfaces.pose import Pose
+from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
 from tests import ROOT
 from tests.trees.nodes.rig import BENCH, CONFIGURATION, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT
-from trees.engine.node import StatusChange
-from trees.engine.status import Status
-from trees.loading import load_tree
-from trees.node_library import node_registry
 
 MODEL = CellModel(PRODUCT, BENCH, MotionPlanner(PRODUCT, BENCH, CONFIGURATION.motion))
 STANDING = ArmState(0.0, BENCH.arm_look_rad, (0.0,) * 6, moving=False)

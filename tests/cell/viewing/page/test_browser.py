@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.operator import OperatorOrder, Question
-from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.viewing.gate import Address
+from bracket_cell.viewing.gate import Address
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.operator import OperatorOrder, Question
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 from tests.cell.viewing.page.moments import brought_to
 from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig, certified
 from tests.docs.page_moments import GL

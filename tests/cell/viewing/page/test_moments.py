@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cell.files.words.catalogue import catalogue
+from bracket_ground.files.words.catalogue import catalogue
 from tests.cell.viewing.page.moments import MOMENTS, brought_to
 from tests.cell.viewing.page.rig import PageRig
 from tests.trees.nodes.rig import PRODUCT

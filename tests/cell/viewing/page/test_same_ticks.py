@@ -13,9 +13,9 @@ from pathlib import Path
 from mcap.reader import make_reader
 from rich.console import Console
 
-from cell.recording.parts import parts_of
-from cell.runs.options import RunOptions
-from cell.runs.run import run
+from bracket_cell.recording.parts import parts_of
+from bracket_cell.runs.options import RunOptions
+from bracket_cell.runs.run import run
 from tests import ROOT
 
 DURATION_S, CLIENTS_N = 2.5, 5

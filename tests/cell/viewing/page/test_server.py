@@ -15,15 +15,15 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.errors import InputError
-from cell.interfaces.frame import Frame
-from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.pose import Pose
-from cell.settings import PageSettings
-from cell.viewing import door
-from cell.viewing.gate import Address
-from cell.viewing.page import server
-from cell.viewing.page.page import OperatorPage
+from bracket_cell.settings import PageSettings
+from bracket_cell.viewing import door
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.page import server
+from bracket_cell.viewing.page.page import OperatorPage
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.operator import OperatorOrder
+from bracket_ground.interfaces.pose import Pose
 from tests.cell.viewing.page.rig import HELP, MODEL, PageRig, certified
 
 PAUSE = {"kind": "pause", "value": "now"}
@@ -222,7 +222,7 @@ def test_a_client_is_told_what_stands_still_and_every_newest_state(rig: PageRig)
 
 def test_slow_clients_are_dropped_and_ticks_go_on(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "SLOW_S", 0.3)
-    monkeypatch.setattr("cell.viewing.page.page.EVERY_S", 0.0)
+    monkeypatch.setattr("bracket_cell.viewing.page.page.EVERY_S", 0.0)
     rig.show(message="x" * 200_000)  # so that buffers fill
     rig.tick()
     clients = [stream(rig, 2048) for _ in range(5)]
@@ -257,7 +257,7 @@ def test_states_are_small(rig: PageRig) -> None:
 
 def test_the_picture_is_the_one_in_which_the_hand_was_found(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Detectors answer some frames later: the box must not lie on a newer image."""
-    monkeypatch.setattr("cell.viewing.page.page.EVERY_S", 0.0)
+    monkeypatch.setattr("bracket_cell.viewing.page.page.EVERY_S", 0.0)
     monkeypatch.setattr(server.PageServer, "watched", True)
     for sequence in range(6):
         image = np.full((48, 64, 3), 20 * sequence, np.uint8)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.interfaces.command import Command
-from cell.interfaces.faults import ACKNOWLEDGE, Action, Judgement
-from cell.interfaces.observation import Observation
-from cell.running.observers import Announcer
-from cell.viewing.page.state import PageState
-from cell.watching.observer import SentCommand, TickRecord
+from bracket_cell.running.observers import Announcer
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.page.state import PageState
+from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.faults import ACKNOWLEDGE, Action, Judgement
+from bracket_ground.interfaces.observation import Observation
 from tests import ROOT
 from tests.cell.viewing.page.rig import MODEL
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
-from trees.loading import load_tree
-from trees.node_library import node_registry
 
 HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
 

@@ -1,0 +1,157 @@
+"""`cell teach`, `cell bench` and `cell move`: what a person does at a new cell before its first run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import yaml
+
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
+from bracket_cell.commands.terminal import console, print_json
+from bracket_cell.configuration import Configuration, load_configuration, load_product, located
+from bracket_cell.runs.bench_view import BenchView
+from bracket_cell.runs.commissioning import DRY_SHARE, Teaching, dry_run, goal_of, way_to
+from bracket_cell.runs.slow_motion import move_to, opened
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
+from bracket_ground.errors import InputError
+from bracket_ground.files.model import Location
+from bracket_ground.files.yaml_file import write_values
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import DEFAULT, FOLDER, shipped_robots
+
+GRIPPER, ROBOT, ACTIVATION_S = "gripper", "robot", 20.0
+
+
+def teach(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="park, look, bracket, tray, gripper, robot, or a part type: its bin.")
+    ],
+    config: ConfigOption = CONFIGURATION,
+) -> int:
+    """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are."""
+    configuration, product = _read(config)
+    if name == GRIPPER:
+        return _teach_gripper(configuration, product, config)
+    if name == ROBOT:
+        return _teach_robot(configuration, config)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    teaching = Teaching(name, configuration.bench, product, motion)
+    with located(config, configuration), joints_by_hand(configuration, product) as joints_now:
+        joints = []
+        for prompt in teaching.prompts:
+            _wait_for_enter(prompt)
+            joints.append(np.array(joints_now()))
+    values, told = teaching.values(joints)
+    write_values(config, values)
+    load_configuration(config)  # what it says now is legal
+    console().print(f"{config}: {told}", highlight=False)
+    return 0
+
+
+def move(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="park or look.")],
+    config: ConfigOption = CONFIGURATION,
+    share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
+    slower: SlowerOption = 1.0,
+) -> int:
+    """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
+    configuration, product = _read(config)
+    goal_of(name, configuration.bench)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
+        _wait_for_enter(f"to {name}: {way_to(name, devices, configuration.bench, motion)}; at a share of {share:g}")
+        move_to(devices, motion, goal_of(name, configuration.bench), share)
+    console().print(f"the arm stands at {name}", highlight=False)
+    return 0
+
+
+def bench(
+    config: ConfigOption = CONFIGURATION,
+    out: Annotated[Path, typer.Option("--out", "-o", help="The drawing, an SVG file.")] = Path("bench.svg"),
+    as_json: JsonOption = False,
+) -> int:
+    """Draw what the cameras see and the arm reaches. Status 1 where something is cut off."""
+    configuration, product = _read(config)
+    view = BenchView(configuration.bench, product, MotionPlanner(product, configuration.bench, configuration.motion))
+    try:
+        out.write_text(view.svg, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from None
+    for problem in view.problems:
+        console().print(problem, highlight=False)
+    console().print(f"{out}: {'; '.join(view.told)}", highlight=False)
+    if as_json:
+        print_json({"file": str(out), "problems": view.problems})
+    return 1 if view.problems else 0
+
+
+def dry(config: Path, slower: float = 1.0) -> int:
+    """`cell run --dry`: the job's ways above the bench, nothing is touched."""
+    configuration, product = _read(config)
+    _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
+    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
+        missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
+    return 1 if missed else 0
+
+
+def _read(config: Path) -> tuple[Configuration, Product]:
+    configuration = load_configuration(config)
+    return configuration, load_product(configuration, config)
+
+
+def _teach_gripper(configuration: Configuration, product: Product, config: Path) -> int:
+    """Let the fingers open and close, and keep where they end."""
+    with located(config, configuration), opened_alone(configuration, product, GRIPPER) as (gripper, clock):
+        if not hasattr(gripper, "ends"):
+            raise InputError("this gripper's driver measures no ends; nothing has to be taught")
+        _wait_for_enter("take everything out of the fingers: they open and close")
+        gripper.activate()
+        until_s = clock.now_s() + ACTIVATION_S
+        while not gripper.measured:
+            gripper.state()
+            if clock.now_s() > until_s:
+                raise InputError(
+                    f"the fingers did not find their ends within {ACTIVATION_S:g} s: is something in them?"
+                )
+            clock.sleep_until(clock.now_s() + 0.05)
+        first, last = gripper.ends
+    ends: dict[Location, object] = {
+        ("devices", GRIPPER, "open_count"): first,
+        ("devices", GRIPPER, "closed_count"): last,
+    }
+    write_values(config, ends)
+    console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
+    return 0
+
+
+def _teach_robot(configuration: Configuration, config: Path) -> int:
+    """Write the arm's own calibration into its file; a robot that is shipped gets one beside the configuration."""
+    with located(config, configuration):
+        own = own_calibration(configuration)
+    named = str(yaml.safe_load(config.read_text()).get(ROBOT, DEFAULT))
+    path = config.parent / named
+    if named in shipped_robots():
+        path = config.parent / f"{named}_own.yaml"
+        if path.exists():
+            raise InputError(f"{path} is there already: write robot: {path.name} into {config}, then teach it again")
+        path.write_text((FOLDER / f"{named}.yaml").read_text())
+        write_values(config, {(ROBOT,): path.name})
+    write_values(path, {("calibration",): own.model_dump(mode="json")})
+    taught, here = load_configuration(config), np.array(configuration.bench.arm_look_rad)
+    before, after = (Kinematics(one.motion).position_m(here) for one in (configuration, taught))
+    off_mm = 1e3 * float(np.linalg.norm(after - before))
+    console().print(f"{path}: the tool is {off_mm:.1f} mm elsewhere in the pose look; calibrate the cameras again")
+    return 0
+
+
+def _wait_for_enter(prompt: str) -> None:
+    """Wait for Enter; raises InputError where nobody can press it."""
+    console().print(f"{prompt}, then press Enter", highlight=False)
+    if not sys.stdin.readline():
+        raise InputError("nobody pressed Enter: this command asks at the terminal; nothing was changed")

@@ -1,0 +1,255 @@
+"""`cell doctor`: what is missing on this machine, and the exact command that gets it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+import can
+
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from bracket_cell.commands.terminal import print_json
+from bracket_cell.configuration import Configuration, load_configuration, load_product, located
+from bracket_cell.kinds import made
+from bracket_cell.learned.semantic.goals import OpenGoals
+from bracket_cell.packages import LABORATORY, SIMULATOR, damaged_packages, how_to_install, missing_packages, offers
+from bracket_cell.simulator import installed, simulator
+from bracket_cell.skills.drivers.settings import CanSettings
+from bracket_cell.wiring.bench_checks import bench_problems
+from bracket_cell.wiring.detectors import check_detectors, fitted
+from bracket_cell.wiring.devices import examined, find_drivers
+from bracket_ground.errors import CellError, Problem, SettingError
+from bracket_ground.files.yaml_file import place_of
+from bracket_ground.interfaces.product import Product
+
+FREE_GB = 1.0  # a log takes about 0.02 GB a minute
+TRIAL_S = 2.0  # of simulated time, to see how fast it passes
+INSTALL = "make .venv/runtime in a clone, or pip install again"
+BENCH = ("the arm rests in nothing", "bins, tray, bracket and obstacles do not overlap, and no hole is hidden")
+ANEW = "make clean, then make run; with pip: delete the environment and install again"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        remedy: a command or sentence that helps; empty where all is well.
+        needed: a run is not possible without.
+    """
+
+    what: str
+    ok: bool
+    remedy: str = ""
+    needed: bool = True
+
+    def __str__(self) -> str:
+        state = "ok" if self.ok else "MISSING" if self.needed else "note"
+        return f"{state:8}{self.what}" + (f"\n{'':8}{self.remedy}" if self.remedy else "")
+
+
+def doctor(
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> int:
+    """Say what is missing on this machine and how to get it; status 1 if the cell cannot run."""
+    findings = examine(config)
+    healthy = all(finding.ok for finding in findings if finding.needed)
+    if as_json:
+        print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+    else:
+        sys.stdout.writelines(f"{finding}\n" for finding in findings)
+    return 0 if healthy else 1
+
+
+def examine(path: Path) -> list[Finding]:
+    """Look at everything that `cell run` needs with this configuration; what matters first comes first."""
+    rendering = _rendering()
+    rest = [_training(), _font(), _python(), _packages()]
+    try:
+        configuration = load_configuration(path)
+        product = load_product(configuration, path)
+    except CellError as error:
+        return [rendering, Finding("configuration", False, str(error)), *rest]
+    logs = configuration.log.folder
+    rendering = replace(rendering, needed=bool(configuration.devices.simulated))
+    machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
+    there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
+    devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
+    planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
+    own = [Finding(f"configuration {path}", True), *_bench(configuration, product, path)]
+    return [
+        *machine,
+        *devices,
+        *own,
+        _detectors(configuration, product),
+        *planners,
+        *_signed(configuration, path),
+        *rest,
+    ]
+
+
+def _bench(configuration: Configuration, product: Product, path: Path) -> Iterator[Finding]:
+    """Whether the arm rests in nothing, and all that stands on the bench has a place of its own, which may wait."""
+    for what, wrong, needed in zip(BENCH, bench_problems(configuration, product), (True, False), strict=True):
+        told = [str(Problem(place_of(path, where), what)) for where, what in wrong]
+        yield Finding(what, not told, "; ".join(told), needed)
+
+
+def _python() -> Finding:
+    version = ".".join(map(str, sys.version_info[:3]))
+    fits = (3, 11) <= sys.version_info[:2] < (3, 13)
+    return Finding(f"Python {version}", fits, "" if fits else "install Python 3.11 or 3.12, remove .venv, make run")
+
+
+def _packages() -> Finding:
+    """The runtime's packages, as the installed project lists them."""
+    try:
+        needed, missing = missing_packages()
+    except metadata.PackageNotFoundError:
+        return Finding("the project is not installed in this environment", False, INSTALL)
+    if missing:
+        return Finding(f"{len(missing)} of {len(needed)} packages: {', '.join(missing)}", False, INSTALL)
+    if damaged := damaged_packages():
+        told = "; ".join(f"{name}: {why}" for name, why in sorted(damaged.items()))
+        return Finding(f"packages whose files are not as they were installed: {told}", False, ANEW)
+    return Finding(f"{len(needed)} packages, and all files of what is installed", True)
+
+
+def _disk(folder: Path) -> Finding:
+    free_gb = shutil.disk_usage(_there(folder)).free / 1e9
+    enough = free_gb >= FREE_GB
+    remedy = "" if enough else f"logs take 0.02 GB a minute: make room, or log to another disk (--log, {FREE_GB:g} GB)"
+    return Finding(f"{free_gb:.1f} GB free for logs", enough, remedy, needed=False)
+
+
+def _there(folder: Path) -> Path:
+    """The folder, or what it would be made in."""
+    return next(one for one in (folder, *folder.parents) if one.exists())
+
+
+def _drivers(configuration: Configuration, path: Path) -> Finding:
+    """Whether the drivers are there and take their settings (opened only by a run)."""
+    try:
+        with located(path, configuration):
+            drivers = find_drivers(configuration)
+    except CellError as error:
+        return Finding("drivers of the devices", False, str(error))
+    own = [f"{role} {driver.make.__name__}" for role, driver in drivers.items()]
+    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'}", True)
+
+
+def _examined(configuration: Configuration, product: Product) -> Iterator[Finding]:
+    """The real devices, each opened and looked at; nothing moves."""
+    if drivers := find_drivers(configuration):
+        from bracket_cell.skills.motion.kinematics import Kinematics
+
+        for one in examined(configuration, drivers, product, Kinematics(configuration.motion).forward):
+            yield Finding(one.what, not one.remedy, one.remedy)
+
+
+def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
+    """Cameras and speed of the simulated cell."""
+    if not configuration.devices.simulated:
+        return
+    devices = simulator().opened(configuration, product, 0)
+    try:
+        devices.wrist.trigger()
+        begun_s = time.perf_counter()
+        devices.clock.sleep_until(devices.clock.now_s() + TRIAL_S)
+        speed = TRIAL_S / (time.perf_counter() - begun_s)
+        blind = [name for name in ("overhead", "wrist") if getattr(devices, name).latest() is None]
+    finally:
+        devices.close()
+    told = f"simulation {speed:.1f} x real time on {os.cpu_count()} CPUs"
+    yield Finding(told, speed >= 1, "" if speed >= 1 else "--real-time will fall behind; end other programs", False)
+    yield Finding("cameras overhead, wrist", not blind, f"no frame of {', '.join(blind)}" if blind else "")
+
+
+def _training() -> Finding:
+    """Only `cell train` needs it."""
+    there = offers(LABORATORY)
+    return Finding("training", there, "" if there else f"install it: {how_to_install(LABORATORY)}", needed=False)
+
+
+def _rendering() -> Finding:
+    if (found := installed()) is None:
+        return Finding("the simulator", False, f"install it: {how_to_install(SIMULATOR)}")
+    backend, remedy = found.rendering()
+    return Finding(f"rendering by {backend}", not remedy, remedy)
+
+
+def _font() -> Finding:
+    """Only `cell show --png` needs it, so that a run begins without."""
+    from btxml.views.picture import FONT_PACKAGE, draws_text
+
+    what = "a font for pictures of trees (cell show --png)"
+    return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}", False)
+
+
+def _signed(configuration: Configuration, path: Path) -> Iterator[Finding]:
+    """Whether a person signed the safety configuration, where something real moves."""
+    from bracket_cell.runs.signing import moves_something, required_signature
+    from bracket_cell.wiring.safety import safety_from
+
+    with suppress(SettingError):  # said of the drivers
+        if moves_something(find_drivers(configuration).values()):
+            yield _signature(lambda: required_signature(path, safety_from(path)))
+
+
+def _signature(required: Callable[[], object]) -> Finding:
+    try:
+        return Finding(f"safety configuration {required()}", True)
+    except CellError as error:
+        return Finding("signature of the safety configuration", False, str(error), needed=False)
+
+
+def _detectors(configuration: Configuration, product: Product) -> Finding:
+    """The trained detectors, as a run makes them; that a product of one's own is seen by colour is a note."""
+    what = f"detectors {configuration.perception.words}"
+    try:
+        seen, told = fitted(configuration, product)
+        check_detectors(seen.bench, product, seen.perception)
+    except SettingError as error:
+        return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train --all makes weights")
+    return Finding(what, not told, told, needed=not told)
+
+
+def _weights(name: str, configuration: Configuration, product: Product) -> Finding:
+    planner = getattr(configuration.planners, name)
+    goals = OpenGoals.of(product, configuration.planners.semantic.new_goals)
+    try:
+        made(name, planner, product=product, goals=goals, confusions=None)
+    except CellError as error:
+        return Finding(f"{name} planner {planner.kind}", False, f"{error}; cell train --only {name}")
+    return Finding(f"{name} planner {planner.kind}", True)
+
+
+def _can(configuration: Configuration) -> Iterator[Finding]:
+    settings = configuration.devices.gripper
+    if not isinstance(settings, CanSettings):
+        return
+    what = f"CAN {settings.interface} {settings.channel}"
+    try:
+        can.Bus(interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate).shutdown()
+    except (can.CanError, OSError, ValueError) as error:
+        remedy = f"{error}; for SocketCAN: ip link set {settings.channel} up type can bitrate {settings.bitrate}"
+        yield Finding(what, False, remedy)
+        return
+    yield Finding(what, True)
+
+
+def _writable(folder: Path) -> Finding:
+    try:
+        with tempfile.TemporaryFile(dir=_there(folder)):
+            return Finding(f"logs can be written to {folder}", True)
+    except OSError as error:
+        return Finding(f"logs can be written to {folder}", False, f"{error.strerror}; choose a file with --log")

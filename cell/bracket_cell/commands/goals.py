@@ -1,0 +1,117 @@
+"""`cell goals`: the open list of goals, shown, fed from logs, and edited."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from bracket_cell.commands.log_terminal import read
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from bracket_cell.commands.terminal import console, print_json, product_of
+from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
+from bracket_cell.log.training.demonstrations import finished_bracket
+from bracket_ground.errors import InputError
+
+goals_app = typer.Typer(help="Show, learn and edit goals: those of the product file and those of finished brackets.")
+
+FileOption = Annotated[
+    Path | None, typer.Option("--file", help="File of goals; planners.semantic.goals of the configuration by default.")
+]
+
+
+@goals_app.callback(invoke_without_command=True)
+def show(
+    context: typer.Context, file: FileOption = None, config: ConfigOption = CONFIGURATION, as_json: JsonOption = False
+) -> None:
+    """Show all goals, how often each was finished, and how probable it is for the next bracket."""
+    if context.invoked_subcommand is not None:
+        return
+
+    goals = _load(file, config)
+    product, prior = goals.product, goals.prior()
+    table = Table(title=product.name, title_justify="left")
+    table.add_column("goal", no_wrap=True)
+    table.add_column(f"{product.positions[0]} to {product.positions[-1]}")
+    for name in ("finished", "expected"):
+        table.add_column(name, justify="right", no_wrap=True)
+    rows = []
+    for (name, parts), expected in zip(product.goals.items(), prior, strict=False):
+        finished = goals.finished[name].finished if name in goals.finished else 0
+        listed = name in goals.listed.goals
+        rows.append({"goal": name, "parts": parts, "finished": finished, "expected": float(expected), "listed": listed})
+        table.add_row(name, " ".join(parts), str(finished), f"{expected:.3f}")
+    table.add_row("none of these", "", "", f"{prior[-1]:.3f}")
+    console().print(table)
+    if as_json:
+        print_json({"goals": rows, "none_of_these": float(prior[-1])})
+
+
+@goals_app.command()
+def learn(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of finished brackets.")],
+    file: FileOption = None,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Learn goals from brackets that recorded runs finished; showing one bracket is such a run."""
+    goals = _load(file, config)
+    for path in logs:
+        parts = finished_bracket(read([path]), goals.listed)
+        if parts is None:
+            console().print(f"{path}: not finished, nothing learned", highlight=False)
+            continue
+        goals = goals.with_bracket(parts)
+        name = next(name for name, goal in goals.finished.items() if goal.parts == parts)
+        console().print(f"{path}: {name} ({' '.join(parts)})", highlight=False)
+    goals.save(_path(file, config))
+
+
+@goals_app.command()
+def add(
+    name: Annotated[str, typer.Argument(help="Its name.")],
+    parts: Annotated[list[str], typer.Argument(metavar="PART...", help="The part at every position, in order.")],
+    finished: Annotated[int, typer.Option(min=1, help="Finished brackets that it counts for.")] = 3,
+    file: FileOption = None,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Add a goal by hand, or say how often one was finished."""
+
+    goals = _load(file, config)
+    added = {name: FinishedGoal(parts=tuple(parts), finished=finished)}
+    changed = replace(goals, finished=goals.finished | added)
+    changed.check(_path(file, config))
+    changed.save(_path(file, config))
+    console().print(f"{name} ({' '.join(parts)}), finished {finished}, in {_path(file, config)}", highlight=False)
+
+
+@goals_app.command()
+def forget(
+    name: Annotated[str, typer.Argument(help="Its name.")],
+    file: FileOption = None,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Forget a learned goal, and how often a listed one was finished."""
+    goals = _load(file, config)
+    if name not in goals.finished:
+        raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
+    replace(goals, finished={key: goal for key, goal in goals.finished.items() if key != name}).save(
+        _path(file, config)
+    )
+
+
+def _path(file: Path | None, config: Path) -> Path:
+
+    path = file or load_configuration(config).planners.semantic.goals
+    if path is None:
+        raise InputError(f"{config} names no planners.semantic.goals; add `goals: goals.yaml` there, or name a --file")
+    return path
+
+
+def _load(file: Path | None, config: Path) -> OpenGoals:
+
+    settings = load_configuration(config).planners.semantic.new_goals
+    return OpenGoals.load(_path(file, config), product_of(config), settings)

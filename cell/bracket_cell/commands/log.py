@@ -1,0 +1,289 @@
+"""`cell log ...` and `cell report`: each command imports what it needs by itself."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.log_export import export_log
+from bracket_cell.commands.log_terminal import (
+    DIFFERS,
+    FromOption,
+    LogArgument,
+    UntilOption,
+    a_time,
+    beside,
+    read,
+    say,
+    spared,
+    streamed,
+    tell_comparison,
+    tell_entries,
+    tell_json,
+    tell_lack,
+    tell_nothing,
+)
+from bracket_cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
+from bracket_ground.errors import CellError, InputError
+
+LOSSY = 3
+LONGEST_VALUE = 200
+log_app = typer.Typer(no_args_is_help=True, help="Search, compare and export logs.")
+
+
+def report(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; next to the log by default.")] = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift."""
+    from bracket_cell.log.report.report import is_long, write_overview, write_report
+
+    page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
+    if is_long(stream.parts):
+        size = write_overview(stream, page)
+        tell_lack(log, stream)
+    else:
+        size = write_report(read(log), page)
+    if as_json:
+        tell_json({"report": str(page), "bytes": size})
+    else:
+        say(f"{page}: {size / 1e6:.2f} MB")
+
+
+@log_app.command()
+def info(log: LogArgument, as_json: JsonOption = False) -> None:
+    """Say what is in a log."""
+    from bracket_cell.log.report import query as question
+    from bracket_cell.log.report.text import info_lines
+
+    answer = question.info(stream := streamed(log))
+    tell_lack(log, stream)
+    if as_json:
+        tell_json(answer)
+    else:
+        say(*info_lines(answer))
+
+
+@log_app.command()
+def ticks(
+    log: LogArgument,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    everything: Annotated[bool, typer.Option("--all", help="Also ticks in which nothing was decided.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List ticks with what was noted, commanded and shown; with --json one object a line."""
+    from bracket_cell.log.report import query as question
+    from bracket_cell.log.report.text import tick_lines
+
+    stream = streamed(log, from_s, until_s)
+    found = question.ticks(stream, from_s, until_s, everything)
+    tell_entries(found, as_json, lambda tick: "\n".join(tick_lines(tick)))
+    tell_lack(log, stream)
+
+
+@log_app.command()
+def why(
+    log: LogArgument,
+    at_s: Annotated[
+        float, typer.Option("--at", help="Time in seconds; by default the last tick of the tree.", callback=a_time)
+    ] = math.inf,
+    own: WithOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say why the cell did what it did: the way through its tree, the guard's word, what would have changed it."""
+    from bracket_cell.log.replay.loading import Changes
+    from bracket_cell.log.replay.why import why_at
+    from bracket_cell.log.report.text import why_lines
+
+    files, beside = own_files(own)
+    then = why_at(read(log), at_s, Changes(nodes=(*files, *always_loaded()), beside=beside))
+    told = {"tick": then.tick.number, "time_s": then.tick.time_s, "status": then.tick.status, **then.why.plain()}
+    if as_json:
+        tell_json({**told, "remark": then.remark})
+    else:
+        say(*why_lines(told))
+    if then.remark:
+        sys.stderr.write(f"cell: {log[0]}: {then.remark}\n")
+
+
+@log_app.command()
+def query(
+    log: LogArgument,
+    node: Annotated[str | None, typer.Option(help="Part of a node's path.")] = None,
+    status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE, SKIPPED or INVALID.")] = None,
+    key: Annotated[str | None, typer.Option(help="Key that the entry has at any depth.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Part of the topic, like belief or command.")] = None,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> None:
+    """Find status changes of nodes, or messages by topic and key; with --json one object a line."""
+    from bracket_cell.log.report import query as question
+
+    legal = ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED", "INVALID")
+    if status is not None and status not in legal:
+        raise InputError(f"--status {status} is not a status; legal: {', '.join(legal)}")
+    asked = question.Query(node, status, key, topic, from_s, until_s)
+    from bracket_cell.log.report.text import entry_text
+
+    stream = streamed(log, from_s, until_s)
+    tell_entries(question.query(stream, asked), as_json, lambda entry: entry_text(entry, LONGEST_VALUE))
+    tell_lack(log, stream)
+
+
+@log_app.command()
+def nodes(
+    log: LogArgument,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> None:
+    """List the nodes of the tree: how often each was ticked, how long it ran and how it ended."""
+    from bracket_cell.log.report.node_statistics import node_statistics, statistics_lines
+
+    found = node_statistics(stream := streamed(log), from_s, until_s)
+    tell_lack(log, stream)
+    if not any(node.ticks for node in found):
+        tell_nothing()
+    elif as_json:
+        for node in found:
+            tell_json(vars(node))
+    else:
+        say(*statistics_lines(found))
+
+
+@log_app.command()
+def diff(
+    one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
+    other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", help="Also write a page that shows the first difference and both runs side by side."),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Compare what two logs saw and decided, tick by tick; status 1 if they differ."""
+    from bracket_cell.log.report import query as question
+
+    if html is not None:
+        spared(html, (one, other), overwrite)
+    logs = read([one]), read([other])
+    unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
+    names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
+    if html is not None:
+        from bracket_cell.log.report.diff_page import write_diff
+
+        write_diff(*logs, found, names, html)
+    return tell_comparison(found, unfinished, as_json, names)
+
+
+@log_app.command()
+def recover(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP), or one part of it.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Salvage a truncated or damaged log into a complete file; status 3 if something is lost."""
+    from bracket_cell.log.read import salvage as recovery
+
+    target = out or log.with_suffix(".recovered.mcap")
+    loss = recovery.recover(log, target)
+    if as_json:
+        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
+    else:
+        kind = f"; this is {loss.foreign}" if loss.foreign else ""
+        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
+    return LOSSY if loss.lossy else 0
+
+
+log_app.command("export")(export_log)
+
+
+@log_app.command("list")
+def list_runs(
+    folder: Annotated[Path, typer.Argument(help="Folder with logs.")] = Path("runs"),
+    where: Annotated[str | None, typer.Option(help='SQL condition, like "correct = false and seed < 10".')] = None,
+    sql: Annotated[str | None, typer.Option(help="A whole SQL query of the table `runs`.")] = None,
+    failures: Annotated[bool, typer.Option("--failures", help="Why trees failed: by leaf, with an example.")] = False,
+    statistics: Annotated[
+        str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, like tree or goal.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    r"""List the runs of a folder, search them by SQL, or count why they failed; needs cell\[fleet]."""
+    from bracket_cell.fleet import index
+    from bracket_cell.fleet.index import summaries, summary_lines
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is not a folder")
+    if sum((sql is not None, failures, statistics is not None)) > 1:
+        raise InputError("--sql, --failures and --statistics are different questions; ask one of them")
+    if where is not None and (sql is not None or failures):
+        raise InputError("--where goes with the list of runs and with --statistics")
+    for problem in index.refresh(folder):
+        sys.stderr.write(f"cell: left out: {problem}\n")
+    columns = index.LISTED if statistics is None else "*"
+    names, rows = index.ask(folder, sql or (index.FAILURES if failures else index.listing(where, columns)))
+    if statistics is not None:
+        for one in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
+            tell_json(one) if as_json else say(*summary_lines(one, statistics))
+    elif as_json:
+        for row in rows:
+            tell_json({name: _plain(value) for name, value in zip(names, row, strict=True)})
+    else:
+        _tell_table(names, rows)
+
+
+def _plain(value: object) -> object:
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
+    """Drawn on a terminal; elsewhere a line a row, with tabs between."""
+    from rich.console import Console
+    from rich.table import Table
+
+    texts = [["" if value is None else str(value) for value in row] for row in rows]
+    screen = Console(markup=False)
+    if not screen.is_terminal:
+        say(*("\t".join(" ".join(text.split()) for text in row) for row in [names, *texts]))
+        return
+    table = Table(*names)
+    for row in texts:
+        table.add_row(*row)
+    screen.print(table)
+
+
+@log_app.command("to-test")
+def to_test(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the case.")] = Path("tests/cases"),
+    name: Annotated[str | None, typer.Option(help="Name of the case; the log's by default.")] = None,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> int:
+    """Turn a log into a regression case under 1 MB that the tests replay; status 1 if it differs already."""
+    from bracket_cell.log.replay.case import check_case, write_case
+    from bracket_cell.log.report.text import difference_lines
+
+    case = out / f"{name or beside(log, '').name}.mcap"
+    size = write_case(read(log), case, until_s)
+    try:
+        differing = check_case(case)
+    except CellError:
+        case.unlink()  # what cannot be replayed is no case
+        raise
+    if as_json:
+        first = vars(differing[0]) if differing else None
+        tell_json({"case": str(case), "bytes": size, "differences": len(differing), "first": first})
+    else:
+        say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *difference_lines(one))))
+    return DIFFERS if differing else 0

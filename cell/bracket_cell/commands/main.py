@@ -1,0 +1,233 @@
+"""The command line: a table of commands, of which only the one that is asked for is imported."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.options import with_ports
+from bracket_cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
+from bracket_cell.packages import LABORATORY, SIMULATOR, offers
+from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from btxml.engine.errors import TreeError
+
+OLD_COMMANDS = {
+    "eval": "lab eval",
+    "data": "lab data",
+    "see": "lab see",
+    "looks": "lab looks",
+    "sweep": "lab sweep",
+    "world": "lab world",
+    "lab schema": "schema",
+    "hands": "lab hands",
+    "hands fetch": "lab hands",
+    "train all": "train --all",
+    **{f"log {name}": f"lab {name}" for name in ("files", "sheet", "snapshots")},
+}
+_OWN = {"--nodes": "--with", "--also": "--with", "--beside": "--with"}
+_LAB_RUN = "`cell lab run {}`"
+OLD_OPTIONS: dict[str, dict[str, str]] = {
+    "run": {
+        **_OWN,
+        "--tree": "the file alone, as in `cell run trees/mine.xml`",
+        "--brackets": "--shift",
+        "--pace": "--real-time",
+        "--monitor-hooks": "--breakpoints",
+        "--monitor-port": "--monitor PORT",
+        "--live-port": "--live PORT",
+        "--page-port": "--page [HOST:]PORT",
+        **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
+    },
+    "init": {"--schemas": "`cell schema`"},
+    **dict.fromkeys(("check", "show", "replay"), _OWN),
+    "nodes": {**_OWN, "--groot": "`--format groot > FILE`"},
+    "lab eval": {
+        **dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
+        "--faults": "--drawn N beside --assemblies",
+    },
+    "lab data": dict.fromkeys(("--first-seed", "--recordings"), "--seeds FIRST:END"),
+}
+OLD_OPTIONS["lab run"] = {name: now for name, now in OLD_OPTIONS["run"].items() if "`cell lab run" not in now}
+INTERRUPTED = 130  # what typer makes of Ctrl-C
+START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
+LAB = "lab"
+COMMANDS: Table = {
+    "init": Command("bracket_cell.commands.init:init", "Make a folder for a cell of your own.", START),
+    "doctor": Command("bracket_cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
+    "docs": Command("bracket_cell.commands.docs:docs", "Read the guides: all of them by their titles, or one.", START),
+    "run": Command("bracket_cell.commands.run:run", "Run the cell: assemble one bracket, or a shift of them.", START),
+    "calibrate": Command(
+        "bracket_cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
+    ),
+    "teach": Command(
+        "bracket_cell.commands.commission:teach", "Lead the arm by hand (free drive) and press Enter.", START
+    ),
+    "bench": Command("bracket_cell.commands.commission:bench", "Draw what the cameras see and the arm reaches.", START),
+    "move": Command("bracket_cell.commands.commission:move", "Move the arm once, to a pose, after Enter.", START),
+    "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with=SIMULATOR),
+    "safety": Command("bracket_cell.commands.safety:safety_app", "Show and sign what decides on people.", START),
+    "new": Command(
+        "bracket_cell.commands.new:new_app", "Start a tree file, a node or a real cell of your own.", PROGRAM
+    ),
+    "check": Command("bracket_cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
+    "nodes": Command("bracket_cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
+    "convert": Command(
+        "bracket_cell.commands.tree_files:convert",
+        "Turn tree files of BehaviorTree.CPP 3 into those of version 4.",
+        PROGRAM,
+    ),
+    "schema": Command("bracket_cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
+    "lsp": Command("bracket_cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
+    "show": Command("bracket_cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
+    "monitor": Command("bracket_cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),
+    "replay": Command(
+        "bracket_cell.commands.replay:replay", "Run the tree again on a log's inputs and compare every decision.", TEST
+    ),
+    "report": Command("bracket_cell.commands.log:report", "Write one HTML page about a run.", TEST),
+    "log": Command("bracket_cell.commands.log:log_app", "Search, compare and export logs.", TEST),
+    "record": Command("bracket_cell.commands.pictures:record", "Keep frames of a camera, with its calibration.", TRAIN),
+    "label": Command("bracket_cell.commands.pictures:label", "Label pictures in a browser.", TRAIN),
+    "train": Command("train", "Train planners and detectors for a product.", TRAIN, comes_with=LABORATORY),
+    "goals": Command("bracket_cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),
+    "compare": Command("bracket_cell.commands.compare:compare", "Compare two trees by pairs of runs.", TRAIN),
+    LAB: Command("lab", "Research: evaluations, data, networks.", group=True, comes_with=LABORATORY),
+    "_data": Command("_data", "What trainings call to make their data.", comes_with=LABORATORY),
+    "_train": Command("_train", "What `cell train` calls for each network.", comes_with=LABORATORY),
+}
+
+
+def refuse_old(words: Sequence[str]) -> None:
+    """Check that a command line has no command of before.
+
+    Raises:
+        InputError: it has one; the message says the name of today.
+    """
+    for length in (2, 1):
+        typed = " ".join(words[:length])
+        if typed in OLD_COMMANDS:
+            raise InputError(f"`cell {typed}` is now `cell {OLD_COMMANDS[typed]}`")
+
+
+def name_of_today(words: Sequence[str]) -> str:
+    """What an option is now that a command line has and its command has not; empty where it is none of before."""
+    for path, names in OLD_OPTIONS.items():
+        if list(words[: len(path.split())]) == path.split():
+            for name in (word.partition("=")[0] for word in words):
+                if name in names:
+                    return f"{name} of `cell {path}` is now {names[name]}"
+    return ""
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        from bracket_cell.packages import version
+
+        sys.stdout.write(f"cell {version()}\n")
+        raise typer.Exit
+
+
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_say_version, help="Print the version.")
+    ] = False,
+) -> None:
+    """Behaviour-tree controller for a human-robot assembly cell."""
+
+
+def application(words: Sequence[str] | None = None) -> typer.Typer:
+    """The command line for some words; with all its commands where none are given."""
+    told = "`cell lab --help` lists the commands for research." if offers(LABORATORY) else None
+    app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, epilog=told)
+    app.callback()(_program)
+    _add(app, COMMANDS, words)
+    return app
+
+
+def _add(app: typer.Typer, commands: Table, words: Sequence[str] | None) -> None:
+    """Add the command that the first word names; where it names none, all of them by their names alone."""
+    asked = words[0] if words else None
+    for name, command in commands.items():
+        if words is not None and asked in commands and asked != name:
+            continue
+        hidden = commands is COMMANDS and command.panel is None
+        if words is not None and asked != name:
+            app.command(name, help=command.help, rich_help_panel=command.panel, hidden=hidden)(_nothing)
+            continue
+        if command.group:
+            group = typer.Typer(no_args_is_help=True, help=command.help)
+            _add(group, command.load(), None if words is None else words[1:])
+            app.add_typer(group, name=name, hidden=hidden)
+        elif isinstance(target := command.load(), typer.Typer):
+            app.add_typer(target, name=name, rich_help_panel=command.panel, hidden=hidden)
+        else:
+            app.command(name, rich_help_panel=command.panel, hidden=hidden)(target)
+
+
+def _nothing() -> None:
+    """Stands for a command that is listed and not called."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
+    try:
+        words = _typed(arguments)
+        refuse_old(words)
+        if "run" in words[:2]:
+            words = with_ports(words)
+        status = application(words)(args=words, prog_name="cell", standalone_mode=False)
+    except (InputError, LogError, ModelError, TreeError) as error:
+        return _complain(str(error), BAD_INPUT)
+    except DeviceFault as error:
+        return _complain(str(error), SAFE_STOP)
+    except CellError as error:
+        return _complain(str(error), 1)
+    except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
+        return _interrupted()
+    except (AttributeError, ImportError, OSError, RuntimeError) as error:
+        from bracket_cell.simulator import installed
+
+        message = None if (found := installed()) is None else found.missing_library(error)
+        if message is None and isinstance(error, ModuleNotFoundError):
+            message = f"the package {error.name} is not installed: `cell doctor` says how to get it"
+        if message is None:
+            raise
+        return _complain(message, BAD_INPUT)
+    except typer.TyperException as error:
+        now = name_of_today(words) if type(error).__name__ == "NoSuchOption" else ""
+        return _complain(now or error.format_message() + _usage(error), BAD_INPUT)
+    if status == INTERRUPTED:
+        return _interrupted()
+    return status if isinstance(status, int) else 0
+
+
+def _typed(arguments: list[str] | None) -> list[str]:
+    """The words after `cell`; while a shell completes a line, those of that line."""
+    if arguments is None and "_CELL_COMPLETE" in os.environ:
+        return os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
+    return sys.argv[1:] if arguments is None else list(arguments)
+
+
+def _usage(error: typer.TyperException) -> str:
+    """What to type, where an argument is missing."""
+    context = getattr(error, "ctx", None)
+    if context is None or type(error).__name__ != "MissingParameter":
+        return ""
+    path, usage = context.command_path, context.get_usage().partition(": ")[2]
+    usage = re.sub(r"\{(.*?)\}(\.\.\.)?", r"\1", usage)
+    return f"\n  type: {' '.join(usage.split())}\n  {path} --help explains it"
+
+
+def _interrupted() -> int:
+    """Said once: a command that another one runs leaves it to that one, which Ctrl-C reaches, too."""
+    return 1 if BESIDE in os.environ else _complain("interrupted", 1)
+
+
+def _complain(text: str, status: int) -> int:
+    if text:  # none where the help was printed
+        sys.stderr.write(f"cell: {text}\n")
+    return status

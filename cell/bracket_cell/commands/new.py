@@ -1,0 +1,146 @@
+"""`cell new`: a tree file or a leaf in the working folder, each with a test that passes, and a cell of real devices."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.init import new_cell
+from bracket_cell.commands.terminal import console
+from bracket_cell.device_settings import KINDS
+from bracket_cell.skills.drivers.settings import DRIVEN_BY, EXAMPLES
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import write_new
+
+
+def _known(role: str) -> list[str]:
+    """Kinds of real devices of a role that the project has drivers for."""
+    return [kind for kind in KINDS[role] if kind in EXAMPLES]
+
+
+def _kinds(role: str) -> str:
+    return ", ".join(_known(role))
+
+
+new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node or a real cell of your own.")
+
+NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
+
+TREE = """<root BTCPP_format="4" main_tree_to_execute="{name}">
+  <BehaviorTree ID="{name}">
+    <Sequence>
+      <ActivateGripper/>
+      <MoveTo pose="park"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+TREE_TEST = '''"""Tests of trees/{file}.xml without the cell."""
+
+from bracket_cell.trees import Bench
+
+
+def test_nothing_moves_while_the_gripper_is_not_active() -> None:
+    # S: success, F: failure, R: running, one letter a tick
+    bench = Bench("trees/{file}.xml", {{"ActivateGripper": "RF"}})
+    assert [bench.tick(), bench.tick()] == ["R", "F"]
+    assert bench.started("MoveTo") == 0
+'''
+LEAF = '''"""The node {name}."""
+
+from btxml import InputPort, Node, OutputPort, Status
+
+
+class {name}(Node):
+    """Say in one line what it does; `cell nodes` prints that."""
+
+    least = InputPort(int, "fails below this number", default=1)
+    count = OutputPort(int, "how many there are")
+
+    def update(self) -> Status:
+        self.count.set(0)
+        self.feedback_message = "nothing is counted yet"
+        return Status.FAILURE if self.least.get() > 0 else Status.SUCCESS
+'''
+LEAF_TEST = '''"""Tests of the node {name} alone."""
+
+from btxml import Status
+from bracket_cell.trees.node_library import node_registry
+from btxml.testing import alone
+
+
+def test_too_few_fail() -> None:
+    node = alone(node_registry(more=["nodes"]).classes["{name}"]("count"), least=1)
+    assert node.execute() is Status.FAILURE
+    assert node.feedback_message == "nothing is counted yet"
+'''
+
+
+@new_app.command()
+def tree(name: NameArgument) -> None:
+    """Write trees/NAME.xml and tests/test_NAME.py."""
+    _write(name, "trees/{file}.xml", TREE, TREE_TEST, "cell check {first}; pytest {second}")
+
+
+@new_app.command()
+def leaf(name: NameArgument) -> None:
+    """Write nodes/NAME.py and tests/test_NAME.py."""
+    then = "pytest {second}; `nodes: [nodes]` in the configuration, or --with nodes, makes it known to every command"
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
+
+
+@new_app.command()
+def cell(
+    folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")],
+    arm: Annotated[str, typer.Option(help=f"Model of the arm: {', '.join(DRIVEN_BY)}.")],
+    gripper: Annotated[str, typer.Option(help=f"Kind of its driver: {_kinds('gripper')}.")],
+    camera: Annotated[str, typer.Option(help=f"Kind of the cameras' driver: {_kinds('overhead')}.")] = "v4l2",
+) -> None:
+    """Make a folder for a cell of real devices, with a commented configuration."""
+    chosen = {"arm": _legal("--arm", arm, DRIVEN_BY), "gripper": gripper, "overhead": camera, "wrist": camera}
+    for role in ("gripper", "overhead"):
+        _legal(
+            "--gripper" if role == "gripper" else "--camera", chosen[role], dict.fromkeys(_known(role), chosen[role])
+        )
+    files = new_cell()
+    text = files["config/cell.yaml"].decode()
+    text = re.sub(r"(?m)^robot: \S+", f"robot: {arm}", text)
+    devices = "".join(_device(role, kind) for role, kind in chosen.items())
+    head = "devices: # `cell doctor` tries each without motion, and says what to do (`cell docs real_cell`)\n"
+    text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
+    write_new(folder, {**files, "config/cell.yaml": text.encode()})
+    tries = ("teach bracket", "calibrate", "bench", "move park", "run --dry", "safety sign --by NAME")
+    steps = "; ".join(f"cell {words}" for words in ("doctor", *tries))
+    console().print(
+        f"{folder}: write hosts, ports and devices into config/cell.yaml, then, in this folder: {steps}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _device(role: str, kind: str) -> str:
+    lines = "".join(f"    {line}\n" for line in EXAMPLES[kind].splitlines())
+    return f"  {role}:\n    kind: {kind}\n{lines}"
+
+
+def _legal(option: str, value: str, known: Mapping[str, str]) -> str:
+    """What an option stands for; raises InputError where it is not legal."""
+    if value not in known:
+        raise InputError(f"{option} {value}: unknown; legal: {', '.join(known)}")
+    return known[value]
+
+
+def _write(name: str, path: str, text: str, test: str, then: str) -> None:
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name):
+        raise InputError(
+            f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts"
+        )
+    file = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    files = {path.format(file=file): text, f"tests/test_{file}.py": test}
+    write_new(Path(), {place: content.format(name=name, file=file).encode() for place, content in files.items()})
+    first, second = files
+    console().print(f"{first}\n{second}\nnext: {then.format(first=first, second=second)}", highlight=False)

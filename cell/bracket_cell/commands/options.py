@@ -1,0 +1,283 @@
+"""Options of the command line: those that commands share, and records of options from which signatures are made."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from bracket_ground.errors import InputError, Problem
+from bracket_ground.files.files import own_or_shipped, shipped
+from bracket_ground.files.yaml_file import place_of
+
+if TYPE_CHECKING:
+    from btxml.files.compile.registry import Registry
+
+CONFIGURATION = own_or_shipped("bracket_cell.config", "cell.yaml")
+OWN_CONFIGURATION = Path("config/cell.yaml")
+MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
+_NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
+_ADDRESS = re.compile(r"(\S*:)?\d+\Z")
+PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT, "--opcua": OPCUA_PORT}
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
+NamesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        help="Names of parts, positions, goals and signals are those of this configuration; by default that of the "
+        "folder, config/cell.yaml.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
+SlowerOption = Annotated[
+    float,
+    typer.Option("--slower", min=1, max=50, help="Times slower than the wall, as the twin goes."),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, like tcp://host:8786.")
+]
+LookOption = Annotated[
+    str, typer.Option("--look", help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
+]
+PersonOption = Annotated[
+    str, typer.Option("--person", help="The simulated person: careful, ordinary, varied, careless, or a YAML file.")
+]
+SeedsOption = Annotated[
+    str,
+    typer.Option(
+        "--seeds",
+        metavar="FIRST:END",
+        help="Seeds, one for each recording: below 800000 for training, below 900000 for validation, then for tests.",
+    ),
+]
+WithOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--with",
+        metavar="PATH",
+        help="Nodes or trees of your own: a Python file or package, a tree file, or a folder; may be repeated. "
+        "CELL_NODES names nodes for every command.",
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Set an entry of the main tree's blackboard, or name a YAML file with several.",
+    ),
+]
+PortOption = Annotated[
+    int, typer.Option("--port", min=1, max=65534, help="Port of the monitor, which also uses the next one.")
+]
+
+
+def takes(record: type, *names: str, **defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make a command of a function whose first argument is a record of options.
+
+    Each field's annotation says how the option is named and explained; this is its only declaration.
+
+    Args:
+        record: a dataclass.
+        names: of its fields that this command has as options, in this order.
+        defaults: of these options, where the record's are not meant.
+    """
+
+    def made(function: Callable[..., Any]) -> Callable[..., Any]:
+        bound = function.keywords if isinstance(function, partial) else {}
+        every = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
+        own = [one for one in every if one.name not in bound]
+        hints, given = get_type_hints(record, include_extras=True), {one.name: one.default for one in fields(record)}
+        shared = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=defaults.get(name, inspect.Parameter.empty if given[name] is MISSING else given[name]),
+                annotation=hints[name],
+            )
+            for name in names
+        ]
+
+        def command(**values: Any) -> Any:
+            return function(record(**{name: values.pop(name) for name in names}), **values)
+
+        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + shared
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = {one.name: one.annotation for one in parameters}
+        command.__name__, command.__doc__ = getattr(function, "__name__", "command"), function.__doc__
+        return command
+
+    return made
+
+
+def seeds_of(text: str) -> range:
+    """Seeds of "900000:900020", or of one number.
+
+    Raises:
+        InputError: it is written otherwise, or holds none.
+    """
+    first, sign, end = text.partition(":")
+    if not first.isdecimal() or (sign and not (end.isdecimal() and int(end) > int(first))):
+        raise InputError(f"--seeds {text}: must be FIRST:END with END above FIRST, as 900000:900020, or one number")
+    return range(int(first), int(end) if sign else int(first) + 1)
+
+
+def with_ports(words: Iterable[str]) -> list[str]:
+    """The words of a command, with the usual port where an option has none: `--page` is `--page=8780`."""
+    given = list(words)
+    following = [*given[1:], ""]
+    return [
+        f"{word}={PORTS[word]}" if word in PORTS and not _ADDRESS.match(after) else word
+        for word, after in zip(given, following, strict=True)
+    ]
+
+
+def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+    """What `--with` names: files, folders and packages with nodes, and tree files and folders with them."""
+    nodes, trees = list[str](), list[Path]()
+    for one in given or ():
+        path = Path(one)
+        holds_trees = path.suffix == ".xml" or (path.is_dir() and any(path.glob("*.xml")))
+        if holds_trees:
+            trees.append(path)
+        if not holds_trees or (path.is_dir() and any(path.glob("*.py"))):
+            nodes.append(one)
+    return tuple(nodes), tuple(trees)
+
+
+def beside_config(files: Iterable[Path] = ()) -> Path | None:
+    """The configuration of the folder in which the command is called; None where there is none.
+
+    Args:
+        files: that must lie in this folder for it to count.
+    """
+    within = all(file.resolve().is_relative_to(Path.cwd()) for file in files)
+    return OWN_CONFIGURATION if within and OWN_CONFIGURATION.is_file() else None
+
+
+def always_loaded() -> tuple[str, ...]:
+    """Nodes that the configuration of this folder names, for commands that read no more of it."""
+    import yaml
+
+    from bracket_cell.configuration import nodes_from
+
+    if (config := beside_config()) is None:
+        return ()
+    try:
+        names = (yaml.safe_load(config.read_text("utf-8")) or {}).get("nodes") or ()
+    except (yaml.YAMLError, UnicodeDecodeError, AttributeError):
+        return ()  # who loads it says what is wrong
+    return nodes_from(map(str, names), config.parent)
+
+
+def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
+    """The nodes that there are; with a configuration, ports take only names that it has."""
+    from bracket_cell.trees.node_library import node_registry
+
+    if config is None:
+        return node_registry(more=own_nodes)
+    from bracket_cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(config)
+    return node_registry(load_product(configuration, config), own_nodes, configuration)
+
+
+def bench_of(config: Path) -> tuple[list[Problem], list[Problem]]:
+    """What a run would not begin with on the bench of a configuration, and what is doubtful there."""
+    from bracket_cell.configuration import load_configuration, load_product
+    from bracket_cell.wiring.bench_checks import bench_problems
+
+    configuration = load_configuration(config)
+    found = bench_problems(configuration, load_product(configuration, config))
+    stuck, doubtful = ([Problem(place_of(config, where), what) for where, what in some] for some in found)
+    return stuck, doubtful
+
+
+def entries_of(given: Iterable[str] | None) -> dict[str, Any]:
+    """Values of `--set` by entry; a number where it reads as one, else a text.
+
+    Raises:
+        InputError: one is neither NAME=VALUE nor a YAML file of such.
+    """
+    entries: dict[str, Any] = {}
+    for one in given or ():
+        name, sign, value = one.partition("=")
+        if sign:
+            entries[_checked(name, one)] = _value(value)
+        else:
+            entries |= {_checked(str(key), one): _plain(value, one) for key, value in _file(Path(one)).items()}
+    return entries
+
+
+def _value(text: str) -> Any:
+    from btxml.engine.literals import constant
+
+    return constant(text)
+
+
+def _checked(name: str, given: str) -> str:
+    if not _NAME.match(name):
+        raise InputError(f"--set {given}: {name!r} is not the name of an entry; like part=o2")
+    return name
+
+
+def _plain(value: object, given: str) -> object:
+    simple = bool | int | float | str
+    if isinstance(value, simple) or (isinstance(value, list) and all(isinstance(one, simple) for one in value)):
+        return value
+    raise InputError(f"--set {given}: entries are numbers, texts, true, false and lists of these, not {value!r}")
+
+
+def _file(path: Path) -> Mapping[Any, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"--set {path}: neither NAME=VALUE nor a YAML file that can be read: {error}") from None
+    if not isinstance(content, dict):
+        raise InputError(f"--set {path}: the file must hold names and values, like part: o2")
+    return content
+
+
+def folder_for(config: Path) -> Path:
+    """Where what is learned for a configuration goes: beside it; for the shipped one, into the working folder."""
+    return Path() if config.resolve() == shipped("bracket_cell.config", "cell.yaml").resolve() else config.parent
+
+
+def writable(path: Path, *suffixes: str, option: str = "--out") -> Path:
+    """The file, in which something can be written; told before work that takes minutes or hours, not after it.
+
+    Raises:
+        InputError: it is a folder, its name ends in something else, or no file can be made there.
+    """
+    if path.suffix not in suffixes:
+        raise InputError(f"{option} {path}: must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder; name a file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def told_in(config: Path, path: Path) -> Path:
+    """A file or folder as a configuration names it: relative to the configuration's own folder."""
+    return Path(os.path.relpath(path.resolve(), config.resolve().parent))

@@ -1,0 +1,72 @@
+"""`cell record` and `cell label`: a user's own pictures, and what a person says is on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption
+from bracket_cell.commands.terminal import console
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.pictures import labels as folders
+from bracket_cell.pictures.labels import ROWS, LabelFolder
+from bracket_cell.pictures.sources import LEGAL, camera_pose, open_source
+from bracket_ground.errors import InputError
+
+FROM_CAMERA = 60  # pictures
+PORT = 8790
+
+
+def record(
+    source: Annotated[str, typer.Argument(help=f"Source: {LEGAL}.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="New folder.")],
+    camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
+    every: Annotated[int, typer.Option(min=1, help="Keep one of so many frames.")] = 1,
+    frames: Annotated[int | None, typer.Option(min=1, help="Keep so many at most; of a camera 60 by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Keep frames of a camera, with its calibration, to label them: of a device, a video, pictures or a log."""
+    if camera not in ROWS:
+        raise InputError(f"--camera {camera}: unknown camera; legal: {', '.join(ROWS)}")
+    configuration = load_configuration(config)
+    product, bench = load_product(configuration, config), configuration.bench
+    opened = open_source(source, camera, configuration, product, camera_pose(bench, camera))
+    most = frames or (FROM_CAMERA if source.startswith("camera:") else None)
+    kept = folders.record(opened, out, camera, bench, every, most, f"cell record {source}")
+    console().print(f"{kept} pictures in {out}; label them: cell label {out}", highlight=False)
+
+
+def label(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of `cell record`.")],
+    import_from: Annotated[Path | None, typer.Option("--import", help="Take labels from a COCO file.")] = None,
+    export_to: Annotated[Path | None, typer.Option("--export", help="Write all labels as a COCO file.")] = None,
+    port: Annotated[int, typer.Option(help="Port of the page.")] = PORT,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Label pictures in a browser; detectors suggest, a person corrects.
+
+    Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
+    """
+    from bracket_cell.pictures.coco import read_coco, write_coco
+    from bracket_cell.pictures.server import LabelServer
+    from bracket_cell.pictures.suggestions import Suggester
+
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    opened = LabelFolder(folder, product)
+    suggester = Suggester(configuration.bench, product, configuration.perception)
+    places = {row.file: suggester.holes_px(row) for row in opened.pictures} if opened.camera == "overhead" else {}
+    if import_from is not None:
+        for file, labels in read_coco(opened, import_from, places).items():
+            opened.save(file, labels)
+    if export_to is not None:
+        console().print(f"{write_coco(opened, export_to, places)} pictures in {export_to}", highlight=False)
+    if import_from is not None:
+        console().print(f"{len(opened.labels)} pictures of {folder} have labels", highlight=False)
+    if import_from is None and export_to is None:
+        server = LabelServer(opened, suggester, port)
+        console().print(f"label at {server.address}; Ctrl-C ends it, what was saved stays", highlight=False)
+        server.serve()
+        console().print(f"{len(opened.labels)} of {len(opened.pictures)} pictures have labels", highlight=False)

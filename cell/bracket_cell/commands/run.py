@@ -1,0 +1,92 @@
+"""`cell run`: one product assembled, or a shift of them."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.options import (
+    CONFIGURATION,
+    MONITOR_PORT,
+    JsonOption,
+    SetOption,
+    WithOption,
+    entries_of,
+    own_files,
+    takes,
+)
+from bracket_cell.commands.terminal import console, print_json, table
+from bracket_cell.runs.options import RunOptions
+from bracket_ground.files.files import own_or_shipped
+
+TREE = own_or_shipped("bracket_cell.trees", "ahead.xml", "assemble.xml")
+SHIFT_TREE = own_or_shipped("bracket_cell.trees", "shift_ahead.xml")
+SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
+OPTIONS = (
+    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
+    *("page", "work_orders", "opcua", "monitor_port", "monitor_hooks", "live_port"),
+)
+
+TreeArgument = Annotated[
+    Path | None,
+    typer.Argument(metavar="TREE", help="Tree file; trees/ahead.xml by default, trees/shift_ahead.xml for a shift."),
+]
+RealTimeOption = Annotated[
+    bool, typer.Option("--real-time", help="Keep pace with the wall clock; without it, as fast as possible.")
+]
+
+
+@takes(RunOptions, *OPTIONS, configuration=CONFIGURATION)
+def run(
+    options: RunOptions,
+    tree: TreeArgument = None,
+    dry: Annotated[
+        bool, typer.Option("--dry", help="Only go above tray and bracket, at a tenth of the speed; touch nothing.")
+    ] = False,
+    real_time: RealTimeOption = False,
+    entries: SetOption = None,
+    own: WithOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Run the cell: assemble one bracket, or a shift of them."""
+    if dry:
+        from bracket_cell.commands.commission import dry as dry_run
+
+        return dry_run(options.configuration, options.slower)
+    return assemble(chosen(options, tree, real_time, entries, own), as_json)
+
+
+def chosen(
+    options: RunOptions, tree: Path | None, real_time: bool, entries: Iterable[str] | None, own: Iterable[str] | None
+) -> RunOptions:
+    """The options of a run with what is typed in another form than they have."""
+    nodes, beside = own_files(own)
+    hooks = options.monitor_hooks and options.monitor_port is None
+    return replace(
+        options,
+        tree=tree or (TREE if options.brackets is None else SHIFT_TREE),
+        pace="real" if real_time else "fast",
+        nodes=nodes,
+        beside=beside,
+        entries=entries_of(entries),
+        monitor_port=MONITOR_PORT if hooks else options.monitor_port,
+    )
+
+
+def assemble(options: RunOptions, as_json: bool) -> int:
+    """Run it, and say how it ended; returns the exit status."""
+    from bracket_cell.runs.run import run as run_once  # not before the options are read: it takes half a second
+
+    gc.freeze()  # what was imported stays
+    gc.set_threshold(SEARCHES_GARBAGE)
+    screen = console()
+    result = run_once(options, screen)
+    screen.print(table("run", result.rows))
+    if as_json:
+        print_json(result.summary)
+    return result.outcome.exit_status

@@ -1,0 +1,205 @@
+"""`cell show` and `cell monitor`: trees as they stand in a file, as they ran in a log, or as they run now."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+from xml.etree import ElementTree
+
+import typer
+
+from bracket_cell.commands.log_terminal import a_time, spared
+from bracket_cell.commands.options import (
+    MONITOR_PORT,
+    OverwriteOption,
+    PortOption,
+    WithOption,
+    always_loaded,
+    own_files,
+)
+from bracket_cell.commands.terminal import console
+from bracket_ground.errors import InputError, LogError
+
+if TYPE_CHECKING:
+    from bracket_cell.log.read.reader import Log, LoggedTick, LogStream
+    from btxml.views.groot2 import StatusBoard
+
+LOGS = (".mcap",)
+
+
+def show(
+    source: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); leave it out with --running."),
+    ] = None,
+    at_s: Annotated[
+        float,
+        typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
+    ] = math.inf,
+    running: Annotated[
+        bool, typer.Option("--running", help="Show the tree of a running `cell run --monitor` on this machine.")
+    ] = (False),
+    port: PortOption = MONITOR_PORT,
+    svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+    own: WithOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does."""
+    if (source is None) != running:
+        raise InputError("name a tree file or a log, or say --running")
+    for drawing in filter(None, (svg, png)):
+        spared(drawing, filter(None, [source]), overwrite)
+    nodes, trees = own_files(own)
+    nodes = (*nodes, *always_loaded())
+    of_log = source is not None and source.suffix in LOGS
+    if not of_log and not math.isinf(at_s):
+        raise InputError("--at goes with a log")
+    if source is not None and not of_log:
+        _show_file(source, svg, png, nodes, trees)
+        return
+    shown = _monitored(port) if source is None else _logged(source, at_s, nodes)
+    if svg is None and png is None:
+        _tell(shown)
+        return
+    from btxml.views.picture import running_picture
+
+    _draw(running_picture(shown.xml, shown.statuses, shown.said), svg, png)
+
+
+def monitor(
+    port: PortOption = MONITOR_PORT,
+    wait_s: Annotated[float, typer.Option("--wait", min=0, help="Seconds to wait for a run to begin.")] = 600.0,
+) -> None:
+    """Watch the tree of a run in the terminal: what runs, and why. `cell run --monitor` lets it be watched.
+
+    Keys: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
+    """
+    from bracket_cell.viewing.live_view import live_view
+
+    live_view(port, console(), wait_s)
+
+
+def _show_file(
+    file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str], beside: Iterable[Path]
+) -> None:
+    from bracket_cell.trees.node_library import node_registry
+
+    registry = node_registry(more=own_nodes)
+    if svg is None and png is None:
+        from btxml.views.show import show_file
+
+        sys.stdout.write(show_file(file, registry, beside))
+    else:
+        from btxml.views.picture import picture
+
+        _draw(picture(file, registry, beside), svg, png)
+
+
+def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
+    from bracket_cell.commands.log_terminal import streamed, tell_lack
+
+    stream = streamed([log])
+    shown = tree_at(stream, at_s, own_nodes)
+    tell_lack([log], stream)
+    if shown.last and at_s > shown.time_s:
+        sys.stderr.write(f"cell: {log}: ends at {shown.time_s:.2f} s; this is its last tick\n")
+    return shown
+
+
+def _monitored(port: int) -> TreeAt:
+    from bracket_cell.viewing.live_view import MonitorClient
+
+    client = MonitorClient(port)
+    try:
+        return TreeAt(client.tree(), client.statuses(), client.said(), math.nan)
+    finally:
+        client.close()
+
+
+def _tell(shown: TreeAt) -> None:
+    from bracket_cell.viewing.tree_lines import lines_of
+
+    when = "" if math.isnan(shown.time_s) else f" at {shown.time_s:.2f} s"
+    name = next(shown.xml.iter("BehaviorTree")).get("ID", "")
+    lines = [line.text().plain for line in lines_of(shown.xml, shown.statuses, shown.said)]
+    sys.stdout.writelines(f"{line}\n" for line in [f"{name}{when}", *lines])
+
+
+def _draw(drawing: str, svg: Path | None, png: Path | None) -> None:
+    from btxml.views.picture import to_png
+
+    if svg is not None:
+        write(svg, drawing.encode())
+    if png is not None:
+        write(png, to_png(drawing))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file that the person asked for.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@dataclass(frozen=True)
+class TreeAt:
+    """A tree and what its nodes did.
+
+    Attributes:
+        xml: the tree with SubTrees and uids, in Groot2's form.
+        statuses: numbers in Groot2's protocol, by uid.
+        said: what nodes said last, by uid.
+        time_s: of the tick that is shown.
+        last: a time was asked for, and this is the last tick of the log.
+    """
+
+    xml: ElementTree.Element
+    statuses: dict[int, int]
+    said: dict[int, str]
+    time_s: float
+    last: bool = False
+
+
+def tree_at(log: Log | LogStream, at_s: float = math.inf, more: Iterable[str] = ()) -> TreeAt:
+    """After the last tick up to a time [s]; by default the last tick in which the tree still ran.
+
+    Raises:
+        LogError: the log holds no tree, or no tick so early.
+        InputError: this version cannot load the tree.
+    """
+    from bracket_cell.log.replay.logged_tree import logged_tree
+    from bracket_cell.trees.node_library import node_registry
+    from btxml.views.groot2 import StatusBoard, tree_xml
+
+    ticks = (tick for piece in log for tick in piece.ticks)
+    now = next(ticks, None)
+    if now is None or now.time_s > at_s:
+        raise LogError(log.path, "holds no tick" + ("" if math.isinf(at_s) and at_s > 0 else f" up to {at_s:g} s"))
+    tree = logged_tree(log, more)
+    board, said = StatusBoard(len(tree.nodes)), dict[int, str]()
+    _take(now, board, said)
+    following = next(ticks, None)
+    while following is not None and following.time_s <= at_s:
+        after = next(ticks, None)
+        if math.isinf(at_s) and after is None and following.status != "RUNNING":
+            break  # the last one ends the tree, and with it every node
+        now, following = following, after
+        _take(now, board, said)
+    xml = ElementTree.fromstring(tree_xml(tree, node_registry(more=more)))
+    over = following is None and not math.isinf(at_s)
+    return TreeAt(xml, board.codes(), said, now.time_s, over)
+
+
+def _take(tick: LoggedTick, board: StatusBoard, said: dict[int, str]) -> None:
+    board.update(tick.changes, tick.time_s)
+    said |= {change.uid: change.feedback for change in tick.changes}

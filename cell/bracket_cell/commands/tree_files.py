@@ -1,0 +1,140 @@
+"""`cell check`: everything that is wrong with tree files; `cell nodes`: the nodes that they may name."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.options import (
+    NamesOption,
+    SetOption,
+    WithOption,
+    always_loaded,
+    bench_of,
+    beside_config,
+    entries_of,
+    own_files,
+    registry_of,
+)
+from bracket_cell.commands.terminal import BAD_INPUT, print_json
+from bracket_cell.trees.loading import input_problem
+from bracket_cell.trees.node_library import node_registry
+from bracket_ground.errors import InputError, Problem
+from bracket_ground.files.files import write_new
+from btxml.files.check import Circumstances, findings
+from btxml.files.parse.version3 import Converted
+from btxml.files.parse.version3 import convert as to_version4
+from btxml.files.parse.xml_file import read_xml
+from btxml.views.palette import groot_model, named, palette_list, palette_text
+
+
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
+    config: NamesOption = None,
+    no_config: Annotated[
+        bool, typer.Option("--no-config", help="Take any name of a part, position, goal or signal.")
+    ] = (False),
+    own: WithOption = None,
+    entries: SetOption = None,
+    stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Treat warnings and notes as mistakes.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
+) -> int:
+    """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant."""
+    config = None if no_config else config or beside_config(files)
+    nodes, beside = own_files(own)
+    known = Circumstances(beside, entries_of(entries), stubs)
+    levels = findings(files, registry_of(config, nodes), known)
+    problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
+    if config is not None:
+        stuck, odd = bench_of(config)
+        problems, warnings = [*problems, *stuck], [*warnings, *odd]
+    if strict:
+        problems, warnings, notes = [*problems, *warnings, *notes], [], []
+    doubtful = bool(warnings) and not stubs
+    if as_json:
+        told = {"problems": problems, "warnings": warnings, "notes": notes}
+        shown = {key: [_problem_data(one) for one in told[key]] for key in told if told[key] or key == "problems"}
+        print_json(shown)
+        return BAD_INPUT if problems else int(doubtful)
+    for level, some in (("warning", warnings), ("note", notes)):
+        legal = (f"; {one.legal}" if one.legal and level == "warning" else "" for one in some)
+        sys.stderr.writelines(
+            f"{one.place}: {level}: {one.what}{more}\n" for one, more in zip(some, legal, strict=True)
+        )
+    if problems:
+        raise InputError(*problems)
+    unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
+    found = f"{len(warnings)} doubtful" if doubtful else "nothing wrong"
+    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: {found}{unchecked}\n")
+    return int(doubtful)
+
+
+def _problem_data(problem: Problem) -> dict[str, object]:
+    place = problem.place
+    where = {"file": str(place.file), "line": place.line, "column": place.column}
+    return {**where, "what": problem.what, "legal": problem.legal}
+
+
+def convert(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files of BehaviorTree.CPP 3.")],
+    into: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write them there, and never over a file; else to stdout.")
+    ] = None,
+) -> int:
+    """Turn tree files of BehaviorTree.CPP 3 into those of version 4, and say what cannot be kept."""
+    made = {path: _converted(path) for path in files}
+    if into is None:
+        sys.stdout.writelines(one.text for one in made.values())
+    else:
+        if len({path.name for path in made}) < len(made):
+            raise InputError("two of these files have the same name; convert them into folders of their own")
+        write_new(into, {path.name: one.text.encode() for path, one in made.items()})
+    for one in made.values():
+        sys.stderr.writelines(f"{change.place}: note: {change.what}\n" for change in one.changes)
+        sys.stderr.writelines(f"{lost.place}: warning: {lost.what}; {lost.legal}\n" for lost in one.lost)
+    return 1 if any(one.lost for one in made.values()) else 0
+
+
+def _converted(path: Path) -> Converted:
+    text, root, malformed = read_xml(path)
+    found = root.get("BTCPP_format")
+    if malformed:
+        raise InputError(*map(input_problem, malformed))
+    if root.tag != "root" or found not in (None, "3"):
+        what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
+        raise InputError(f"{root.place_of('BTCPP_format')}: {what}; only files of version 3 are converted")
+    return to_version4(path, text)
+
+
+class NodeFormat(StrEnum):
+    """How the nodes are listed."""
+
+    text = "text"
+    json = "json"
+    groot = "groot"
+
+
+def nodes(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A node's name, or a text in its name or meaning.")
+    ] = None,
+    style: Annotated[
+        NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
+    ] = NodeFormat.text,
+    own: WithOption = None,
+) -> None:
+    """List the nodes that tree files may name, with their ports; or one of them."""
+    registry = node_registry(more=(*own_files(own)[0], *always_loaded()))
+    chosen = tuple(registry.classes) if name is None else named(registry, name)
+    if style is NodeFormat.text:
+        sys.stdout.write(palette_text(registry, chosen))
+    elif style is NodeFormat.json:
+        sys.stdout.write(json.dumps(palette_list(registry, chosen)) + "\n")
+    else:
+        sys.stdout.write(groot_model(registry))

@@ -1,0 +1,286 @@
+"""The cell's configuration (config/cell.yaml): one model for the whole file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import Field, model_validator
+
+from bracket_cell.device_settings import DeviceSettings, OwnDevice
+from bracket_cell.kinds import DETECTORS, KindSettings, files_of, kind_of
+from bracket_cell.settings import (
+    ControllerSettings,
+    LogSettings,
+    PageSettings,
+    Perception,
+    Planners,
+)
+from bracket_cell.simulator import simulator
+from bracket_cell.skills.drivers.settings import SignalSettings, UrSettings
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.trees.guard import GuardSettings
+from bracket_cell.trees.node_library import USUAL_FOLDER
+from bracket_ground.errors import InputError, Problem, SettingError
+from bracket_ground.files.files import shipped
+from bracket_ground.files.model import Disagreement, Model
+from bracket_ground.files.yaml_file import load_yaml, place_of
+from bracket_ground.interfaces.bench import JOINTS, Bench, Calibration
+from bracket_ground.interfaces.faults import SHIPPED as DEFAULT_FAULTS
+from bracket_ground.interfaces.faults import FaultTable, shipped_table, weaker
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import NamedRobot, default_robot
+
+DEFAULT_CONFIGURATION = shipped("bracket_cell.config", "cell.yaml")
+SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
+SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
+CALIBRATION = "calibration.yaml"  # what `cell calibrate` writes beside a configuration
+DEFAULT_TREE = shipped("bracket_cell.trees", "ahead.xml")
+
+
+class Configuration(Model):
+    """Everything that a run needs to know beside its tree.
+
+    Attributes:
+        product: the product file, relative to this file.
+        calibration: file of `cell calibrate`, relative to this file: it takes over what the bench says of the cameras.
+        bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
+            towards the person, z up.
+        robot: the arm: ur10, ur10e, or a robot file, relative to this file.
+        faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
+        nodes: files, folders and packages with nodes of your own, which every command loads; named from the folder
+            of this file or the one above it.
+        unsafe_table: a table or a separation that does less than the shipped one is taken, and said in red.
+    """
+
+    moved: ClassVar[Mapping[str, str]] = {
+        "gripper_can": "the gripper is one of the devices now: devices: gripper: {kind: can, ...}",
+        "signals": "signals are one of the devices now: devices: signals: {kind: can, ...}",
+    }
+    product: Path
+    robot: NamedRobot = Field(default_factory=default_robot, json_schema_extra={"default": "ur10"})
+    faults: Path | None = None
+    nodes: tuple[str, ...] = ()
+    unsafe_table: bool = False
+    calibration: Path | None = None
+    bench: Bench
+    controller: ControllerSettings = ControllerSettings()
+    perception: Perception = Perception()
+    planners: Planners
+    guard: GuardSettings = GuardSettings()
+    motion: MotionSettings = MotionSettings()
+    devices: DeviceSettings = Field(default_factory=DeviceSettings)
+    log: LogSettings = LogSettings()
+    page: PageSettings = PageSettings()
+
+    @property
+    def signals(self) -> SignalSettings | OwnDevice | None:
+        """The module with digital signals, whose names tree files may use."""
+        return self.devices.signals
+
+    @property
+    def timing_s(self) -> tuple[float, float]:
+        """Period of the control loop, and by how much the arm's joints trail their set points (0: not said)."""
+        arm = self.devices.arm
+        return 1.0 / self.controller.tick_hz, arm.lag_s if isinstance(arm, UrSettings) else 0.0
+
+    @model_validator(mode="after")
+    def _poses_are_in_range(self) -> Configuration:
+        places = []
+        for name in ("arm_park_rad", "arm_look_rad"):
+            for joint, value, most in zip(JOINTS, getattr(self.bench, name), self.robot.range_rad, strict=True):
+                if abs(value) > most:
+                    what = f"{name}: {joint} has {value:g}, {self.robot.name} turns by {most:.3f} each way"
+                    places.append((("bench", name), what))
+        if places:
+            raise Disagreement(places)
+        return self
+
+
+def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuration:
+    """Read a configuration; paths in it become absolute.
+
+    Raises:
+        InputError: with every problem of the file.
+    """
+    path = Path(path)
+    read = load_yaml(path, Configuration)
+    folder = path.parent.resolve()
+    planners = {name: planner.model_copy(update=_beside(planner, folder)) for name, planner in read.planners}
+    detectors = ((name, getattr(read.perception, name)) for name in DETECTORS)
+    perception: dict[str, object] = {
+        **{name: own.model_copy(update=_beside(own, folder)) for name, own in detectors if own is not None},
+        "folder": read.perception.folder and folder / read.perception.folder,
+        "crops": _crops(read, planners["grasp"], path),
+    }
+    faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
+    log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
+    calibration = read.calibration and folder / read.calibration
+    bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
+    return read.model_copy(
+        update={
+            "product": folder / read.product,
+            "calibration": calibration,
+            "bench": bench,
+            "faults": faults,
+            "nodes": nodes_from(read.nodes, path.parent),
+            "perception": read.perception.model_copy(update=perception),
+            "planners": read.planners.model_copy(update=planners),
+            "devices": read.devices.beside(folder),
+            "page": read.page.model_copy(update=_tls(read.page, folder)),
+            "motion": read.motion.of(read.robot, *read.timing_s),
+            "log": log,
+        }
+    )
+
+
+def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:
+    """Nodes that a configuration names: absolute where there is such a file or folder, else the name of a package.
+
+    The folder in which `cell new leaf` writes may be made later.
+    """
+    folders = (folder.resolve(), folder.resolve().parent)
+    found = {name: next((str(one / name) for one in folders if (one / name).exists()), name) for name in names}
+    return tuple(path for name, path in found.items() if path != name or name != str(USUAL_FOLDER))
+
+
+def simulated(configuration: Configuration, look: str | None = None, person: str | None = None) -> Configuration:
+    """The same cell with another look or person in its simulation; None leaves the configured one.
+
+    Args:
+        look: a preset, one section of it as in "hard:light", or a look file.
+        person: a person's name or file; several with commas between take turns in a shift, a bracket each.
+
+    Raises:
+        InputError: there is no such look or person, or the file is wrong.
+    """
+    if look is None and person is None:
+        return configuration
+    return _simulated_by(configuration, look=look, person=person)
+
+
+def _simulated_by(configuration: Configuration, **changes: Any) -> Configuration:
+    devices = configuration.devices
+    simulation = simulator().changed(devices.simulation, **changes)
+    return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
+
+
+def detected_by(configuration: Configuration, kind: str | None) -> Configuration:
+    """The same cell with all detectors of one kind, classical or learned; None leaves the configured ones."""
+    if kind is None:
+        return configuration
+    chosen = {"kind": kind, **dict.fromkeys(DETECTORS)}
+    return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=chosen)})
+
+
+def unnamed_calibration(path: Path, configuration: Configuration) -> str:
+    """What to say where a calibration lies beside a configuration that names none; empty otherwise."""
+    beside = path.parent / CALIBRATION
+    if configuration.calibration is not None or not beside.exists():
+        return ""
+    return f"{beside} is not used: {path} does not name it; to use it, add there: calibration: {CALIBRATION}"
+
+
+def for_shift(configuration: Configuration, brackets: int) -> Configuration:
+    """The same cell for many brackets in a row: more time, a part of the log for each, and a person who goes on.
+
+    Args:
+        brackets: how many; 0 for until the run is stopped.
+    """
+    if configuration.devices.simulated:
+        configuration = _simulated_by(configuration, shift=True)
+    longest_s = configuration.controller.max_duration_s * brackets if brackets else math.inf
+    log = configuration.log
+    if log.rotate_mb is None and log.rotate_s is None:
+        log = log.model_copy(update={"rotate_brackets": True, "rotate_s": SHIFT_PART_S})
+    if log.keep_mb is None and log.keep_parts is None:
+        log = log.model_copy(update={"keep_mb": SHIFT_LOG_MB})
+    return configuration.model_copy(
+        update={
+            "controller": configuration.controller.model_copy(update={"max_duration_s": longest_s}),
+            "log": log,
+        }
+    )
+
+
+def _beside(chosen: KindSettings, folder: Path) -> dict[str, Path]:
+    """Files of a detector or planner that are named relative to the configuration."""
+    names = ("weights", "goals", "confusions")
+    return {name: folder / file for name in names if (file := getattr(chosen, name, None)) is not None}
+
+
+def _tls(page: PageSettings, folder: Path) -> dict[str, Path]:
+    files = {"certificate": page.certificate, "key": page.key}
+    return {name: folder / file for name, file in files.items() if file is not None}
+
+
+def _crops(read: Configuration, grasp: KindSettings, path: Path) -> Path | None:
+    """The network that the grasp planner wants beside the part detector; none for kinds that are yet to be found."""
+    if read.perception.crops is not None:
+        return path.parent.resolve() / read.perception.crops
+    if ":" in grasp.kind:
+        return None  # a class of the user's own is loaded where it is made
+    try:
+        crops = kind_of("grasp", grasp).crops
+    except SettingError:  # whoever makes the planners says so, with all else that is wrong
+        return None
+    return crops and crops(next(iter(files_of("grasp", grasp).values())))
+
+
+def load_faults(configuration: Configuration) -> FaultTable:
+    """Read the table of faults that a configuration names.
+
+    Raises:
+        InputError: with every problem of the file.
+    """
+    return load_yaml(configuration.faults or DEFAULT_FAULTS, FaultTable)
+
+
+def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:
+    """Where a cell's table of faults or its separation does less than the shipped one."""
+    separation = configuration.motion.separation
+    less = separation.weaker(separation.least_reaction_s(*configuration.timing_s))
+    return weaker(table, shipped_table()) + less
+
+
+@contextmanager
+def located(path: Path, configuration: Configuration) -> Iterator[None]:
+    """Say of every SettingError in which line of which file it is.
+
+    Args:
+        path: the configuration's file.
+
+    Raises:
+        InputError: for a SettingError.
+    """
+    try:
+        yield
+    except SettingError as error:
+        raise InputError(*(_located(path, configuration, *place) for place in error.places)) from error
+
+
+def _located(path: Path, configuration: Configuration, location: tuple[str | int, ...], what: str) -> Problem:
+    if location[0] == "product":
+        return Problem(place_of(configuration.product, location[1:]), what)
+    return Problem(place_of(path, location), what)
+
+
+def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIGURATION) -> Product:
+    """Read the product that a configuration names and check that the bench serves it.
+
+    Args:
+        path: the configuration's file, for messages.
+
+    Raises:
+        InputError: with every problem of the product file, or of the bench that has no bin for a part type.
+    """
+    product = load_yaml(configuration.product, Product)
+    bins = configuration.bench.bins_m
+    missing = [part for part in product.parts if part not in bins]
+    if missing:
+        place = place_of(Path(path), ("bench", "bins_m"))
+        raise InputError(*(Problem(place, f"no bin for part type {part!r} of {product.name!r}") for part in missing))
+    return product

@@ -1,0 +1,240 @@
+"""Runs on Dask: on this machine, or on any cluster whose scheduler is named; a lost worker loses nothing."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any
+
+from bracket_cell.fleet.one_run import ChildDied, Row, T, in_child, run_task
+from bracket_cell.fleet.spec import Task
+from bracket_cell.packages import needed
+from bracket_cell.recording.identity import code_version, versions
+from bracket_ground.errors import CellError, InputError
+
+WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
+LOSSES = 20  # workers that may be lost over one run before it is given up
+COLD_S = 60.0  # how long a cluster may be without a worker that can do the work
+REFUSED_S = 10.0  # ... where all that are there were refused: others may be about to come
+CONNECT_S = 15.0
+POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
+# Asked of every worker before its first run; sent as source, as a worker may lack the package.
+FACTS = """
+def facts():
+    import platform
+    try:
+        from bracket_cell.recording.identity import code_version, versions
+    except ImportError as error:
+        return {"lacks": f"has no package cell ({error}); its Python is {platform.python_version()}"}
+    return {**versions(), **code_version()}
+"""
+
+
+@contextmanager
+def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
+    """A Dask client: of the scheduler at the address, or of as many processes on this machine.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers at the address.
+    """
+    distributed = needed("distributed", "cell lab sweep")
+    dask = needed("dask", "cell lab sweep")
+    settings = {
+        "distributed.scheduler.allowed-failures": LOSSES,
+        "distributed.worker.memory.terminate": False,
+    }
+    with dask.config.set(settings):
+        if address is not None:
+            try:
+                client = distributed.Client(address, timeout=CONNECT_S)
+            except (OSError, ValueError, TimeoutError) as error:
+                why = " ".join(str(error).split())
+                raise InputError(
+                    f"--scheduler {address}: no Dask scheduler answers, like tcp://HOST:8786: {why}"
+                ) from None
+            with client:
+                yield client
+            return
+        with (
+            # of all that workers leave behind
+            tempfile.TemporaryDirectory(prefix="cell-sweep-", ignore_cleanup_errors=True) as folder,
+            dask.config.set({"temporary-directory": folder}),
+        ):
+            local = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its HTTP server takes any port that is free
+                silence_logs=50,
+                env={"TMPDIR": folder},
+            )
+            with _closed(local), _closed(distributed.Client(local)) as client:
+                yield client
+
+
+@contextmanager
+def _closed(opened: Any) -> Iterator[Any]:
+    """Closes a part of Dask in the end. It may be late on a busy machine; what was worked out counts all the same."""
+    try:
+        yield opened
+    finally:
+        with suppress(TimeoutError):
+            opened.close()
+
+
+def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = run_task) -> Iterator[Row]:
+    """Rows as they come; tasks are taken from the iterable only as workers need them.
+
+    A task whose worker was lost goes to another one. One that loses every worker is a row that says so.
+    """
+    for (task,), future in _done(client, work, ((task,) for task in tasks), in_order=False):
+        error = future.exception()
+        if error is None:
+            yield future.result()
+        else:
+            told = {"end": "lost", "reason": _words(error), "took_s": 0.0}
+            yield {"key": task.key, "seed": task.seed, **dict(task.label), **told}
+
+
+def mapped(
+    work: Callable[..., T], arguments: Iterable[tuple[Any, ...]], workers: int = 1, address: str | None = None
+) -> Iterator[T]:
+    """What a function answers to each of the arguments, in their order: one by one in this process, or by workers.
+
+    Each is called in a process of its own. Arguments are taken only as workers need them, and what is still under way
+    when nobody wants more is given up. So the answers are the same as those of one call after the other.
+
+    Args:
+        work: what it names must be there for workers, too; nothing else is sent along.
+        workers: processes on this machine; 1 for none but this one.
+        address: of a Dask scheduler, in their place.
+
+    Raises:
+        CellError: as the function raises it, or a call brought down every process that tried it.
+    """
+    if workers == 1 and address is None:
+        yield from (work(*one) for one in arguments)
+        return
+    with cluster(workers, address) as client:
+        packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a child takes no function inside of another
+        for _, future in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
+            error = future.exception()
+            if error is None:
+                yield future.result()
+            elif isinstance(error, ChildDied) or type(error).__name__ == "KilledWorker":
+                raise CellError(f"a worker was lost again and again: {_words(error)}") from error
+            else:
+                raise error
+
+
+def _done(
+    client: Any, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], *, in_order: bool
+) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Arguments with their futures, in order or as they are done; arguments are taken only as workers need them.
+
+    Only workers that agree with this program get any; one that is not there any more is made good by the others.
+    """
+    distributed = needed("distributed", "cell lab sweep")
+    waiting, pending, crew = iter(arguments), dict[Any, tuple[tuple[Any, ...], set[str]]](), _Crew(client)
+    try:
+        while True:
+            crew.look(idle=not pending)
+            for one in itertools.islice(waiting, max(0, crew.room - len(pending))):
+                pending[_submitted(client, work, one, crew)] = one, crew.agreeing
+            if not pending:
+                return
+            first = next(iter(pending))
+            with suppress(TimeoutError):
+                distributed.wait([first] if in_order else list(pending), timeout=POLL_S, return_when="FIRST_COMPLETED")
+            done = [one for one in ([first] if in_order else list(pending)) if one.done()]
+            for future in done:
+                yield pending.pop(future)[0], future
+            if not done:
+                pending = {_kept(client, work, one, told, crew): told for one, told in pending.items()}
+    finally:
+        client.cancel(list(pending))
+
+
+def _submitted(client: Any, work: Callable[..., Any], one: tuple[Any, ...], crew: _Crew) -> Any:
+    return client.submit(work, *one, pure=False, workers=sorted(crew.agreeing))
+
+
+def _kept(
+    client: Any, work: Callable[..., Any], future: Any, told: tuple[tuple[Any, ...], set[str]], crew: _Crew
+) -> Any:
+    """A future that somebody works on; handed out anew where all are gone that might have."""
+    one, asked = told
+    if asked & crew.agreeing or not crew.agreeing or future.done():
+        return future
+    client.cancel([future])
+    asked.update(crew.agreeing)
+    return _submitted(client, work, one, crew)
+
+
+class _Crew:
+    """The workers of a cluster: those that agree with this program, and why the others do not.
+
+    Attributes:
+        agreeing: their addresses.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._refused = client, dict[str, str]()
+        self._here = {**versions(), **code_version()}
+        self._since_s = time.monotonic()
+        self._facts: dict[str, Any] = {"__name__": "__main__"}
+        exec(FACTS, self._facts)
+        self.agreeing: set[str] = set()
+        self.room = 0
+
+    def look(self, idle: bool) -> None:
+        """Ask workers that are new, and forget those that are gone.
+
+        Raises:
+            InputError: for a minute there was none that agrees; says why.
+        """
+        while True:
+            there = self._client.scheduler_info(n_workers=-1)["workers"]
+            new = [address for address in there if address not in self.agreeing | self._refused.keys()]
+            answers = self._client.run(self._facts["facts"], workers=new, on_error="return") if new else {}
+            for address, told in answers.items():
+                self._judge(str(there[address].get("name") or address), address, told)
+            self.agreeing = {
+                address for address in (*self.agreeing, *answers) if address in there
+            } - self._refused.keys()
+            self.room = WAITING_PER_WORKER * sum(there[address]["nthreads"] for address in self.agreeing)
+            if self.agreeing or not idle:
+                return
+            patience_s = REFUSED_S if self._refused and there.keys() <= self._refused.keys() else COLD_S
+            if time.monotonic() - self._since_s > patience_s:
+                raise InputError("; ".join(self._refused.values()) or f"no worker came within {COLD_S:g} s")
+            time.sleep(POLL_S / 4)
+
+    def _judge(self, name: str, address: str, told: Any) -> None:
+        if isinstance(told, Exception):
+            return  # it is gone already
+        self._since_s = time.monotonic()
+        others = [
+            f"{key.removeprefix('version.')} {told.get(key)}, here {value}"
+            for key, value in self._here.items()
+            if told.get(key) != value
+        ]
+        if why := told.get("lacks") or ", ".join(others):
+            self._refused[address] = f"worker {name} does not agree and gets no runs: {why}"
+            sys.stderr.write(f"cell: {self._refused[address]}\n")
+
+
+def unpacked(packed: bytes, *arguments: Any) -> Any:
+    """Call a function that was packed."""
+    return pickle.loads(packed)(*arguments)
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]

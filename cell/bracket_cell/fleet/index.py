@@ -1,0 +1,240 @@
+"""The runs of a folder as a table: a small Parquet file for each log, and SQL over all of them."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+
+from bracket_cell.fleet.intervals import mean, wilson
+from bracket_cell.fleet.table import COLUMNS, order_id, write_table
+from bracket_cell.log.read.reader import files_of, json_of, read_log
+from bracket_cell.log.read.walk import PROFILE
+from bracket_cell.packages import needed
+from bracket_cell.recording.parts import part_number, whole_path
+from bracket_ground.errors import InputError, LogError
+
+Row = Mapping[str, Any]
+MEANS = ("sim_time_s", "robot_placements", "help_requests", "contacts", "interventions", "human_idle", "robot_idle")
+FOLDER = "rows"  # beside the logs
+LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, robot_placements, help_requests'
+ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
+SQL = {bool: "boolean", int: "bigint", float: "double", str: "varchar"}
+Answer = tuple[list[str], list[tuple[Any, ...]]]
+FAILURES = (
+    "select failed_leaf, cause, count(*) as runs, min(log) as for_example from runs "
+    "where \"end\" = 'failed' group by all order by runs desc"
+)
+
+
+def summaries(rows: Iterable[Row], by: str) -> list[dict[str, Any]]:
+    """For each value of the column: how many runs, how many right, their share, and means; each with its interval.
+
+    Raises:
+        InputError: no run has this column.
+    """
+    groups: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if by not in row:
+            raise InputError(f"runs have no column '{by}'; they have: {', '.join(sorted(row))}")
+        groups[str(row[by])].append(row)
+    return [{by: value, **_figures(group)} for value, group in sorted(groups.items())]
+
+
+def _figures(rows: list[Row]) -> dict[str, Any]:
+    """Right, wrong and not known apart; the share is of those that are known."""
+    known = [row for row in rows if row.get("correct") is not None or row.get("end") not in ("finished", None)]
+    right = sum(row.get("end") == "finished" and row.get("correct") is True for row in known)
+    told: dict[str, Any] = {"runs": len(rows), "right": right, "wrong": len(known) - right}
+    told |= {"not_known": len(rows) - len(known), "share": None, "share_low": None, "share_high": None}
+    if known:
+        share = wilson(right, len(known))
+        told |= {"share": share.value, "share_low": share.low, "share_high": share.high}
+    for name in MEANS:
+        values = [float(row[name]) for row in rows if isinstance(row.get(name), int | float)]
+        if values:
+            found = mean(values)
+            told |= {name: found.value}
+            told |= {f"{name}_low": found.low, f"{name}_high": found.high} if len(values) > 1 else {}
+    return told
+
+
+def summary_lines(told: Mapping[str, Any], by: str) -> list[str]:
+    """One of the summaries in words."""
+    share = "none is known"
+    if told["share"] is not None:
+        share = f"{told['share']:.3f} (95 %: {told['share_low']:.3f} - {told['share_high']:.3f})"
+    counts = f"{told['right']} right, {told['wrong']} wrong, {told['not_known']} not known"
+    lines = [f"{by} {told[by]}: {told['runs']} runs, {counts}; {share}"]
+    for name in filter(told.__contains__, MEANS):
+        low, high = told.get(f"{name}_low"), told.get(f"{name}_high")
+        lines.append(f"  {name} {told[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))
+    return lines
+
+
+def add_run(log: Path) -> Path:
+    """Write the row of one log; the file is written atomically.
+
+    Raises:
+        InputError, LogError: it cannot be read or written.
+    """
+    target = rows_of(log.parent) / f"{whole_path(log).stem}.parquet"
+    write_table([run_row(log)], target)
+    return target
+
+
+def rows_of(folder: Path) -> Path:
+    """Where the rows of a folder's logs stand: in it, or among the user's own files where nobody may write there."""
+    if os.access(folder / FOLDER if (folder / FOLDER).exists() else folder, os.W_OK):
+        return folder / FOLDER
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "cell" / FOLDER / sha256(str(folder.resolve()).encode()).hexdigest()[:16]
+
+
+def refresh(folder: Path) -> list[str]:
+    """Write the rows that are missing or older than their logs; says which logs cannot be read, and why."""
+    problems = []
+    for log in _logs(folder):
+        row = rows_of(folder) / f"{whole_path(log).stem}.parquet"
+        if not row.exists() or row.stat().st_mtime < log.stat().st_mtime:
+            try:
+                add_run(log)
+            except LogError as error:
+                problems.append(str(error))
+    return problems
+
+
+def ask(folder: Path, sql: str) -> Answer:
+    """Names of the columns, and rows; the table is `runs`. No file but its rows is read, and none is written.
+
+    Raises:
+        InputError: DuckDB is not installed, there is no run, the question is wrong, or it is more than a question.
+    """
+    duckdb = needed("duckdb", "a question about many runs")
+    rows = rows_of(folder).resolve()
+    if not any(rows.glob("*.parquet")):
+        raise InputError(f"{folder}: holds no log")
+    try:
+        with duckdb.connect() as database:
+            source = f"read_parquet('{_quoted(rows / '*.parquet')}', union_by_name = true)"
+            there = [one[0] for one in database.execute(f"describe select * from {source}").fetchall()]
+            casts = ", ".join(
+                f"""try_cast(nullif(cast("{name}" as varchar), '') as {SQL[COLUMNS[name]]}) as "{name}\""""
+                for name in there
+                if name in COLUMNS  # rows of older versions have other types
+            )
+            lacking = "".join(
+                f', cast(null as {SQL[kind]}) as "{name}"' for name, kind in COLUMNS.items() if name not in there
+            )
+            database.execute(f"create view runs as select * replace ({casts}){lacking} from {source}")
+            database.execute(f"set allowed_directories = ['{_quoted(rows)}']")
+            database.execute("set enable_external_access = false; set lock_configuration = true")
+            kinds = {statement.type.name for statement in database.extract_statements(sql)} - ASKING
+            if kinds:
+                what = f"only queries are allowed (SELECT, FROM, DESCRIBE or PIVOT), not {', '.join(sorted(kinds))}"
+                raise InputError(f"the query cannot be answered: {what}")
+            found = database.execute(sql)
+            if found.description is None:
+                return [], []
+            return [column[0] for column in found.description], found.fetchall()
+    except duckdb.Error as error:
+        raise InputError(f"the query cannot be answered: {str(error).strip()}") from None
+
+
+def listing(where: str | None, columns: str = LISTED) -> str:
+    """SQL of the usual list, newest first."""
+    return f"select {columns} from runs {f'where {where}' if where else ''} order by started_utc desc"
+
+
+def _logs(folder: Path) -> Iterator[Path]:
+    """Whole logs, and the first part that is there of each rotated one."""
+    seen = set()
+    for path in sorted(folder.glob("*.mcap")):
+        if path.name.endswith(".recovered.mcap"):
+            continue
+        whole = whole_path(path) if part_number(path) is not None else path
+        if whole not in seen:
+            seen.add(whole)
+            yield path
+
+
+def _quoted(path: Path) -> str:
+    return str(path).replace("'", "''")
+
+
+def run_row(path: Path) -> Row:
+    """One row about the run: who, when, with what, and the result.
+
+    A log without an index, as of a killed process, is read whole.
+
+    Args:
+        path: the log, or its first part.
+
+    Raises:
+        LogError: it is not a log of this program, or cannot be read.
+    """
+    files = files_of(path)
+    try:
+        said = [_metadata(file) for file in dict.fromkeys((files[0], files[-1]))]
+    except (McapError, struct.error, ValueError, OSError, _NoIndexError):
+        log = read_log(path)
+        return _row(files, dict(log.metadata), dict(log.outcome), dict(log.result), log.unfinished)
+    first, last = said[0], said[-1]
+    missing = "" if "outcome" in last else "the run's end is not in it"
+    return _row(files, first.get("run", {}), last.get("outcome", {}), last.get("result", {}), missing)
+
+
+class _NoIndexError(Exception):
+    """The file ends before its index."""
+
+
+def _metadata(path: Path) -> dict[str, dict[str, str]]:
+    with path.open("rb") as stream:
+        reader = SeekingReader(stream)
+        if reader.get_summary() is None:
+            raise _NoIndexError
+        if reader.get_header().profile != PROFILE:
+            raise LogError(path, f"is not a log of this program: its profile is {reader.get_header().profile!r}")
+        return {record.name: record.metadata for record in reader.iter_metadata()}
+
+
+def _row(
+    files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
+) -> Row:
+    told = {name: json_of(files[0], result, name, lambda value: value) for name in result}
+    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(one) for one in rows])}
+    why = json_of(files[0], outcome, "why", dict) or {}
+    ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
+    row: Row = {
+        "run_id": run.get("run_id", ""),
+        "log": str(files[0]),
+        "bytes": sum(file.stat().st_size for file in files),
+        "parts": len(files),
+        "unfinished": unfinished,
+        **{name.replace(".", "_"): value for name, value in run.items() if name != "run_id"},
+        "goal_asked": run.get("goal", ""),
+        **ended,
+        **told,
+        "seed": _number(run.get("seed", "")),
+        "order_id": order_id(told),
+        "cause": outcome.get("cause", ""),
+        "failed_leaf": why.get("node", "") if outcome.get("end") == "failed" else "",
+    }
+    return row
+
+
+def _number(text: str) -> int | float | str:
+    """A number where the text is one."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

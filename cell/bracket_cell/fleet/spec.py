@@ -1,0 +1,301 @@
+"""What a sweep runs: seeds x trees x configurations x people x looks x goals x faults, from a YAML file."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from pydantic import Field
+
+from bracket_cell.configuration import (
+    DEFAULT_CONFIGURATION,
+    DEFAULT_TREE,
+    Configuration,
+    load_configuration,
+    load_product,
+    simulated,
+)
+from bracket_cell.device_settings import OwnDevice
+from bracket_cell.faults.injection import Injection
+from bracket_cell.fleet.store import is_address
+from bracket_cell.kinds import DETECTORS, WEIGHTS, files_of
+from bracket_cell.recording.identity import code_version
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import read_text
+from bracket_ground.files.model import Model
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.devices import ROLES
+
+MOST_RUNS = 10_000_000
+MOST_SENT_BYTES = 32_000_000
+Packed = tuple[str, str, tuple[tuple[str, bytes], ...], tuple[str, ...], tuple[str, ...]]
+
+
+class Seeds(Model):
+    """Seeds in a row.
+
+    Attributes:
+        first: the first one.
+        count: how many.
+    """
+
+    first: int = Field(default=0, ge=0)
+    count: int = Field(default=1, ge=1, le=MOST_RUNS)
+
+
+class Sweep(Model):
+    """Every combination of what is listed is run once.
+
+    Attributes:
+        seeds: of every combination; the same for all, so that runs can be compared in pairs.
+        trees: tree files, relative to this file.
+        configurations: configuration files, relative to this file.
+        people: who stands at the bench, names or files; null for the configuration's.
+        looks: what the simulated cell looks like, names or files; null for the configuration's.
+        goals: what the person assembles, or random.
+        faults: FAULT@STATE, a fault that is put in; null for none.
+        pixels: render what the cameras see; without, hands, holes and parts come from the truth, several times faster.
+        max_duration_s: each run ends by itself after this much clock time; null for the configuration's.
+    """
+
+    seeds: Seeds = Seeds()
+    trees: tuple[Path, ...] = (DEFAULT_TREE,)
+    configurations: tuple[Path, ...] = (DEFAULT_CONFIGURATION,)
+    people: tuple[str | None, ...] = (None,)
+    looks: tuple[str | None, ...] = (None,)
+    goals: tuple[str, ...] = ("random",)
+    faults: tuple[str | None, ...] = (None,)
+    max_duration_s: float | None = Field(default=None, gt=0, le=86_400)
+    pixels: bool = True
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run, with the text of every file that it needs: a worker needs nothing but the package.
+
+    Attributes:
+        tree, configuration: names in `files`.
+        files: content by name, relative to a folder that the worker makes.
+        person, look: names, or names in `files`.
+        logs: folder or address for the run's log, with images; None to keep none.
+        nodes: names in `files` of files with further nodes.
+        made_of: digests of weights that are not sent, as every worker has them, and the program's commit.
+        label: what tells it apart from the sweep's other runs, for people and for rows.
+    """
+
+    tree: str
+    configuration: str
+    files: tuple[tuple[str, bytes], ...]
+    seed: int
+    goal: str
+    person: str | None
+    look: str | None
+    fault: str | None
+    max_duration_s: float | None
+    label: tuple[tuple[str, str], ...]
+    logs: str | None = None
+    pixels: bool = True
+    nodes: tuple[str, ...] = ()
+    made_of: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Names the run by all that decides it; where a file, weights or the program changed, it is another."""
+        files: list[object] = [[name, _digest(content)] for name, content in self.files]
+        files += [*self.nodes, *self.made_of]
+        asked = [self.tree, self.configuration, self.goal, self.person, self.look, self.fault, self.max_duration_s]
+        asked = asked if self.pixels else [*asked, "without pixels"]
+        return hashlib.sha256(json.dumps([files, *asked, self.seed]).encode()).hexdigest()[:32]
+
+
+def load_sweep(path: Path) -> Sweep:
+    """The sweep of a file; paths in it are relative to it.
+
+    Raises:
+        InputError: the file is wrong.
+    """
+    sweep = load_yaml(path, Sweep)
+    folder = path.resolve().parent
+    trees = tuple((folder / tree).resolve() for tree in sweep.trees)
+    configurations = tuple((folder / one).resolve() for one in sweep.configurations)
+    return sweep.model_copy(update={"trees": trees, "configurations": configurations})
+
+
+def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = ()) -> Iterator[Task]:
+    """All runs, seed by seed; every file is read and checked before the first one.
+
+    Args:
+        logs: folder or address for the logs of all runs, by their keys; None to keep none.
+        nodes: Python files with further nodes, and folders of them; they are sent along.
+
+    Raises:
+        InputError: a tree, a configuration or what else is named cannot be used.
+    """
+    own = _node_files(nodes)
+    packed = {
+        (tree, configuration): _packed(sweep, tree, configuration, own)
+        for tree, configuration in itertools.product(sweep.trees, sweep.configurations)
+    }
+    for fault in sweep.faults:
+        if fault is not None:
+            Injection.parse(fault)
+    folder = logs if logs is None or is_address(logs) else str(Path(logs).resolve())
+    return _tasks(sweep, packed, folder)
+
+
+def count(sweep: Sweep) -> int:
+    """How many runs there are."""
+    listed = (sweep.trees, sweep.configurations, sweep.people, sweep.looks, sweep.goals, sweep.faults)
+    total = sweep.seeds.count
+    for values in listed:
+        total *= len(values)
+    return total
+
+
+def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None) -> Iterator[Task]:
+    first = sweep.seeds.first
+    trees, configurations = apart(sweep.trees), apart(sweep.configurations)
+    for seed in range(first, first + sweep.seeds.count):
+        for pair, person, look, goal, fault in itertools.product(
+            itertools.product(sweep.trees, sweep.configurations), sweep.people, sweep.looks, sweep.goals, sweep.faults
+        ):
+            tree, configuration, files, nodes, made_of = packed[pair]
+            names = {"tree": trees[pair[0]], "configuration": configurations[pair[1]]}
+            named = {**names, "person": person, "look": look}
+            label = tuple((name, value or "as configured") for name, value in named.items())
+            yield Task(
+                tree,
+                configuration,
+                files,
+                seed,
+                goal,
+                person,
+                look,
+                fault,
+                sweep.max_duration_s,
+                (*label, ("goal_asked", goal), ("fault", fault or "")),
+                logs,
+                sweep.pixels,
+                nodes,
+                made_of,
+            )
+
+
+def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Packed:
+    """Texts of a tree and a configuration with all that they name, in a folder of their own."""
+    configuration = load_configuration(path)
+    product = load_product(configuration, path)
+    for person, look in itertools.product(sweep.people, sweep.looks):
+        simulated(configuration, look, person)
+    for goal in sweep.goals:
+        if goal != "random" and goal not in product.goals:
+            raise InputError(f"unknown goal '{goal}'; legal: {', '.join(product.goals)}, random")
+    loaded = load_tree(tree, node_registry(product, map(str, own.values()), configuration))
+    folder = tree.resolve().parent
+    files = {f"trees/{_inside(part, folder)}": text.encode() for part, text in loaded.texts.items()}
+    config_folder = path.resolve().parent
+    semantic = configuration.planners.semantic
+    read = (configuration.product, configuration.faults, semantic.goals, semantic.confusions)
+    named = (*read, *_beside(configuration, path))
+    for named_file in (*sweep.people, *sweep.looks):
+        if named_file is not None and Path(named_file).is_file():
+            files[named_file] = Path(named_file).read_bytes()
+    for file in (path, *(one for one in named if one is not None and one.exists())):
+        if file.resolve().is_relative_to(config_folder):
+            files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
+    files |= {name: file.read_bytes() for name, file in own.items()}
+    weights = [file for name in DETECTORS for file in configuration.perception.files(name).values()]
+    weights += [file for name, planner in configuration.planners for file in files_of(name, planner).values()]
+    made_of = [f"commit {' '.join(code_version().values())}"]
+    for file in dict.fromkeys(file.resolve() for file in weights):
+        if not file.is_file():
+            raise InputError(f"{path}: names weights {file}, which are not there")
+        made_of.append(_digest(file.read_bytes()))
+        if not file.is_relative_to(WEIGHTS.resolve()):  # what is shipped every worker has
+            _send(file, path, files)
+    if (size := sum(map(len, files.values()))) > MOST_SENT_BYTES:
+        raise InputError(f"{path}: with its weights each run takes {size} bytes along; legal: up to {MOST_SENT_BYTES}")
+    names = f"trees/{tree.name}", f"config/{path.name}"
+    return *names, tuple(sorted(files.items())), tuple(sorted(own)), tuple(made_of)
+
+
+def _send(file: Path, path: Path, files: dict[str, bytes]) -> None:
+    """Take weights along: at their place beside the configuration, or in a folder of their own below it."""
+    folder = path.resolve().parent
+    if file.is_relative_to(folder):
+        files[f"config/{file.relative_to(folder)}"] = file.read_bytes()
+        return
+    beside = _digest(str(file.parent).encode())[:16]  # what stood in one folder still does
+    name, configuration = f"sent/{beside}/{file.name}", f"config/{path.name}"
+    files[f"config/{name}"] = file.read_bytes()
+    files[configuration] = yaml.safe_dump(_moved(yaml.safe_load(files[configuration]), folder, file, name)).encode()
+
+
+def _moved(value: object, folder: Path, file: Path, name: str) -> object:
+    """A configuration that names a file, or its folder, by its new name."""
+    if isinstance(value, dict):
+        return {key: _moved(one, folder, file, name) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_moved(one, folder, file, name) for one in value]
+    if isinstance(value, str) and value and (folder / value).resolve() in (file, file.parent):
+        return name if (folder / value).resolve() == file else str(Path(name).parent)
+    return value
+
+
+def _node_files(nodes: Iterable[str]) -> dict[str, Path]:
+    """Files by the names under which they are sent.
+
+    Raises:
+        InputError: one is no Python file.
+    """
+    found = {}
+    for one in nodes:
+        path = Path(one)
+        if not path.exists() or (path.is_file() and path.suffix != ".py"):
+            raise InputError(f"--with {one}: only Python files, and folders with them, are sent to workers")
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            found[f"nodes/{file.name}"] = file
+    return found
+
+
+def apart(paths: Iterable[Path]) -> dict[Path, str]:
+    """Paths by their name, with as many folders before it as tell them apart."""
+    parts = {path: path.resolve().parts for path in paths}
+    names = {}
+    for path, own in parts.items():
+        length = next(
+            (n for n in range(1, len(own)) if sum(other[-n:] == own[-n:] for other in parts.values()) == 1), len(own)
+        )
+        names[path] = "/".join(own[-length:])
+    return names
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _beside(configuration: Configuration, path: Path) -> Iterator[Path]:
+    """What a configuration names next to itself and, once loaded, holds no path of: simulator, robot, drivers."""
+    written = yaml.safe_load(read_text(path))
+    devices = written.get("devices", {})
+    for name in (written.get("robot"), devices.get("simulation")):
+        if name is not None:
+            yield path.parent / name
+    for role in ROLES:
+        device = getattr(configuration.devices, role)
+        if isinstance(device, OwnDevice):
+            yield path.parent / f"{device.kind.partition(':')[0].replace('.', '/')}.py"
+
+
+def _inside(file: Path, folder: Path) -> Path:
+    try:
+        return file.resolve().relative_to(folder)
+    except ValueError:
+        raise InputError(f"{file}: a tree that is sent to workers includes only files beside it or below") from None

@@ -1,0 +1,1 @@
+"""Perception, first version: classical image processing behind the protocols of the ground."""

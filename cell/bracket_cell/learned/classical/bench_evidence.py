@@ -1,0 +1,339 @@
+"""Whether each region of an overhead image shows this bench: landmarks from the first frame on, then a reference.
+
+A reference of the empty bench grows where landmarks are seen and neither robot nor hand is. From then on each region
+looks like the reference, or a robot or a hand that somebody knows of is in front of it. Nothing else explains a change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_cell.learned.calibration.landmarks import PlateModel, Rectangle
+from bracket_cell.learned.classical.box_model import LEAST_DEPTH_M, View, obstacle_mask, outline
+from bracket_cell.learned.classical.depth_evidence import COVERED, DepthEvidence
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import Edge, HandSample
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+
+Mask = NDArray[np.uint8]
+
+RISES = "something stands over the bench that is not seen as a hand"
+NO_HAND = "something reaches into the view that is not seen as a hand"
+TURNS = {"mirrored": (1,), "upside down": (0, 1), "mirrored and upside down": (0,)}  # by the axes that are turned over
+GRID = 4  # pixels of the image in one of the small image, along both axes
+LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how long something must be wrong
+STRETCH = 8  # points of an edge that are one landmark
+REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
+EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
+LEAST_SEEN, LEAST_BESIDE = 0.6, 0.4  # of a group of landmarks; of one that is hidden in part
+LEAST_SHOWN = 0.6  # of a group that is judged
+LONG = 4  # landmarks of a group that is never hidden
+BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
+FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
+ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
+LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
+LIT, DARKEST, MOST_SHADOW = 1.1, 0.3, 0.9  # shares of the reference in a shadow, and share of pixels for a shadow
+THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
+ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
+MOST_OFF, TURNED = 40.0, 0.6  # levels by which a pixel counts at most; of what is off, less is so once turned over
+MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Stretches of edges of plate and tray.
+
+    Attributes:
+        places: (shifts, n, 2) pixels (column, row) of all points, as far off as they may be.
+        across: (n, 2) unit vectors across the edge.
+        stretch: (n,) which landmark a point is of.
+        groups: (landmarks,) which pair of parallel edges a landmark is of.
+    """
+
+    places: NDArray[np.intp]
+    across: Array
+    stretch: NDArray[np.intp]
+    groups: NDArray[np.intp]
+
+    @staticmethod
+    def of(bench: Bench, product: Product) -> Landmarks:
+        """Those of a bench that are in view, and that none of its obstacles hides."""
+        view, tray = View(bench.overhead.model, bench.overhead.mount.pose), bench.tray
+        half, (x, y, z) = np.array(tray.size_m) / 2, tray.centre_m
+        rim = Rectangle.between(-half, half, Pose((x, y, z + tray.wall_m)))
+        steps = range(-REACH_PX, REACH_PX + 1, STEP_PX)
+        shifts = np.array([(column, row) for column in steps for row in steps])
+        size = bench.overhead.model.width_px, bench.overhead.model.height_px
+        covered = obstacle_mask(view, bench, REACH_PX)
+        found: list[tuple[Array, Array, int]] = []
+        for number, rectangle in enumerate((PlateModel.of(bench, product), rim)):
+            start = view.pixels(rectangle.edges_m)
+            unit = view.pixels(rectangle.edges_m + 0.01 * rectangle.outwards) - start
+            unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+            for side in range(4):
+                own = np.flatnonzero(rectangle.sides == side)
+                parts = np.array_split(own, max(1, round(len(own) / STRETCH)))
+                low, high = REACH_PX, np.array(size) - REACH_PX - 1
+                inside = [part for part in parts if ((start[part] > low) & (start[part] < high)).all()]
+                places = ((part, *start[part].astype(int).T) for part in inside)
+                shown = [part for part, column, row in places if not covered[row, column].any()]
+                found += [(start[part], unit[part], 2 * number + side // 2) for part in shown]
+        if not found:
+            return Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
+        points, across, groups = zip(*found, strict=True)
+        places = np.rint(np.concatenate(points) + shifts[:, np.newaxis]).astype(np.intp)
+        stretch = np.repeat(np.arange(len(found)), [len(one) for one in points])
+        return Landmarks(places, np.concatenate(across), stretch, np.array(groups))
+
+    def seen(self, grey: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> dict[int, bool]:
+        """Of each group that is not mostly hidden, whether its landmarks are seen, at the shift that most are seen at.
+
+        Args:
+            hidden: pixels of the small image that robot or hands may be in front of.
+        """
+        if not len(self.groups):
+            return {}
+        smooth = cv2.GaussianBlur(grey, (0, 0), EDGE_BLUR_PX)
+        columns, rows = self.places[..., 0], self.places[..., 1]
+        x, y = (cv2.Sobel(smooth, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1)))
+        along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), LEAST_SLOPE)
+        starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
+        clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > LEAST_ALONG
+        column, row = self.places[len(self.places) // 2, starts].T // GRID
+        open_ = ~hidden[row, column]
+        best = clear[clear[:, open_].sum(axis=1).argmax()]
+        found = {}
+        for group in np.unique(self.groups):
+            shown = open_[self.groups == group]
+            if shown.mean() >= LEAST_SHOWN:
+                share = best[open_ & (self.groups == group)].mean()
+                found[int(group)] = bool(share >= (LEAST_SEEN if shown.all() else LEAST_BESIDE))
+        return found
+
+
+class BenchEvidence:
+    """Looks at the frames of the overhead camera in their order.
+
+    Attributes:
+        unseen: why an image does not show this bench, in words; empty where it does.
+        unexplained: what reaches over the person's edge that is neither the robot nor a hand that was seen.
+    """
+
+    def __init__(self, bench: Bench, product: Product) -> None:
+        model = bench.overhead.model
+        self._view = View(model, bench.overhead.mount.pose)
+        self._landmarks = Landmarks.of(bench, product)
+        self._bins = [_around(self._view, place) for place in bench.bins_m.values()]
+        shape = model.height_px // GRID, model.width_px // GRID
+        self._reference = np.zeros((*shape, 3), np.float32)
+        self._frames = np.zeros(shape, np.float32)  # that it was made of
+        self._edge = person_edge(bench)
+        self._rim, self._persons = _rims(shape, self._edge)
+        self._tray = _tray(self._view, bench, shape)
+        self._depth = DepthEvidence(bench) if bench.overhead.depth else None
+        self._looked_s = self._compared_s = -np.inf
+        self._astray = 0  # groups of landmarks that are not where they were
+        self._wrong, self._wrong_s = "", 0.0  # what is wrong, and for how long more than not
+        groups, counts = np.unique(self._landmarks.groups, return_counts=True)
+        self._always = groups[counts >= LONG].tolist()
+        self._missing = set(groups.tolist())  # that were never seen
+        self.unseen = self.unexplained = ""
+
+    def see(self, frame: Frame, small: Mask, grey: Mask, hands: Sequence[HandSample]) -> None:
+        """One frame more.
+
+        Args:
+            small: every pixel the mean of GRID x GRID of the image, in colour.
+            grey: the image in grey.
+        """
+        now_s, since_s = frame.time_s, frame.time_s - self._compared_s
+        if since_s < COMPARE_EVERY_S:
+            return
+        self._compared_s, shape = now_s, self._frames.shape
+        hidden = near_robot(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
+        if now_s >= self._looked_s + LOOK_EVERY_S:
+            self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
+        wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
+        turned = self._turned(small)
+        wrong = turned or wrong or self._by_depth(frame, hidden)
+        doubtful = self._astray == 1 and not self._missing  # shadows and parts hide edges, too
+        step_s = LASTS_S / 2 if turned else min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
+        self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
+        self._wrong = wrong or self._wrong
+        told = self._wrong if self._wrong_s >= LASTS_S else ""
+        self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
+
+    def _by_depth(self, frame: Frame, hidden: NDArray[np.bool_]) -> str:
+        """What stands over the bench that colours do not show, in words; a robot that nobody tells of would count."""
+        if self._depth is None:
+            return ""
+        risen = None if frame.depth_mm is None else self._depth.risen(frame.depth_mm, hidden)
+        return COVERED if risen is None else RISES if risen.any() and frame.robot_m is not None else ""
+
+    def _look(self, small: Mask, grey: Mask, hidden: NDArray[np.bool_]) -> int:
+        """How many groups of landmarks are not where the calibration has them; at first, bins without contrast, too."""
+        seen = self._landmarks.seen(grey, hidden)
+        first, self._missing = bool(self._missing), self._missing - {group for group, clear in seen.items() if clear}
+        astray = sum(not seen.get(group, True) for group in self._always)
+        if first and not self._missing:
+            coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
+            bins = [coarse[window] for window in self._bins if coarse[window].size]
+            if any(float(one.std(axis=(0, 1)).max()) <= LEAST_CONTRAST for one in bins):
+                self._missing = set(seen)
+        return astray
+
+    def _compare(self, small: Mask, hidden: NDArray[np.bool_]) -> str:
+        """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
+        image = small.astype(np.float32)
+        free = (self._frames >= FRAMES_VALID) & ~hidden
+        image *= 1 / self._gain(image, free)
+        off, bright = _greatest(cv2.absdiff(image, self._reference)), _greatest(self._reference)
+        changed = free & (off > LEVELS + SHARE * bright)
+        wrong = self._unexplained(changed, hidden, image)
+        rate = np.where(changed, np.float32(CHANGED), np.float32(ALIKE))
+        rate = np.maximum(rate, (self._frames < FRAMES_VALID) / (self._frames + 1)) * ~hidden
+        self._frames += ~hidden
+        self._reference += cv2.merge([rate] * 3) * (image - self._reference)
+        if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
+            return "the bench is not seen"
+        return wrong
+
+    def _turned(self, small: Mask) -> str:
+        """Whether the reference is seen turned over, in words; empty where it is seen as it is, or is not known."""
+        known = self._frames >= FRAMES_VALID
+        if known.mean() < LEAST_FREE:
+            return ""
+        reference = self._reference * (float(small.mean()) / max(1.0, float(self._reference[known].mean())))
+        image = small.astype(np.float32)
+
+        def off(axes: tuple[int, ...]) -> float:
+            seen = known & np.flip(known, axes)
+            return float(np.minimum(np.abs(np.flip(image, axes) - reference), MOST_OFF)[seen].mean())
+
+        straight = off(())
+        turns = {words: off(axes) for words, axes in TURNS.items()}
+        words = min(turns, key=lambda one: turns[one])
+        return f"the image is {words}" if turns[words] < TURNED * straight else ""
+
+    def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+        """How much brighter an image is than the reference."""
+        grid = free[::3, ::3]
+        ratios = (image[::3, ::3, 1][grid] + 1) / (self._reference[::3, ::3, 1][grid] + 1)
+        return float(np.median(ratios)) if ratios.size else 1.0
+
+    def _unexplained(self, changed: NDArray[np.bool_], hidden: NDArray[np.bool_], image: NDArray[np.float32]) -> str:
+        """What a large piece is that has changed, in words; empty where there is none, or robot and person explain it.
+
+        What hangs together with the robot, a hand or an edge may be their shadow, or a robot that nobody tells of. On
+        the person's side it may be a hand, but for what is only darker. Within the tray parts come and go.
+        """
+        mask, found = changed.astype(np.uint8), ""
+        shares = cv2.boxFilter(mask, cv2.CV_32F, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
+        thick = changed & (shares > THICK_SHARE)
+        if not thick.any():
+            return ""
+        _, labels = cv2.connectedComponents(cv2.dilate(mask, np.ones((3, 3), np.uint8)))
+        around = self._rim | (cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+        for label in np.unique(labels[thick]):
+            own = labels == label
+            if not (own & ~self._tray).any():
+                continue  # parts that stood side by side, and were taken
+            across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
+            if across or own.mean() > MOST_ROBOT or not (own & around).any():
+                return "something covers the view"
+            if (own & self._persons).any() and not self._shadow(own & changed, image):
+                found = NO_HAND
+        return found
+
+    def _shadow(self, own: NDArray[np.bool_], image: NDArray[np.float32]) -> bool:
+        """Whether a piece is nothing but darker."""
+        shares = (image[own] + 1) / (self._reference[own] + 1)
+        return bool(((shares < LIT).all(axis=1) & (shares > DARKEST).all(axis=1)).mean() > MOST_SHADOW)
+
+
+def person_edge(bench: Bench) -> Edge:
+    """The edge of the overhead view behind which the person stands: x points towards the person."""
+    middle = np.array(bench.bracket.position_m)
+    start, end = View(bench.overhead.model, bench.overhead.mount.pose).pixels(
+        np.array([middle, middle + np.array([0.1, 0.0, 0.0])])
+    )
+    column, row = end - start
+    if abs(column) > abs(row):
+        return "right" if column > 0 else "left"
+    return "bottom" if row > 0 else "top"
+
+
+def _around(view: View, place: Sequence[float]) -> tuple[slice, slice]:
+    """Rows and columns of the coarse image around a place of the bench."""
+    column, row = view.pixels(np.array([place], float))[0] / (3 * GRID)
+    reach = view.pixels_per_m(place) * BIN_M / (3 * GRID)
+    rows, columns = (slice(max(0, round(at - reach)), max(0, round(at + reach) + 1)) for at in (row, column))
+    return rows, columns
+
+
+def _tray(view: View, bench: Bench, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels of a small image that show the inside of the tray."""
+    mask, half, (x, y, z) = np.zeros(shape, np.uint8), np.array(bench.tray.size_m) / 2, bench.tray.centre_m
+    corners = np.array([[x + a * half[0], y + b * half[1], z] for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1))])
+    cv2.fillConvexPoly(mask, np.rint(view.pixels(corners) / GRID).astype(np.int32), 1)
+    return cv2.erode(mask, np.ones((3, 3), np.uint8)) > 0
+
+
+def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """All pixels at the edges of an image, and those at one edge."""
+    rim, own = np.ones(shape, bool), np.zeros(shape, bool)
+    rim[1:-1, 1:-1] = False
+    if edge in ("left", "right"):
+        own[:, 0 if edge == "left" else -1] = True
+    else:
+        own[0 if edge == "top" else -1] = True
+    return rim, own
+
+
+def robot_outline(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
+    """1 inside the robot's outline in a small image, (height, width)."""
+    mask = np.zeros(shape, np.uint8)
+    if frame.robot_m is not None:
+        points_m = frame.robot_m.reshape(-1, 3)
+        links = len(frame.robot_m)
+        behind = np.reshape(view.depths(points_m) < LEAST_DEPTH_M, (links, -1)).any(axis=1)
+        pixels = (view.pixels(points_m) / GRID).reshape(links, -1, 2)
+        for link in pixels[~behind]:
+            cv2.fillConvexPoly(mask, outline(link).round().astype(np.int32), 1)
+    return mask
+
+
+def near_robot(robot: Mask) -> NDArray[np.bool_]:
+    """Where the robot may be."""
+    return cv2.dilate(robot, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)) > 0
+
+
+def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Hands in a small image, and all between them and an edge: arms come from there, askew by up to 45 degrees."""
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
+    mask = np.zeros(shape, bool)
+    for hand in hands:
+        left, top, right, bottom = (value / GRID for value in hand.box_px)
+        ahead, aside, start, low, high = {
+            "bottom": (rows, columns, top, left, right),
+            "top": (-rows, columns, -bottom, left, right),
+            "right": (columns, rows, left, top, bottom),
+            "left": (-columns, rows, -right, top, bottom),
+        }[edge]
+        beyond = ahead - start + HAND_PX
+        mask |= (beyond >= 0) & (aside >= low - HAND_PX - beyond) & (aside <= high + HAND_PX + beyond)
+    return mask
+
+
+def _greatest(image: NDArray[Any]) -> NDArray[np.float32]:
+    """Of the three channels of each pixel."""
+    red, green, blue = cv2.split(image)
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.float32)

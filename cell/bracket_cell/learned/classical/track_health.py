@@ -1,0 +1,99 @@
+"""Whether no hand in an image means that none is there."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from bracket_cell.learned.classical.bench_evidence import person_edge
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.perception import Edge
+from bracket_ground.interfaces.pose import Array
+
+EDGE_PX = 6  # a box this near to the image's edge touches it
+LEAVES_S = 0.2  # a hand that is not seen any more is thought to have gone on for so long
+UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
+HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
+
+Point = tuple[float, float]
+
+
+class TrackHealth:
+    """Says whether no hand means that there is none, and how fast a hand moves.
+
+    Attributes:
+        left_by: edges by which the hand left the view, or may have; empty while one is seen. Before the first one, the
+            person's: that no hand was seen so far does not mean that none is there.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        camera = bench.overhead.model
+        self._size = (camera.width_px, camera.height_px)
+        self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
+        self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
+        self._unknown = ""
+        self.left_by: tuple[Edge, ...] = (person_edge(bench),)
+
+    def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
+        """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
+        if palm_m is not None:
+            self._seen.append((time_s, palm_m, box_px))
+            self._unknown, self.left_by = "", ()
+        elif self._seen:
+            self.left_by = self._edges(time_s)
+            self._unknown = "" if self.left_by else "it vanished inside the view"
+            self._seen.clear()
+        return self._unknown
+
+    @property
+    def motion(self) -> tuple[Point | None, Point | None]:
+        """Velocity and acceleration of the palm; see `motion_of`."""
+        return motion_of([(time_s, np.array(palm_m)) for time_s, palm_m, _ in self._seen])
+
+    def _edges(self, time_s: float) -> tuple[Edge, ...]:
+        """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
+        last_s, _, box = self._seen[-1]
+        gone_s = time_s - last_s
+        ahead_s = min(gone_s, LEAVES_S)
+        speeds = self._box_speeds()
+        left, top, right, bottom = (value + speed * ahead_s for value, speed in zip(box, speeds, strict=True))
+        width, height = self._size
+        outer: dict[Edge, float] = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
+        inner: dict[Edge, float] = {"left": box[2], "top": box[3], "right": width - box[0], "bottom": height - box[1]}
+        most_px = self._fastest_px_s * gone_s + UNSEEN_PX
+        return tuple(edge for edge in outer if outer[edge] <= EDGE_PX and inner[edge] <= most_px)
+
+    def _box_speeds(self) -> tuple[float, ...]:
+        (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]
+        if to_s <= from_s:
+            return (0.0, 0.0, 0.0, 0.0)
+        return tuple((b - a) / (to_s - from_s) for a, b in zip(start, end, strict=True))
+
+
+def motion_of(places: Sequence[tuple[float, Array]]) -> tuple[Point | None, Point | None]:
+    """Mean velocity over all places (2,), and acceleration over the last three.
+
+    None where they are too few, or where their times do not increase.
+
+    Args:
+        places: each with its time.
+    """
+    if len(places) < 2 or any(after[0] <= before[0] for before, after in pairwise(places)):
+        return None, None
+    velocity = _speed(places[0], places[-1])
+    if len(places) < 3:
+        return _xy(velocity), None
+    gained = _speed(places[-2], places[-1]) - _speed(places[-3], places[-2])
+    return _xy(velocity), _xy(2 * gained / (places[-1][0] - places[-3][0]))
+
+
+def _speed(before: tuple[float, Array], after: tuple[float, Array]) -> Array:
+    speed: Array = (after[1] - before[1]) / (after[0] - before[0])
+    return speed
+
+
+def _xy(point: Array) -> Point:
+    return float(point[0]), float(point[1])

@@ -1,0 +1,176 @@
+"""What of the wrist camera's findings stands, and what lies: rough boxes, and exact poses where they can be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_cell.learned.parts.lying_fit import LyingFit, LyingFitter
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.resting_pose import lies_raised
+
+LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
+BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
+SAME_BOX = 0.4  # intersection over union, from which two findings may be one thing
+SAME_LOOK = 0.85  # from which the one is not looked at again where the other did not tell how it lies
+STANDS = 0.8  # of what stands out, from which a silhouette is that of a standing part
+BETTER = 0.1  # by which one that lies must fit better than one that was told to stand
+MOST_HIDDEN = 0.4  # of the box of a part that was told to stand, up to which its silhouette may say otherwise
+CLEARLY, STRANGE_FITS = 0.1, 0.88  # surer by this it is of its type; else its silhouette must agree so well
+
+Found = Sequence[PartDetection]
+
+
+class LyingParts:
+    """Sorts what a detector found in the tray."""
+
+    def __init__(self, bench: Bench, product: Product) -> None:
+        self._bench, self._product = bench, product
+        self._fitter = LyingFitter(bench.wrist.model, bench.tray, product.parts)
+
+    def sort(self, frame: Frame, found: Found) -> tuple[tuple[PartDetection, ...], tuple[PartDetection, ...]]:
+        """What stands, and everything else, each thing once, as an upright box on the floor (see `PartsView`)."""
+        told = [one for one in found if one.upright and one.part in self._product.parts]
+        fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
+        standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
+        rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
+        exact = [self._exact(one, fit.part, fit.world_from_part) for one, fit in fallen]
+        rough: list[PartDetection] = []
+        for one in sorted(rest, key=lambda one: (not one.lies_on, -one.confidence)):
+            if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
+                continue
+            if one.lies is not None and self._raised(one, one.lies):
+                exact.append(self._exact(one, one.part, one.lies))
+                continue
+            tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
+            fit = None if tried else self._lying(frame, one, found)
+            if fit is not None:
+                exact.append(self._exact(one, fit.part, fit.world_from_part))
+            elif one.lies is not None and self._clearly(one.part, self._same(one, found)):
+                exact.append(self._exact(one, one.part, one.lies))
+            else:
+                rough.append(one)
+        apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
+        return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
+
+    def _raised(self, one: PartDetection, lies: Pose) -> bool:
+        """Whether it lies on others, where no side can be fitted to the floor."""
+        floor_m = self._bench.tray.centre_m[2]
+        return bool(one.lies_on) or lies_raised(self._product.parts[one.part], lies, floor_m)
+
+    @staticmethod
+    def _same(one: PartDetection, found: Found) -> list[PartDetection]:
+        """All findings that may be this thing."""
+        return [other for other in found if overlap(one, other) >= SAME_BOX]
+
+    def _lying(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
+        """How a thing lies, of whichever type it is; a large part may also be told as several small ones."""
+        same = self._same(one, found)
+        types = tuple(dict.fromkeys(other.part for other in same))
+        around = [other for other in found if not inside(other, one)]
+        hidden, less = (self._hidden(frame, one, others) for others in (found, around))
+        for mask in (hidden,) if np.array_equal(hidden, less) else (hidden, less):
+            fit = self._fitter.fit(frame, one.box_px, types, mask)
+            if fit is not None and fit.agreement >= self._least_agreement(fit.part, same):
+                return fit
+        return None
+
+    def _least_agreement(self, part: str, same: Found) -> float:
+        """How well a part must fit what may also be something unknown, by what the detector says of the thing."""
+        return 0.0 if self._clearly(part, same) else STRANGE_FITS
+
+    def _clearly(self, part: str, same: Found) -> bool:
+        """Whether the detector says clearly that a thing is of this type, and nothing unknown."""
+        sure = max((one.confidence for one in same if one.part == part), default=0.0)
+        strange = max((one.confidence for one in same if one.part not in self._product.parts), default=0.0)
+        return sure >= strange + CLEARLY
+
+    def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
+        """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""
+        hidden = self._hidden(frame, one, found)
+        left, top, right, bottom = (max(value, 0) for value in one.box_px)
+        if hidden[top:bottom, left:right].mean() > MOST_HIDDEN:
+            return None
+        stands = self._fitter.agreement(frame, one.box_px, one.part, one.world_from_part, hidden)
+        if stands >= STANDS:
+            return None
+        fit = self._fitter.fit(frame, one.box_px, (one.part,), hidden)
+        return fit if fit is not None and fit.agreement > stands + BETTER else None
+
+    def _hidden(self, frame: Frame, one: PartDetection, found: Found) -> NDArray[np.uint8]:
+        """1 where other things are seen."""
+        mask = np.zeros(frame.image.shape[:2], np.uint8)
+        for other in found:
+            if other is not one and overlap(one, other) < SAME_BOX and other.confidence >= LEAST_SURE:
+                left, top, right, bottom = (max(value, 0) for value in other.box_px)
+                mask[top:bottom, left:right] = 1
+        return mask
+
+    def _exact(self, one: PartDetection, part: str, lies: Pose) -> PartDetection:
+        """With its exact pose, and the smallest box around it, from the floor on."""
+        kind = self._product.parts[part]
+        points = lies.transform(np.concatenate([solid.points() for solid in kind.whole]))
+        (x, y), (first, second), degrees = cv2.minAreaRect(np.asarray(points[:, :2] * 1e3, np.float32))
+        yaw = np.radians(degrees if first >= second else degrees + 90.0)
+        length, width = max(first, second) / 1e3 + 2 * BEYOND_M, min(first, second) / 1e3 + 2 * BEYOND_M
+        floor_m = self._bench.tray.centre_m[2]
+        height = float(points[:, 2].max()) - floor_m
+        pose = Pose.from_yaw((x / 1e3, y / 1e3, floor_m), float(yaw))
+        size = (length, width, height)
+        return replace(one, part=part, world_from_part=pose, size_m=size, upright=False, lies=lies)
+
+
+def on_floor(frame: Frame, bench: Bench, product: Product, one: PartDetection) -> PartDetection:
+    """What does not stand as an upright box along the axes of the world that holds what the camera sees of it.
+
+    One look does not tell on which side it lies: it counts as high as it can be.
+    """
+    left, top, right, bottom = one.box_px
+    middle_m = one.world_from_part.position_m[2]
+    floor_m = bench.tray.centre_m[2]
+    half_m = max(middle_m - floor_m, LEAST_HEIGHT_M / 2)
+    pixels = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], float)
+    corners = bench.wrist.model.onto_plane(frame.world_from_camera, pixels, floor_m + half_m)[:, :2]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y = (float(value) for value in (low + high) / 2)
+    known = product.parts.get(one.part)
+    length, width = (float(value) + 2 * BEYOND_M for value in high - low)
+    top_m = max(2 * half_m, *(known.size_m if known else (min(length, width),)))
+    return replace(one, world_from_part=Pose((x, y, floor_m)), size_m=(length, width, top_m), upright=False)
+
+
+def covers(standing: PartDetection, other: PartDetection) -> bool:
+    """Whether something is seen where a part stands: the part itself, seen twice."""
+    if standing.stacked_with(other):
+        return False
+    x, y, _ = standing.world_from_part.inverse().transform(np.array(other.world_from_part.position_m))
+    length, width, _ = standing.size_m
+    return bool(abs(x) < length / 2 and abs(y) < width / 2)
+
+
+def inside(small: PartDetection, large: PartDetection) -> bool:
+    """Whether the middle of one box in the image is inside another, larger one."""
+    left, top, right, bottom = large.box_px
+    a, b, c, d = small.box_px
+    smaller = (c - a) * (d - b) < (right - left) * (bottom - top)
+    return smaller and left <= (a + c) / 2 <= right and top <= (b + d) / 2 <= bottom
+
+
+def _again(one: PartDetection, known: Found) -> bool:
+    """Whether something is one of the known things, seen twice."""
+    return any(overlap(one, other) >= SAME_BOX and not one.stacked_with(other) for other in known)
+
+
+def overlap(first: PartDetection, second: PartDetection) -> float:
+    """Intersection over union of the boxes of two findings in the image."""
+    (left, top, right, bottom), (a, b, c, d) = first.box_px, second.box_px
+    both = max(min(right, c) - max(left, a), 0) * max(min(bottom, d) - max(top, b), 0)
+    return both / max((right - left) * (bottom - top) + (c - a) * (d - b) - both, 1)

@@ -1,0 +1,217 @@
+"""What two ticks decided, and where they differ: status, nodes, beliefs, plans, verdicts, commands, display."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from bracket_cell.log.read.reader import Log, LoggedTick, Note
+from bracket_cell.recording.json_schema import without_nulls
+from bracket_cell.recording.schemas import asked_of_devices, judged, plain
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.faults import Judgement
+from btxml.engine.node import StatusChange
+
+_NUMBER = re.compile(r"::\d+")
+NOTHING = "nothing"
+MEMORY = "memory"
+LEADING = ("command", "judgement", "verdict", "plan")
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """Everything that one tick decided, as plain data.
+
+    Attributes:
+        judgement: what the supervisor allowed; None where it was not asked.
+        error: what the tick raised.
+    """
+
+    status: str
+    changes: tuple[StatusChange, ...]
+    notes: tuple[Note, ...]
+    command: Mapping[str, Any] | None
+    display: Mapping[str, Any] | None
+    judgement: Mapping[str, Any] | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing that was decided otherwise in one tick.
+
+    Attributes:
+        aspect: "node", "status", "command", "display", "judgement", a topic of notes ("belief", "plan", "verdict",
+            "help", "skill", "memory"), or for two logs also an input: "time", "arm", "gripper", "bench", "parts",
+            "length".
+        node: path of the node where `aspect` is "node".
+    """
+
+    tick: int
+    time_s: float
+    aspect: str
+    was: Any
+    now: Any
+    node: str = ""
+
+
+@dataclass
+class Comparison:
+    """Differences of a whole run, kept small: all counts, and the first of every kind.
+
+    Attributes:
+        ticks: how many were compared.
+        differing_ticks: how many of them differ in anything.
+        first: the first difference.
+        first_by_aspect, ticks_by_aspect, ticks_by_node: by name.
+        at_first: all differences of the first tick that differs.
+        command_node: the first node that differs in the tick of the first other command, or before it.
+    """
+
+    ticks: int = 0
+    differing_ticks: int = 0
+    first: Difference | None = None
+    first_by_aspect: dict[str, Difference] = field(default_factory=dict)
+    ticks_by_aspect: Counter[str] = field(default_factory=Counter)
+    ticks_by_node: Counter[str] = field(default_factory=Counter)
+    at_first: list[Difference] = field(default_factory=list)
+    command_node: str = ""
+
+    @property
+    def leading(self) -> Difference | None:
+        """What says most: the first other command, judgement, verdict or plan, else the first difference."""
+        return next((self.first_by_aspect[one] for one in LEADING if one in self.first_by_aspect), self.first)
+
+    @property
+    def identical(self) -> bool:
+        return self.first is None
+
+    def add(self, differences: Sequence[Difference]) -> None:
+        """The differences of one more tick."""
+        self.ticks += 1
+        self.differing_ticks += bool(differences)
+        self.at_first = self.at_first or list(differences)
+        if "command" not in self.first_by_aspect and (node := next((one.node for one in differences if one.node), "")):
+            self.command_node = node
+        for difference in differences:
+            self.first = self.first or difference
+            self.first_by_aspect.setdefault(difference.aspect, difference)
+        self.ticks_by_aspect.update({difference.aspect for difference in differences})
+        self.ticks_by_node.update(difference.node for difference in differences if difference.node)
+
+    def as_json(self) -> dict[str, object]:
+        """Keys of the commands' `--json`."""
+        return {
+            "identical": self.identical,
+            "ticks": self.ticks,
+            "differing_ticks": self.differing_ticks,
+            "first": self.first and vars(self.first),
+            "by_decision": {
+                aspect: {"ticks": self.ticks_by_aspect[aspect], "first": vars(first)}
+                for aspect, first in self.first_by_aspect.items()
+            },
+            "by_node": dict(self.ticks_by_node.most_common()),
+        }
+
+
+def logged(tick: LoggedTick) -> Decisions:
+    """What a tick of a log decided."""
+    command = tick.command and {key: value for key, value in tick.command.items() if not key.startswith("sent_")}
+    notes = tuple((topic, without_nulls(fields)) for topic, fields in tick.notes)
+    display = tick.display and {**plain(Display()), **tick.display}  # older logs lack what it can show since then
+    return Decisions(tick.status, tick.changes, notes, without_nulls(command), without_nulls(display), tick.judgement)
+
+
+def decided(
+    status: str,
+    changes: Iterable[StatusChange],
+    notes: Iterable[tuple[str, Any]],
+    command: Command,
+    judgement: Judgement | None = None,
+    error: str = "",
+) -> Decisions:
+    """What a tick decided that has just been made, in the form in which a log has it."""
+    return Decisions(
+        status=status,
+        changes=tuple(changes),
+        notes=tuple((topic, without_nulls(plain(fields))) for topic, fields in notes),
+        command=without_nulls(asked_of_devices(command)),
+        display=without_nulls(plain(command.display)),
+        judgement=None if judgement is None else judged(judgement),
+        error=error,
+    )
+
+
+def remembers(log: Log) -> bool:
+    """Whether a log has what nodes remember; older ones do not."""
+    return any(topic == MEMORY for tick in log.ticks for topic, _ in tick.notes)
+
+
+def differences(
+    number: int, time_s: float, was: Decisions, now: Decisions, by_name: bool = False, memory: bool = True
+) -> list[Difference]:
+    """Where two ticks decided otherwise, nodes first, in the order in which they were ticked.
+
+    Args:
+        memory: both tell what nodes remember.
+        by_name: the two come from different trees: nodes are the same if their paths without numbers are.
+    """
+    found = [
+        Difference(number, time_s, "node", before, after, node)
+        for node, before, after in _changed_nodes(was.changes, now.changes, by_name)
+    ]
+    topics = dict.fromkeys(topic for topic, _ in (*was.notes, *now.notes) if memory or topic != MEMORY)
+    pairs: list[tuple[str, Any, Any]] = [(topic, _about(was, topic), _about(now, topic)) for topic in topics]
+    status = f"{now.status}: {now.error}" if now.error else now.status
+    # Where the recorded tick raised, a device may have: nodes, notes and command tell whether this one is the same.
+    pairs.append(("status", was.status, was.status if was.status == "ERROR" else status))
+    pairs += [("command", was.command, now.command), ("display", was.display, now.display)]
+    if was.judgement is not None:  # logs from before the supervisor have none
+        pairs.append(("judgement", was.judgement, now.judgement))
+    found += [Difference(number, time_s, aspect, *_narrowed(a, b)) for aspect, a, b in pairs if a != b]
+    return found
+
+
+def input_differences(one: LoggedTick, other: LoggedTick) -> list[Difference]:
+    """Where two logged ticks saw different things."""
+    a, b = one.observation, other.observation
+    pairs = [("time", a.time_s, b.time_s)]
+    pairs += [(name, getattr(a, name), getattr(b, name)) for name in ("bench", "parts", "arm", "gripper")]
+    return [Difference(one.number, one.time_s, name, *_narrowed(plain(x), plain(y))) for name, x, y in pairs if x != y]
+
+
+def _changed_nodes(
+    was: Sequence[StatusChange], now: Sequence[StatusChange], by_name: bool
+) -> Iterator[tuple[str, Any, Any]]:
+    if was == now:
+        return
+    before, after = _by_node(was, by_name), _by_node(now, by_name)
+    if before == after and not by_name:
+        yield "", "the same changes in another order", [change.path for change in now]
+    for node in dict.fromkeys((*before, *after)):
+        if before.get(node) != after.get(node):
+            yield node, before.get(node, NOTHING), after.get(node, NOTHING)
+
+
+def _by_node(changes: Sequence[StatusChange], by_name: bool) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for change in changes:
+        path = _NUMBER.sub("", change.path) if by_name else change.path
+        told = f" ({change.feedback})" if change.feedback else ""
+        found.setdefault(path, []).append(f"{change.old.name} -> {change.new.name}{told}")
+    return found
+
+
+def _about(decisions: Decisions, topic: str) -> list[dict[str, Any]]:
+    return [fields for name, fields in decisions.notes if name == topic]
+
+
+def _narrowed(was: Any, now: Any) -> tuple[Any, Any]:
+    """Of two mappings only what differs."""
+    if isinstance(was, Mapping) and isinstance(now, Mapping):
+        keys = [key for key in dict.fromkeys((*was, *now)) if was.get(key) != now.get(key)]
+        return {key: was.get(key) for key in keys}, {key: now.get(key) for key in keys}
+    return was, now

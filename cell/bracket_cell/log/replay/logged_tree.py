@@ -1,0 +1,201 @@
+"""The tree, the product and the bench that a log was recorded with, loaded from the log itself."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from bracket_cell.configuration import Configuration
+from bracket_cell.log.read.reader import Log, LogStream
+from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
+from bracket_cell.trees.node_library import node_registry, own_code, python_files
+from bracket_ground.errors import LogError
+from bracket_ground.files.model import Model
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.devices import ROLES
+from bracket_ground.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, Fault, FaultTable
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import DEFAULT
+from bracket_ground.interfaces.robot import FOLDER as ROBOTS
+from btxml.engine.tree import Tree
+from btxml.files.check import with_stubs
+from btxml.files.loader import build, find_problems
+from btxml.files.parse.library import read_library
+
+CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
+OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
+OF_TOOL = {"tcp_from_tool0_m": "tcp_from_flange_m", "fingertip_beyond_tcp_m": "fingertip_beyond_tcp_m"}
+UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robot.urdf"
+UR10 = "package://ur10/ur10.urdf"
+FOLDER, NODES = "tree/", "nodes/"
+PRODUCT = "product.yaml"
+WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, yaml.YAMLError)  # what wrong data raise
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+def upgrade(log: Log | LogStream, folder: Path) -> None:
+    """Rewrite the configuration of a log that was unpacked into a folder.
+
+    Simulator and factory are left out, as a replay opens no devices; the robot is the one that was recorded. Of the
+    nodes that it names only the code that the log holds itself is loaded.
+    """
+    path = folder / CONFIGURATION
+    try:
+        data = yaml.safe_load(path.read_text("utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError):
+        return  # who loads it says what is wrong
+    if not isinstance(data, dict):
+        return
+    own = set(map(_digest, nodes_of(log).values()))
+    named = [file.resolve() for one in data.pop("nodes", None) or () for file in python_files(str(one))]
+    data["nodes"] = [str(file) for file in named if file.is_file() and _digest(file.read_bytes()) in own]
+    devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
+    for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
+        if (settings := data.pop(key, None)) is not None:
+            devices[role] = {"kind": "can", **settings}
+    robot = _of_motion(data.get("motion") or {})
+    if robot is not None:
+        (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
+    if (folder / ROBOT).exists():
+        data["robot"] = ROBOT
+        text = (folder / ROBOT).read_text("utf-8")
+        (folder / ROBOT).write_text(text.replace(UR10_OF_OLD, UR10), "utf-8")
+    path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
+
+
+def recorded_table(text: str) -> FaultTable:
+    """The table of faults of a log; signs that were unknown when it was written do nothing in it."""
+    rows = [dict(row) for row in yaml.safe_load(text)["faults"]]
+    asks_s = {row["signal"]: row.pop("person_after_s", None) for row in rows}
+    for row in rows:
+        for key in set(row) - set(Fault.model_fields):
+            del row[key]
+    if (delay_s := asks_s.get(OFF_PATH)) is not None:  # a person was asked for by the same row
+        off = next(row for row in rows if row["signal"] == OFF_PATH)
+        rows.append({**off, "signal": OFF_PATH_LONG, "clear": "person", "delay_s": min(delay_s, 10.0)})
+    unknown = set(SIGNALS) - {row["signal"] for row in rows}
+    added = [{"signal": signal, "action": "run", "clear": "itself"} for signal in sorted(unknown)]
+    return FaultTable.model_validate({"faults": [*rows, *added]})
+
+
+def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
+    """The robot that an older log describes among its motions; None where it does not.
+
+    Its keys are taken away, and those that nobody may set any more.
+    """
+    limits = {OF_ROBOT[key]: motion.pop(key) for key in OF_ROBOT if key in motion}
+    tool = {OF_TOOL[key]: motion.pop(key) for key in OF_TOOL if key in motion}
+    for section, model in ((motion, MotionSettings), (motion.get("separation") or {}, SeparationSettings)):
+        for key in set(section) - set(model.model_fields):
+            del section[key]
+    if not limits and not tool:
+        return None
+    usual = yaml.safe_load((ROBOTS / f"{DEFAULT}.yaml").read_text("utf-8"))
+    return {**usual, **limits, "tool": {**usual["tool"], **tool}}
+
+
+def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
+    """The tree to look at, not to tick: a node that is not here, such as one of the user's own, is a stub.
+
+    Args:
+        more: files or packages with further nodes.
+
+    Raises:
+        LogError: the log holds no tree, or none that can be told from its files.
+        InputError: a file or package with nodes cannot be loaded.
+    """
+    name = f"{FOLDER}{log.metadata.get('tree')}"
+    files = {one: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
+    if name not in files:
+        raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
+        write_files(log, files, Path(folder))
+        library = read_library(Path(folder) / name, (Path(folder) / FOLDER,))
+    registry = with_stubs(library, node_registry(more=more))
+    problems = find_problems(library, registry)  # what is wrong becomes a stub, too
+    if library.incomplete or library.main not in library.trees:
+        raise LogError(log.path, f"holds a tree that cannot be read: {problems[0] if problems else library.main}")
+    return build(library, registry, library.main, {})[0]
+
+
+def nodes_of(log: Log | LogStream) -> dict[str, bytes]:
+    """The code of the user's own nodes that a log holds, by its name there; nothing of it is run."""
+    return {name: content for name, content in log.attachments.items() if name.startswith(NODES)}
+
+
+def nodes_missing(log: Log | LogStream, named: Iterable[str]) -> list[str]:
+    """Of the nodes that a log was recorded with, those whose code is in no file that is named here."""
+    here = {_digest(file.read_bytes()) for one in named for file in python_files(one) if file.is_file()}
+    return [name for name, content in nodes_of(log).items() if _digest(content) not in here]
+
+
+def code_differs(log: Log | LogStream, tree: Tree) -> list[str]:
+    """Sources of the user's own nodes that are others than in the log, a line each; nothing of the log is run."""
+    here = {file.name: _digest(file.read_bytes()) for file in own_code(tree)}
+    found = []
+    for key, digest in log.metadata.items():
+        if key.startswith("code.") and key.endswith(".sha256"):
+            name = key.removeprefix("code.").removesuffix(".sha256")
+            if here.get(name) != digest:
+                found.append(f"{name} is {'another one here' if name in here else 'not used here'}")
+    return found
+
+
+def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:
+    """Put attachments of a log into a folder, in folders of their own as their names say; see also `upgrade`.
+
+    Raises:
+        LogError: a name leads out of the folder, or the configuration is none.
+    """
+    for name, content in files.items():
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder.resolve()):
+            raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+    if CONFIGURATION in files:
+        try:
+            upgrade(log, folder)
+        except WRONG as error:
+            raise LogError(
+                log.path, f"has a configuration that cannot be read: {type(error).__name__}: {error}"
+            ) from None
+
+
+def logged_bench(log: Log) -> Bench:
+    """The bench as it was measured.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    return _read(log, CONFIGURATION, Configuration).bench
+
+
+def logged_product(log: Log) -> Product:
+    """The product that was assembled.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    return _read(log, PRODUCT, Product)
+
+
+def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
+    if name not in log.attachments:
+        raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
+        files = {one: content for one, content in log.attachments.items() if not one.startswith(FOLDER)}
+        write_files(log, files, Path(folder))
+        return load_yaml(Path(folder) / name, kind)
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()

@@ -1,0 +1,74 @@
+"""What the supervisor looks for between arm and person: the distance to hands, and where nobody sees who comes."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from bracket_cell.running.fault_checks import Check, Detection, Memory
+from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
+from bracket_cell.skills.motion.near_hand import separation_of
+from bracket_cell.skills.motion.person_space import HANDS
+from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
+from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.observation import Observation
+
+LATELY_S = 0.3  # a hold for a near hand lasts as long as the fastest motion of this time asks for
+
+
+def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
+    """Checks that need to know the arm's outline."""
+    known: list[tuple[int, Separation | None]] = [(-1, None)]
+
+    def separation(seen: Observation, memory: Memory) -> Separation | None:
+        if known[0][0] != seen.tick:
+            known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
+        return known[0][1]
+
+    def not_plausible(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        words = "" if seen.bench is None else monitor.persons.view_range.doubt(seen.bench, seen.time_s)
+        return Detection(words) if words else None
+
+    def near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        found = separation(seen, memory)
+        if found is None or found.share >= 1:
+            return None
+        return Detection("slower, as a hand is near", found.share)
+
+    def too_near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        found = separation(seen, memory)
+        if found is None:
+            memory.too_near, memory.leasts_m = False, ()
+            return None
+        lately = ((at_s, least_m) for at_s, least_m in memory.leasts_m if at_s > seen.time_s - LATELY_S)
+        memory.leasts_m = (*lately, (seen.time_s, found.least_m))
+        least_m, slack_m = found.least_m, monitor.settings.hysteresis_m
+        if memory.too_near:
+            least_m = max(least_m for _, least_m in memory.leasts_m) + slack_m
+        memory.too_near = not found.distance_m >= least_m
+        if not memory.too_near:
+            return None
+        if not found.distance_m >= found.least_m + slack_m:  # else only a motion before asks for more room
+            memory.leaving = found.leaving
+        words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.leaving > 0)
+        return Detection("it is not known how near a hand is" if found is UNKNOWN else words, leaving=memory.leaving)
+
+    def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        view, joints = seen.bench, seen.arm.joints_rad
+        with suppress(Implausible):
+            if view is not None and KnownBench(monitor.persons.view_range, view, seen.time_s).count >= HANDS:
+                return None
+        if joints is not None and not monitor.out_of_view(np.array(joints)):
+            return None
+        return Detection("slower, as the camera does not see who comes here", monitor.settings.blind_share)
+
+    return {"hand_not_plausible": not_plausible, "hand_near": near, "hand_too_near": too_near, "blind_area": blind}
+
+
+def _followed(seen: Observation, memory: Memory) -> Following | None:
+    """The trajectory that the arm follows, and how far along it is."""
+    path_s = seen.arm.path_s
+    if memory.trajectory is None or path_s is None or (not seen.arm.moving and seen.arm.stands):
+        return None
+    return memory.trajectory, path_s

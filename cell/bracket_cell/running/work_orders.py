@@ -1,0 +1,146 @@
+"""Work orders: which brackets are wanted, from a file that may grow and from an operator; changes of them are told."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from bracket_cell.watching.observer import Observer, TickRecord
+from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.operator import WorkOrder
+
+LOOK_S = 1.0  # so often the file is looked at
+NEXT_N = 5  # orders that a tick knows of
+MOST_N, AMOUNT_MOST, ID_MOST = 10_000, 100_000, 60
+KEYS: dict[str, type] = {"id": str, "variant": str, "amount": int, "due": str, "cancelled": bool}
+
+
+class WorkOrders(Observer):
+    """The queue of orders; an observer that counts what was finished for each.
+
+    A later line with the same id changes its order, whatever was finished of it stays.
+
+    Args:
+        variants: that the product has.
+        path: JSON lines, one order each; None where orders come from an operator alone.
+
+    Attributes:
+        news: changes that people are to be told of.
+
+    Raises:
+        InputError: the file cannot be read, or a line of it is no order.
+    """
+
+    def __init__(self, variants: Collection[str], path: Path | None = None) -> None:
+        self._variants, self._path = tuple(variants), path
+        self._orders: dict[str, WorkOrder] = {}
+        self._looked_s, self._read, self._line = -math.inf, 0, 0
+        self._open: tuple[WorkOrder, ...] | None = ()
+        self.news: list[Message] = []
+        if path is not None:
+            problems = self._look()
+            if problems:
+                raise InputError(*problems)
+        self.news.clear()
+
+    def open(self, time_s: float) -> tuple[WorkOrder, ...]:
+        """Orders that are to be built, the next one first; looks now and then whether the file has grown."""
+        if self._path is not None and time_s - self._looked_s >= LOOK_S:
+            self._looked_s = time_s
+            self.news += [Message("{problem}; this line is passed over", problem=str(one)) for one in self._look()]
+        if self._open is None:
+            left = [one for one in self._orders.values() if one.open]
+            self._open = tuple(sorted(left, key=lambda one: (not one.due, one.due))[:NEXT_N])
+        return self._open
+
+    def put(self, text: str) -> None:
+        """Take an order as JSON; one without an id gets a number.
+
+        Raises:
+            InputError: it is none.
+        """
+        self._take(self.checked(text))
+
+    def checked(self, text: str) -> WorkOrder:
+        """An order as JSON.
+
+        Raises:
+            InputError: it is none.
+        """
+        try:
+            return self._order(json.loads(text))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"this is no work order: {error}") from None
+
+    def tick(self, record: TickRecord) -> None:
+        for topic, fields in record.notes:
+            if topic == "bracket" and fields["edge"] == "end" and fields.get("order"):
+                order = self._orders.get(str(fields["order"]))
+                if order is not None:
+                    self._orders[order.id], self._open = replace(order, done=order.done + 1), None
+
+    def _take(self, order: WorkOrder) -> None:
+        before = self._orders.get(order.id)
+        order = replace(order, done=0 if before is None else before.done)
+        if order == before:
+            return
+        self._orders[order.id], self._open = order, None
+        about = {"id": order.id, "variant": order.variant, "amount": order.amount}
+        if order.cancelled:
+            self.news.append(Message("work order {id} was cancelled", id=order.id))
+        elif before is None:
+            self.news.append(Message("work order {id}: {amount} of {variant}", **about))
+        else:
+            self.news.append(Message("work order {id} was changed: {amount} of {variant}", **about))
+
+    def _look(self) -> list[Problem]:
+        """Take what came to the file since it was read last, whole lines only."""
+        assert self._path is not None
+        try:
+            with self._path.open("rb") as file:
+                if file.seek(0, 2) < self._read:  # somebody wrote it anew
+                    self._read = self._line = 0
+                file.seek(self._read)
+                new = file.read()
+        except OSError as error:
+            return [Problem(Place(self._path), f"cannot be read: {error.strerror}")]
+        whole = new[: new.rfind(b"\n") + 1] if self._looked_s > -math.inf else new
+        self._read += len(whole)
+        problems = []
+        for line in whole.decode("utf-8", "replace").splitlines():
+            self._line += 1
+            try:
+                if line.strip():
+                    self._take(self.checked(line))
+            except InputError as error:
+                problems.append(Problem(Place(self._path, self._line), str(error)))
+        return problems
+
+    def _order(self, read: Any) -> WorkOrder:
+        if not isinstance(read, Mapping) or not set(read) <= set(KEYS):
+            raise ValueError(f"it is an object with the keys {', '.join(KEYS)}")
+        for key, value in read.items():
+            if type(value) is not KEYS[key]:
+                raise ValueError(f"{key} is {value!r}, not {KEYS[key].__name__}")
+        before = self._orders.get(read.get("id", ""))
+        fields = {**({} if before is None else asdict(before)), **read}
+        if before is None and "id" not in read:
+            fields["id"] = next(name for name in map(str, range(1, MOST_N + 2)) if name not in self._orders)
+        if fields.get("variant") not in self._variants:
+            raise ValueError(f"variant is {fields.get('variant')!r}; legal: {', '.join(self._variants)}")
+        order = WorkOrder(**fields)
+        if not (0 < len(order.id) <= ID_MOST and order.id.isprintable()):
+            raise ValueError(f"id is {order.id!r}; it has 1 to {ID_MOST} letters")
+        if not 0 < order.amount <= AMOUNT_MOST:
+            raise ValueError(f"amount is {order.amount}; legal: 1 to {AMOUNT_MOST}")
+        if order.due:
+            datetime.fromisoformat(order.due)
+        if before is None and len(self._orders) >= MOST_N:
+            raise ValueError(f"there are {MOST_N} orders already")
+        return order

@@ -1,0 +1,164 @@
+"""The bench from above: what each camera sees of it, what the arm reaches, and what is cut off."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_cell.runs.calibrating import DOWN
+from bracket_cell.skills.motion.grip import STROKE_M
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_ground.interfaces.bench import Bench, CameraSetup
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+
+Marks = NDArray[np.bool_]
+STEPS = 7  # places along each side of the tray that are tried
+QUARTERS = 4  # turns of the gripper that are tried at each
+GRASP_M = 0.06  # of the tool over the floor of the tray, above parts that stand
+PIXELS_PER_M, MARGIN_M = 600.0, 0.1
+EDGE_POINTS = 12  # along each side of an image
+SIDES = {(0, -1): "left", (0, 1): "right", (1, -1): "far", (1, 1): "near"}  # of the tray, as the person sees it
+
+
+class BenchView:
+    """Looks at the bench of a configuration; nothing is opened.
+
+    Attributes:
+        problems: what is cut off or out of reach, in words.
+        told: what is well, in words.
+    """
+
+    def __init__(self, bench: Bench, product: Product, motion: MotionPlanner) -> None:
+        self._bench, self._product, self._motion = bench, product, motion
+        self._look = np.array(bench.arm_look_rad)
+        self.problems: list[str] = []
+        self.told: list[str] = []
+        self._judge()
+
+    @cached_property
+    def _tray(self) -> Array:
+        """Places (STEPS, STEPS, 3) on the floor of the tray, from its rim on."""
+        x_m, y_m = self._bench.tray.size_m
+        x, y = np.meshgrid(np.linspace(-x_m / 2, x_m / 2, STEPS), np.linspace(-y_m / 2, y_m / 2, STEPS), indexing="ij")
+        return np.array(self._bench.tray.centre_m) + np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+    @cached_property
+    def _wrist(self) -> Pose:
+        """world_from_camera of the wrist camera at the look pose."""
+        return self._motion.kinematics.forward(self._look) @ self._bench.wrist.mount.pose
+
+    @cached_property
+    def _reached(self) -> Marks:
+        """Which places of the tray the fingers reach, (STEPS, STEPS)."""
+        reached = [[bool(self._joints(place)) for place in row] for row in self._tray]
+        return np.array(reached, bool)
+
+    def _joints(self, place_m: Array) -> bool:
+        x, y, z = (float(value) for value in place_m)
+        turns = [quarter * np.pi / 2 for quarter in range(QUARTERS)]
+        poses = [Pose.from_yaw((x, y, z + GRASP_M), turn) @ DOWN for turn in turns]
+        return not isinstance(self._motion.reach(poses, self._look, Load(STROKE_M)), str)
+
+    def _judge(self) -> None:
+        bench = self._bench
+        tray, inside = self._tray.reshape(-1, 3), slice(1, -1)
+        self._cut_off(in_view(bench.wrist, self._wrist, tray))
+        inner = self._reached[inside, inside]
+        if inner.all():
+            self.told.append("the arm reaches all of the tray but its rim")
+        else:
+            self.problems.append(
+                f"the arm does not reach {(~inner).mean():.0%} of the tray: move it, or the arm's base"
+            )
+        overhead = bench.overhead.mount.pose
+        holes = {f"hole {name}": bench.bracket.pose.transform(np.array([*at, 0.0]))
+                 for name, at in self._product.bracket.holes_m.items()}  # fmt: skip
+        places = {**holes, **{f"bin {name}": np.array(at) for name, at in bench.bins_m.items()}}
+        seen = in_view(bench.overhead, overhead, np.array(list(places.values())))
+        hidden = [name for name, sees in zip(places, seen, strict=True) if not sees]
+        if hidden:
+            self.problems.append(f"the overhead camera does not see {', '.join(hidden)}: hang it higher, or elsewhere")
+        else:
+            self.told.append("the overhead camera sees all holes and bins")
+
+    def _cut_off(self, seen: Marks) -> None:
+        grid = seen.reshape(STEPS, STEPS)
+        if grid.all():
+            self.told.append("the wrist camera sees the whole tray")
+            return
+        lines = {(1, -1): grid[0], (1, 1): grid[-1], (0, -1): grid[:, 0], (0, 1): grid[:, -1]}
+        sides = [SIDES[side] for side, line in lines.items() if not line.all()]
+        share = 1 - float(grid.mean())
+        where = ", ".join(sides) or "middle"
+        self.problems.append(
+            f"the wrist camera does not see the tray's {where} side: about {share:.0%} of the tray is cut off; "
+            "`cell teach look` from higher up, or move the tray"
+        )
+
+    @cached_property
+    def svg(self) -> str:
+        """The drawing: x to the bottom, as the person sees the bench, y to the right."""
+        bench, shapes = self._bench, list[str]()
+        for setup, pose, colour in (
+            (bench.overhead, bench.overhead.mount.pose, "#1f77b4"),
+            (bench.wrist, self._wrist, "#2ca02c"),
+        ):
+            shapes.append(_polygon(_footprint(setup, pose), f'fill="{colour}" fill-opacity="0.12" stroke="{colour}"'))
+        corners = self._tray[[0, 0, -1, -1], [0, -1, -1, 0]]
+        shapes.append(_polygon(corners, 'fill="none" stroke="#444"'))
+        reached = self._reached
+        for place, can in zip(self._tray.reshape(-1, 3), reached.ravel(), strict=True):
+            shapes.append(_circle(place, 0.006, "#2ca02c" if can else "#d62728"))
+        for name, at in self._product.bracket.holes_m.items():
+            place = bench.bracket.pose.transform(np.array([*at, 0.0]))
+            shapes += [_circle(place, 0.01, "#888"), _text(place, name)]
+        for name, middle in bench.bins_m.items():
+            shapes += [_circle(np.array(middle), 0.03, "#ddd"), _text(np.array(middle), f"bin {name}")]
+        shapes += [_circle(np.zeros(3), 0.08, "#bbb"), _text(np.zeros(3), "arm")]
+        return _document(shapes, np.concatenate([corners, _footprint(bench.overhead, bench.overhead.mount.pose)]))
+
+
+def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> Marks:
+    """Which places (n, 3) are inside a camera's image."""
+    deep = world_from_camera.inverse().transform(places_m)[:, 2] > 0
+    pixels = setup.model.project(world_from_camera, places_m)
+    inside: Marks = deep & (pixels >= 0).all(axis=1) & (pixels <= (setup.width_px - 1, setup.height_px - 1)).all(axis=1)
+    return inside
+
+
+def _footprint(setup: CameraSetup, world_from_camera: Pose) -> Array:
+    """Outline (n, 3) of what a camera sees of the table."""
+    right, bottom = setup.width_px - 1.0, setup.height_px - 1.0
+    corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom], [0.0, 0.0]])
+    along = np.linspace(0, 1, EDGE_POINTS, endpoint=False)[:, np.newaxis]
+    pixels = np.concatenate([first + along * (last - first) for first, last in pairwise(corners)])
+    return setup.model.onto_plane(world_from_camera, pixels, 0.0)
+
+
+def _at(place_m: Array) -> str:
+    return f"{PIXELS_PER_M * place_m[1]:.1f},{PIXELS_PER_M * place_m[0]:.1f}"
+
+
+def _polygon(places_m: Array, style: str) -> str:
+    return f'<polygon points="{" ".join(_at(place) for place in places_m)}" {style}/>'
+
+
+def _circle(place_m: Array, radius_m: float, colour: str) -> str:
+    y, x = _at(place_m).split(",")
+    return f'<circle cx="{y}" cy="{x}" r="{PIXELS_PER_M * radius_m:.1f}" fill="{colour}"/>'
+
+
+def _text(place_m: Array, text: str) -> str:
+    y, x = _at(place_m).split(",")
+    return f'<text x="{y}" y="{x}" font-size="14" text-anchor="middle" font-family="sans-serif">{text}</text>'
+
+
+def _document(shapes: list[str], places_m: Array) -> str:
+    low = np.minimum(places_m.min(axis=0), 0.0)[:2] - MARGIN_M
+    size = np.maximum(places_m.max(axis=0), 0.0)[:2] + MARGIN_M - low
+    box = " ".join(f"{PIXELS_PER_M * value:.0f}" for value in (low[1], low[0], size[1], size[0]))
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}">\n' + "\n".join(shapes) + "\n</svg>\n"

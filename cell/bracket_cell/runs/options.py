@@ -1,0 +1,204 @@
+"""What a run is asked for, and everything that is read before a device is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from typer import Option
+
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
+from bracket_cell.runs.signing import Signature
+from bracket_cell.simulator import simulator
+from bracket_cell.trees.loading import input_problem, load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.wiring.safety import SafetyConfiguration, safety_of
+from bracket_cell.wiring.services import Planners
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.operator import OperatorOrder, Question
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.resume import ResumeState
+from btxml.engine.tree import Tree
+from btxml.files.loader import unused_entries
+
+Pace = Literal["fast", "real"]
+Orders = Callable[[Callable[[OperatorOrder], None], Callable[[], Sequence[Question]], Callable[[str], None]], object]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run is asked for; the command line has an option for each field that explains one.
+
+    Attributes:
+        nodes: files and packages with further nodes.
+        beside: further tree files, and folders with them, whose trees may be named.
+        entries: of the main tree, set before the first tick.
+        devices: open already, in place of those that the configuration names.
+        orders: begins to pass on an operator's orders, with what takes one, the questions that stand and what answers.
+        max_duration_s: after which the run ends by itself; None for the configuration's.
+        images: keep images and joint samples in the log, and make a contact sheet.
+        pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
+        one_process: simulate, render and detect in this process, as where many runs go on side by side.
+    """
+
+    tree: Path = DEFAULT_TREE
+    configuration: Annotated[Path, Option("--config", help="Configuration file of the cell.")] = DEFAULT_CONFIGURATION
+    goal: Annotated[str, Option(help="Goals of the simulated person, by commas, or random.")] = "random"
+    seed: Annotated[int, Option(min=0, help="Random seed: the same seed gives the same run.")] = 0
+    pace: Pace = "fast"
+    log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
+    monitor_port: Annotated[
+        int | None,
+        Option(
+            "--monitor",
+            metavar="[PORT]",
+            min=1,
+            max=65534,
+            help="Let Groot2 and `cell monitor` watch; port 1667.",
+        ),
+    ] = None
+    monitor_hooks: Annotated[bool, Option("--breakpoints", help="Let monitors set breakpoints and overrides.")] = False
+    watch: Annotated[bool, Option("--watch", help="Apply edits of the tree file during the run.")] = False
+    live_port: Annotated[
+        int | None,
+        Option(
+            "--live",
+            metavar="[PORT]",
+            min=0,
+            max=65535,
+            help="Serve a live view for Foxglove; port 8765.",
+        ),
+    ] = None
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
+    person: Annotated[
+        str | None,
+        Option(help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."),
+    ] = None
+    inject: Annotated[str | None, Option(help="FAULT@STATE: inject a fault when the work reaches a state.")] = None
+    look: Annotated[
+        str | None, Option(help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
+    ] = None
+    nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    page: Annotated[
+        str | None,
+        Option(
+            "--page",
+            metavar="[HOST:PORT]",
+            help="Serve the operator's page; port 8780 of this machine, or of a host that others open.",
+        ),
+    ] = None
+    opcua: Annotated[
+        str | None,
+        Option("--opcua", metavar="[HOST:PORT]", help=r"Serve the run's numbers by OPC UA; port 4840; cell\[opcua]."),
+    ] = None
+    work_orders: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),
+    ] = None
+    orders: Orders | None = None
+    brackets: Annotated[
+        int | None,
+        Option("--shift", metavar="N", min=0, help="Assemble N brackets one after the other; 0: until you stop it."),
+    ] = None
+    world: Annotated[Path | None, Option(help="Use the simulated cell of a `cell lab world` at this address.")] = None
+    resume: Annotated[
+        Path | None, Option(metavar="LOG", help="Log of a run that was broken off: continue its work.")
+    ] = None
+    slower: Annotated[
+        float, Option(min=1, max=50, help="Go so many times slower than the wall's clock, as `cell twin --slower`.")
+    ] = 1.0
+    unsafe_table: Annotated[
+        bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
+    ] = False
+    share: Annotated[float | None, Option(min=0.02, max=1, help="The arm never exceeds this share of its speed.")] = (
+        None
+    )
+    max_duration_s: float | None = None
+    images: bool = True
+    pixels: bool = True
+    one_process: bool = False
+    devices: Devices | None = None
+
+    def refuse_simulated(self, configuration: Configuration) -> None:
+        """Check that nothing is asked of a simulator where there is none.
+
+        Raises:
+            InputError: something is.
+        """
+        given = {"--seed": self.seed, "--goal": self.goal != "random", "--look": self.look, "--person": self.person}
+        asked = [name for name, value in given.items() if value]
+        if asked and self.devices is None and not configuration.devices.simulated:
+            what = "say how a cell is simulated" if len(asked) > 1 else "says how a cell is simulated"
+            raise InputError(
+                f"{', '.join(asked)} {what}, and all devices of {self.configuration} are real; leave it out"
+            )
+
+    def adjusted(self, configuration: Configuration) -> Configuration:
+        """The configuration as this run is to have it: how long at most, what its log keeps, how it is simulated."""
+        controller, log, devices = configuration.controller, configuration.log, configuration.devices
+        if self.max_duration_s is not None:
+            controller = controller.model_copy(update={"max_duration_s": self.max_duration_s})
+        if not self.images:
+            log = log.model_copy(update={"camera_frames": False, "joint_samples": False})
+        if self.one_process and devices.simulated:
+            simulation = simulator().changed(devices.simulation, overlap=False)
+            devices = devices.model_copy(update={"simulation": simulation})
+        motion = configuration.motion
+        if self.share is not None:
+            motion = motion.slowed(self.share)
+        changed = {"controller": controller, "log": log, "devices": devices, "motion": motion}
+        return configuration.model_copy(update=changed)
+
+    @property
+    def attended(self) -> bool:
+        """Whether somebody is there who answers questions."""
+        return self.brackets is not None or self.page is not None or self.orders is not None
+
+    def load(self, product: Product, configuration: Configuration) -> Tree:
+        """The tree as it stands in its files now.
+
+        Raises:
+            InputError: everything that is wrong with it, or with the entries that it is given.
+        """
+        registry = node_registry(product, self.nodes, configuration)
+        tree = load_tree(self.tree, registry, None, self.entries, self.beside)
+        if tree.unused:
+            raise InputError(*map(input_problem, unused_entries({self.tree: tree})))
+        return tree
+
+
+@dataclass(frozen=True)
+class Files:
+    """Everything that was read before any device was opened.
+
+    Attributes:
+        left_off: of the run that this one goes on with; empty for a new beginning.
+        unsafe: where table or separation do less than the shipped ones.
+        signature: of the safety configuration; None in simulation.
+    """
+
+    configuration: Configuration
+    product: Product
+    tree: Tree
+    planners: Planners
+    faults: FaultTable
+    left_off: ResumeState = field(default_factory=ResumeState)
+    unsafe: tuple[str, ...] = ()
+    signature: Signature | None = None
+
+    @cached_property
+    def safety(self) -> SafetyConfiguration:
+        """What decides on people in this run."""
+        return safety_of(self.configuration, self.faults)
+
+    @property
+    def signed(self) -> str:
+        """The hash of that, and who signed it."""
+        return f"{self.safety.short}, not signed: simulated" if self.signature is None else str(self.signature)

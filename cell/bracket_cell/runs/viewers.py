@@ -1,0 +1,116 @@
+"""Who watches a run from outside: a viewer of the log's channels, a monitor of the tree, the operator's page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bracket_cell.recording.recorder import McapRecorder
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.runs.heading import tree_texts
+from bracket_cell.runs.options import Files, RunOptions
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.production import Production
+from bracket_cell.watching.observer import Observer
+from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.operator import OperatorOrder
+from btxml.engine.tree import Tree
+
+if TYPE_CHECKING:
+    from bracket_cell.viewing.live_server import LiveServer
+    from bracket_cell.viewing.monitor import Monitor
+    from bracket_cell.viewing.opcua_server import OpcuaServer
+    from bracket_cell.viewing.page.page import OperatorPage
+
+LAYOUT = shipped("bracket_cell.config", "foxglove_layout.json")
+
+
+@dataclass(frozen=True)
+class Viewers:
+    """As many of them as were asked for."""
+
+    recorder: McapRecorder
+    live: LiveServer | None
+    monitor: Monitor | None
+    page: OperatorPage | None
+    opcua: OpcuaServer | None
+    production: Production
+
+    @property
+    def observers(self) -> tuple[Observer, ...]:
+        """They see every tick."""
+        return tuple(
+            one for one in (self.production, self.live, self.monitor, self.page, self.opcua) if one is not None
+        )
+
+    @property
+    def addresses(self) -> list[str]:
+        """Where they are found, a line each."""
+        told = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
+        if self.page is not None:
+            told.append(f"the operator's page: {self.page.address}")
+            told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
+            told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
+        return told if self.opcua is None else [*told, f"OPC UA: {self.opcua.address}"]
+
+    def edited(self, tree: Tree, time_s: float) -> None:
+        """An edited tree took over: the log keeps its text, monitor and page show it."""
+        self.recorder.edited(tree_texts(tree), time_s)
+        for viewer in (self.monitor, self.page):
+            if viewer is not None:
+                viewer.watch(tree)
+
+
+def open_viewers(
+    options: RunOptions,
+    files: Files,
+    recorder: McapRecorder,
+    put: Callable[[OperatorOrder], None],
+    now_s: Callable[[], float],
+    stack: ExitStack,
+    model: CellModel,
+) -> Viewers:
+    """Open those that were asked for.
+
+    Args:
+        put: takes the orders of the page.
+        stack: ends them where the run breaks off.
+
+    Raises:
+        InputError: a port is taken, or an extra is missing.
+    """
+    live, monitor, page, opcua = None, None, None, None
+    production = Production()
+    if options.live_port is not None:
+        from bracket_cell.viewing.live_server import LiveServer
+
+        live = LiveServer(recorder.context, recorder.scene, options.live_port)
+        stack.callback(live.abandon)
+    if options.monitor_port is not None:
+        from bracket_cell.viewing.monitor import Monitor
+
+        def hooked(kind: str, body: Any) -> None:
+            recorder.hooked(kind, body, now_s())
+
+        registry = node_registry(more=(*options.nodes, *files.configuration.nodes))
+        monitor = Monitor(files.tree, registry, options.monitor_port, options.monitor_hooks, hooked)
+        stack.callback(monitor.abandon)
+    if options.page is not None:
+        from bracket_cell.viewing.page.page import OperatorPage
+
+        told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+        told["safety"] = files.safety.short
+        told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
+        told |= {"shift": "yes"} if options.brackets is not None else {}
+        where, settings = Address.parse(options.page, "--page"), files.configuration.page
+        page = OperatorPage(model, told, files.tree, put, where, settings, production)
+        stack.callback(page.abandon)
+    if options.opcua is not None:
+        from bracket_cell.viewing.opcua_server import OpcuaServer
+
+        opcua = OpcuaServer(production, Address.parse(options.opcua, "--opcua"))
+        stack.callback(opcua.abandon)
+    return Viewers(recorder, live, monitor, page, opcua, production)

@@ -1,0 +1,192 @@
+"""Settings of the cell's parts: the sections of config/cell.yaml that stand nowhere else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import (
+    Field,
+    model_validator,
+)
+
+from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, WEIGHTS, Files, KindSettings, files_of
+from bracket_cell.learned.classical.settings import PerceptionSettings as ClassicalSettings
+from bracket_cell.learned.semantic.settings import NewGoals
+from bracket_ground.files.model import Model
+from bracket_ground.files.units import Duration
+from bracket_ground.files.words.catalogue import languages
+
+
+class ControllerSettings(Model):
+    """The control loop.
+
+    Attributes:
+        tick_hz: how often the controller observes, ticks the tree, acts and records.
+        max_duration_s: the run ends by itself after this time.
+        stop_timeout_s: how long a controlled stop may take before the run ends anyway.
+    """
+
+    tick_hz: float = Field(default=25.0, ge=5, le=500)
+    max_duration_s: Duration = 300.0
+    stop_timeout_s: float = Field(default=2.0, gt=0, le=60)
+
+
+class Perception(Model):
+    """The detectors that read camera frames.
+
+    Attributes:
+        kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
+        hands: what finds the hand, if another kind than that: classical, slim, mediapipe, or your own (`cell docs
+            drivers`), likewise below.
+        actions: what recognises the hand's action: classical, slim, paper.
+        holes: what reads the holes: classical, plate.
+        parts: what finds parts in the wrist camera's view: classical, centre, rcnn.
+        folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
+            shipped ones by default.
+        crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
+            where it is chosen.
+        latency_s: in lock-step simulation, clock time from a frame to its answer; by default the p95 of the detectors'
+            model cards, or 0.1 where one does not tell.
+        classical: settings of that kind.
+    """
+
+    kind: Literal["classical", "learned"] = "learned"
+    hands: KindSettings | None = None
+    actions: KindSettings | None = None
+    holes: KindSettings | None = None
+    parts: KindSettings | None = None
+    folder: Path | None = None
+    crops: Path | None = None
+    latency_s: float | None = Field(default=None, ge=0, le=2)
+    classical: ClassicalSettings = ClassicalSettings()
+
+    def chosen(self, detector: str) -> KindSettings:
+        """The settings of a detector, by its key: its own ones, or what `kind` says."""
+        own: KindSettings | None = getattr(self, detector)
+        return own or KindSettings(kind=TRAINED_DEFAULTS[detector] if self.kind == "learned" else "classical")
+
+    def with_detector(self, detector: str, kind: str, weights: Path | None = None) -> Perception:
+        """The same with another detector; without weights, those that are configured for this kind."""
+        own = self.chosen(detector)
+        if own.kind != kind:
+            own = KindSettings(kind=kind)
+        return self.model_copy(update={detector: own.model_copy(update={"weights": weights or own.weights})})
+
+    def weights(self, detector: str) -> Path:
+        """The main file of weights of a detector that has such."""
+        return next(iter(self.files(detector).values()))
+
+    def files(self, detector: str) -> Files:
+        """Every file that the answers of a detector depend on, by its name in logs; the main one first.
+
+        Raises:
+            SettingError: there is no such kind.
+        """
+        beside = {"parts.crops": self.crops} if detector == "parts" and self.crops is not None else {}
+        return {**files_of(detector, self.chosen(detector), self.folder or WEIGHTS), **beside}
+
+    @property
+    def words(self) -> str:
+        """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
+        own = [f"{name} {settings.kind}" for name in DETECTORS if (settings := getattr(self, name)) is not None]
+        return ", ".join((self.kind, *own))
+
+
+class SemanticPlannerSettings(KindSettings):
+    """The planner that infers the goal.
+
+    Attributes:
+        kind: factored, bayes or another; auto is factored where its weights are of this product, else bayes.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+        goals: file of finished goals, relative to this file; goals that the product does not list are learned
+            from it, and every finished bracket is noted in it. Without, only the product's goals are known.
+        new_goals: expectation of goals that the product file does not list.
+        confusions: file with the action detector's confusions, from `cell train --only noise`, relative to this
+            file; by default what the model card of a trained detector tells. Without any, every action is taken for any
+            other alike.
+    """
+
+    goals: Path | None = None
+    new_goals: NewGoals = NewGoals()
+    confusions: Path | None = None
+
+
+class GraspPlannerSettings(KindSettings):
+    """The planner of grasps."""
+
+
+class Planners(Model):
+    """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
+
+    Attributes:
+        semantic: which product is being built, and what remains to be done: factored, paper or bayes.
+        grasp: which part to take out of the tray and how: pairwise, paper or rule.
+    """
+
+    semantic: SemanticPlannerSettings
+    grasp: GraspPlannerSettings
+
+
+class PageSettings(Model):
+    """The operator's page, and what the panel says.
+
+    Attributes:
+        language: of the words at the bench: en, de, or another that has a catalogue.
+        certificate: PEM file with the certificate by which the page is served over TLS, relative to this file; needed
+            where the page is open to other machines over a network that others use.
+        key: PEM file with its private key, relative to this file.
+    """
+
+    language: str = "en"
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PageSettings:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key belong together")
+        if self.language not in languages():
+            raise ValueError(f"no language {self.language!r}; there are: {', '.join(languages())}")
+        return self
+
+
+class LogSettings(Model):
+    """The log of each run.
+
+    Attributes:
+        folder: where logs are written without `--log`, relative to the working folder.
+        camera_frames: write camera frames as JPEG.
+        jpeg_quality: quality of those frames.
+        buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
+        joint_samples: write the joints at the rate of the arm's own control.
+        rotate_mb: begin a new part of the log at this size; one file by default.
+        rotate_s: begin a new part of the log after this time; one file by default.
+        rotate_brackets: begin a new part of the log with every bracket of a shift.
+        compress: make closed parts of a log smaller (zstd), in a process beside the run.
+        keep_parts: keep only this many parts, the newest; all by default.
+        keep_mb: keep only this much of finished parts, the newest; all by default.
+        site, bench: names of this place and of this bench, for tables of runs of many.
+    """
+
+    folder: Path = Path("runs")
+    camera_frames: bool = True
+    jpeg_quality: int = Field(default=80, ge=1, le=100)
+    buffer_mb: float = Field(default=16.0, gt=0, le=1024)
+    joint_samples: bool = True
+    rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
+    rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)
+    rotate_brackets: bool = False
+    compress: bool = True
+    keep_parts: int | None = Field(default=None, ge=1)
+    keep_mb: float | None = Field(default=None, gt=0, le=1e9)
+    site: str = ""
+    bench: str = ""
+
+    @model_validator(mode="after")
+    def _only_parts_are_removed(self) -> LogSettings:
+        if (self.keep_parts or self.keep_mb) and not (self.rotate_mb or self.rotate_s or self.rotate_brackets):
+            raise ValueError(
+                "keep_parts and keep_mb need rotate_mb, rotate_s or rotate_brackets: a log in one file is kept whole"
+            )
+        return self

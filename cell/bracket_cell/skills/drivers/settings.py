@@ -1,0 +1,282 @@
+"""Settings of the drivers, and which driver takes which."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field, Tag
+
+from bracket_ground.files.model import Model
+
+
+class SignalSettings(Model):
+    """A CANopen I/O module with digital signals (CiA 401).
+
+    Attributes:
+        kind: this driver.
+        interface, channel, bitrate: the bus, as for the gripper.
+        node_id: of the module: it sends inputs as 0x180 + node id, and takes outputs as 0x200 + node id.
+        inputs, outputs: bit of each signal, by the names that tree files use.
+        timeout_s: silence for this long is a fault; the module must send its inputs more often than that.
+    """
+
+    kind: Literal["can"] = "can"
+    interface: str = "virtual"
+    channel: str = "signals"
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    node_id: int = Field(default=32, ge=1, le=127)
+    inputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
+
+
+class CanSettings(Model):
+    """A gripper with the 2F-85's registers on a CAN bus.
+
+    Attributes:
+        kind: this driver.
+        interface: of python-can: virtual for the simulator, socketcan for a CAN adapter on Linux.
+        channel: the interface's name, can0 for example.
+        bitrate: of the bus.
+        heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
+        start_up_s: how long the node may take until its first frame.
+        database: DBC file with the gripper's frames, relative to this file; the shipped one by default.
+    """
+
+    kind: Literal["can"] = "can"
+    interface: str = Field(default="virtual", pattern=r"^[\w.-]{1,64}$")
+    channel: str = Field(default="gripper", max_length=128, pattern=r"^[!-~]+( [!-~]+)*$")
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
+    start_up_s: float = Field(default=1.0, gt=0, le=60)
+    database: Path | None = None
+
+
+Count = Annotated[int, Field(ge=0, le=255)]
+
+
+class FingerSettings(Model):
+    """What every wire of a 2F-85 needs to know.
+
+    Attributes:
+        open_count, closed_count: position register where the fingers end; activation measures both anew.
+        lost_s: silence for this long is a fault; the gripper itself gives up after 1 s.
+    """
+
+    open_count: Count = 3
+    closed_count: Count = 228
+    lost_s: float = Field(default=1.0, gt=0, le=10)
+
+
+class RobotiqModbusSettings(FingerSettings):
+    """A Robotiq 2F-85 at an RS-485 adapter (Modbus RTU).
+
+    Attributes:
+        kind: this driver.
+        port: the adapter by its id, as /dev/serial/by-id/usb-FTDI_...: ttyUSB0 may be another one after a replug.
+        node_id: of the gripper.
+        baud: of the gripper.
+    """
+
+    kind: Literal["robotiq_modbus"] = "robotiq_modbus"
+    port: str
+    node_id: int = Field(default=9, ge=1, le=247)
+    baud: int = Field(default=115_200, ge=9_600, le=1_000_000)
+
+
+class RobotiqUrcapSettings(FingerSettings):
+    """A Robotiq 2F-85 behind the URCap on the robot's controller.
+
+    Attributes:
+        kind: this driver.
+        host: of the controller.
+        port: of the URCap's text socket.
+    """
+
+    kind: Literal["robotiq_urcap"] = "robotiq_urcap"
+    host: str
+    port: int = Field(default=63352, ge=1, le=65535)
+
+
+class CameraDriverSettings(Model):
+    """What every camera's driver needs to know; size and rate of its images stand in the bench section.
+
+    Attributes:
+        delay_s: from the middle of the exposure to the stamp; unknown until `cell calibrate` has measured it.
+        lost_s: no new frame for this long is a fault.
+    """
+
+    delay_s: float | None = Field(default=None, ge=0, le=1)
+    lost_s: float = Field(default=0.5, gt=0, le=60)
+
+
+class V4l2Settings(CameraDriverSettings):
+    """A USB camera on Linux.
+
+    Attributes:
+        kind: this driver.
+        device: the camera by its id, as /dev/v4l/by-id/usb-...-index0: video0 may be another one after a replug.
+        exposure: fixed exposure, in the driver's unit (0.1 ms as a rule).
+        focus: fixed focus, in the driver's unit; without one the lens has none.
+        fourcc: how images come over the bus; MJPG lets two cameras share one.
+    """
+
+    kind: Literal["v4l2"] = "v4l2"
+    device: str
+    exposure: float = Field(default=100.0, gt=0, le=100_000)
+    focus: float | None = Field(default=None, ge=0, le=10_000)
+    fourcc: str = Field(default="MJPG", pattern=r"^[ -~]{4}$")
+
+
+class StreamSettings(CameraDriverSettings):
+    """A camera on the network that sends MJPEG by HTTP, or RTSP.
+
+    Attributes:
+        kind: this driver.
+        url: as http://192.0.2.20/video or rtsp://192.0.2.20/live.
+    """
+
+    kind: Literal["stream"] = "stream"
+    url: str = Field(pattern=r"^(http|https|rtsp)://")
+
+
+class FileSettings(CameraDriverSettings):
+    """A video file in place of a camera, at the pace of the bench's rate.
+
+    Attributes:
+        kind: this driver.
+        path: of the video, relative to this file.
+        repeat: begin again at its end; otherwise no more frames come.
+    """
+
+    kind: Literal["file"] = "file"
+    path: Path
+    repeat: bool = True
+
+
+class RealsenseSettings(CameraDriverSettings):
+    """The colour camera of an Intel RealSense.
+
+    Attributes:
+        kind: this driver.
+        serial: number of the camera; the first one by default.
+        exposure: fixed exposure, in 0.1 ms.
+    """
+
+    kind: Literal["realsense"] = "realsense"
+    serial: str | None = None
+    exposure: float = Field(default=100.0, gt=0, le=100_000)
+
+
+class RecordedSettings(Model):
+    """A device that tells what a log holds of it, from the log's beginning.
+
+    Attributes:
+        kind: this driver.
+        log: of a run, relative to this file.
+    """
+
+    kind: Literal["recorded"] = "recorded"
+    log: Path
+
+
+class UrSettings(Model):
+    """An arm of Universal Robots (CB3 or e-series), by RTDE and dashboard.
+
+    Attributes:
+        kind: this driver.
+        host: address of the controller.
+        payload_kg: what hangs on the flange without a part: gripper, coupling, camera. A held part is added.
+        payload_centre_m: centre of that mass, from the flange.
+        registers: lower (0 to 23), upper (24 to 47) where a fieldbus owns the lower ones, or auto to find out.
+        lookahead_s: over which the controller smooths set points.
+        gain: how stiffly it follows them.
+        lag_s: how far the joints trail the set points.
+    """
+
+    kind: Literal["ur"] = "ur"
+    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    payload_kg: float = Field(default=0.93, ge=0, le=20)
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
+    registers: Literal["auto", "lower", "upper"] = "auto"
+    lookahead_s: float = Field(default=0.03, ge=0.03, le=0.2)
+    gain: float = Field(default=300.0, ge=100, le=2000)
+    lag_s: float = Field(default=0.045, ge=0, le=0.5)
+
+
+Recorded = Annotated[RecordedSettings, Tag("recorded")]
+GripperKind = (
+    Annotated[CanSettings, Tag("can")]
+    | Annotated[RobotiqModbusSettings, Tag("robotiq_modbus")]
+    | Annotated[RobotiqUrcapSettings, Tag("robotiq_urcap")]
+    | Recorded
+)
+CameraKind = (
+    Annotated[V4l2Settings, Tag("v4l2")]
+    | Annotated[StreamSettings, Tag("stream")]
+    | Annotated[FileSettings, Tag("file")]
+    | Annotated[RealsenseSettings, Tag("realsense")]
+    | Recorded
+)
+ArmKind = Annotated[UrSettings, Tag("ur")] | Recorded
+DRIVERS: Mapping[type[Model], str] = {
+    CanSettings: "bracket_cell.skills.drivers.can_gripper:CanGripper",
+    SignalSettings: "bracket_cell.skills.drivers.can_signals:CanSignals",
+    UrSettings: "bracket_cell.skills.drivers.ur:UrArm",
+    RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:ModbusGripper",
+    RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:UrcapGripper",
+    V4l2Settings: "bracket_cell.skills.drivers.cameras:V4l2Camera",
+    StreamSettings: "bracket_cell.skills.drivers.cameras:StreamCamera",
+    FileSettings: "bracket_cell.skills.drivers.cameras:FileCamera",
+    RealsenseSettings: "bracket_cell.skills.drivers.realsense:RealsenseCamera",
+}  # loaded where they are named: each needs packages of its own
+EXAMINERS: Mapping[type[Model], str] = {
+    UrSettings: "bracket_cell.skills.drivers.ur_examined:examine",
+    RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:examine",
+    RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:examine",
+    **dict.fromkeys(
+        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "bracket_cell.skills.drivers.cameras:examine"
+    ),
+}  # what looks at a device for `cell doctor`: it opens it, and moves nothing
+READERS: Mapping[type[Model], str] = {
+    UrSettings: "bracket_cell.skills.drivers.ur_examined:joints_rad"
+}  # without taking control
+CALIBRATIONS: Mapping[type[Model], str] = {
+    UrSettings: "bracket_cell.skills.drivers.ur_examined:calibration"
+}  # as arms tell them
+DRIVEN_BY = {"ur10": "ur", "ur10e": "ur"}  # kind of the arm's driver, by the robot's name
+EXAMPLES: Mapping[str, str] = {
+    "ur": """host: 192.168.56.101 # of the controller: set at the pendant, Settings, System, Network
+payload_kg: 0.93 # gripper, coupling and camera: weigh them, and set the same at the pendant
+payload_centre_m: [0.0, 0.0, 0.05] # of that mass, from the flange""",
+    "can": """interface: socketcan
+channel: can0
+bitrate: 500000""",
+    "robotiq_modbus": """port: /dev/serial/by-id/CHANGE-ME # ls /dev/serial/by-id
+node_id: 9
+open_count: 3 # where the fingers end: cell teach gripper
+closed_count: 228""",
+    "robotiq_urcap": """host: 192.168.56.101 # of the arm's controller, where the gripper's URCap is installed
+open_count: 3 # where the fingers end: cell teach gripper
+closed_count: 228""",
+    "v4l2": """device: /dev/v4l/by-id/CHANGE-ME-index0 # ls /dev/v4l/by-id
+exposure: 100 # fixed, in 0.1 ms as a rule
+# focus: 30 # where the lens has one""",
+    "stream": "url: http://192.168.56.20/video",
+    "realsense": """exposure: 100 # fixed, in 0.1 ms
+# serial: "012345678901" # where there are several""",
+}  # what stands next to `kind` in a new cell
+EXTRAS = {
+    "rtde_control": "ur",
+    "pymodbus": "robotiq",
+    "serial": "robotiq",
+    "pyrealsense2": "realsense",
+}  # of the project, by package
+
+
+def kinds_of(union: object) -> tuple[str, ...]:
+    """Names of the kinds in such a union."""
+    members = get_args(union) if not isinstance(union, type(Recorded)) else (union,)
+    return tuple(tag.tag for member in members for tag in get_args(member) if isinstance(tag, Tag))

@@ -1,0 +1,103 @@
+"""Asks a Universal Robots controller by its dashboard, and brings an arm back that stopped.
+
+Source: Universal Robots, "Dashboard server": one line asked, one line answered.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from types import TracebackType
+from typing import Self
+
+from bracket_ground.errors import DeviceFault
+
+PORT = 29999
+ANSWER_S = 2.0
+
+
+class Dashboard:
+    """A connection to the dashboard, for one `with` block.
+
+    Raises:
+        DeviceFault: it does not answer.
+    """
+
+    def __init__(self, host: str, slower: float = 1.0) -> None:
+        self._host = host
+        try:
+            self._socket = socket.create_connection((host, PORT), ANSWER_S * slower)
+        except OSError as error:
+            raise DeviceFault("arm", f"no dashboard at {host}:{PORT}: {error}") from None
+        self._lines = self._socket.makefile("r", encoding="utf-8", errors="replace")
+        self._line()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self._lines.close()
+        self._socket.close()
+
+    def ask(self, line: str) -> str:
+        """The answer to a line; raises DeviceFault where none comes."""
+        try:
+            self._socket.sendall(f"{line}\n".encode())
+        except OSError as error:
+            raise DeviceFault("arm", f"the dashboard at {self._host} hung up: {error}") from None
+        return self._line()
+
+    def _line(self) -> str:
+        try:
+            line = self._lines.readline()
+        except OSError as error:
+            raise DeviceFault("arm", f"the dashboard at {self._host} does not answer: {error}") from None
+        if not line:
+            raise DeviceFault("arm", f"the dashboard at {self._host} hung up")
+        return line.strip()
+
+    @property
+    def local(self) -> bool:
+        """Whether the pendant has control; an older controller, which has no such mode, never says so."""
+        return self.ask("is in remote control").lower() == "false"
+
+
+def stop_program(host: str, slower: float) -> None:
+    """End a program that is left paused: it must not go on by itself; whatever hinders that is told elsewhere."""
+    try:
+        with Dashboard(host, slower) as dashboard:
+            dashboard.ask("stop")
+    except DeviceFault:
+        return
+
+
+def bring_back(host: str, slower: float, limit_s: float = 30.0) -> None:
+    """Unlock, power on and release the brakes, as far as the controller lets it; waits for seconds.
+
+    Raises:
+        DeviceFault: a person must do something first; the words say what.
+    """
+    until_s = time.monotonic() + limit_s * slower
+    with Dashboard(host, slower) as dashboard:
+        if dashboard.local:
+            raise DeviceFault("arm", "the pendant has control: switch it to remote control, then acknowledge")
+        while time.monotonic() < until_s:
+            safety = dashboard.ask("safetymode").partition(": ")[2]
+            mode = dashboard.ask("robotmode").partition(": ")[2]
+            if "EMERGENCY" in safety:
+                raise DeviceFault("arm", "an emergency stop is still pressed: release it, then acknowledge")
+            if "SAFEGUARD" in safety:
+                raise DeviceFault("arm", "the safeguard is open: close it, then acknowledge")
+            if safety in ("VIOLATION", "FAULT"):
+                raise DeviceFault("arm", f"the controller says {safety}: clear it at the pendant")
+            if safety == "PROTECTIVE_STOP":
+                dashboard.ask("unlock protective stop")
+            elif safety in ("NORMAL", "REDUCED") and mode == "RUNNING":
+                return
+            elif mode == "POWER_OFF":
+                dashboard.ask("close safety popup")
+                dashboard.ask("power on")
+            elif mode == "IDLE":
+                dashboard.ask("brake release")
+            time.sleep(0.2 * slower)
+    raise DeviceFault("arm", f"it is not back after {limit_s:g} s: {safety.lower()}, {mode.lower()}")

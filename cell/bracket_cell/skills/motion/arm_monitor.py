@@ -1,0 +1,318 @@
+"""Whether an arm obeys: standstill and speed along the path are measured, not only ordered.
+
+After reaction and braking, played through as for separation, a held arm stands, and the way along its path grows by no
+more than the allowed share. Safe operating stop and safe speed monitor as in IEC 61800-5-2; not safety-rated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_cell.skills.motion.separation import LEAST_BRAKING, MARK_S, PLAY_S, TINY
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.bench import JOINTS
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.observation import LETS_GO, ArmMode, ArmState
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.robot import RobotModel
+
+MODES = get_args(ArmMode)
+BRAKES_AT_LEAST = 0.8  # of the braking that is played through
+SPEED_TOLERANCE, WAY_TOLERANCE_S = 1.03, 0.02  # of the way along the path: of its growth, and a clock's jitter
+SETTLES_S, STAYS_RAD = 0.12, 0.08  # a standing arm rests by then, and then moves no more than by a push
+REPEATS_S, STUCK_S = (
+    0.1,
+    0.24,
+)  # a moving arm tells something new by then, and goes on along its path
+TELLS_S = 0.3  # of a moving arm that tells the same with new stamps for longer nothing is believed
+LAGS_S, LAGS_SHARE = 1.0, 0.2  # an arm that may go on does so by then at this share of the allowed speed
+LONGEST_S = 0.2  # between two states that can be compared
+BRAKED = ("protective_stop", "recovery")  # what pushes an arm whose brakes are on may shake it
+JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
+SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.1, 0.15, 3  # told speeds differ from measured ones by less, or less often
+
+
+@dataclass(frozen=True)
+class StopLimits:
+    """What a stop may take at most, whatever braking is worked out.
+
+    Attributes:
+        time_s: until the arm stands.
+        way_m: of the tool.
+    """
+
+    time_s: float = math.inf
+    way_m: float = math.inf
+
+
+@dataclass(eq=False)
+class ArmMonitor:
+    """Sees every state of the arm and every order to it.
+
+    Attributes:
+        reaction_s: from an order to the first braking.
+        tool_m: where the tool is (3,), from joints.
+        slow_share: of a path, the share of speed at which no link is faster than the slow speed.
+        disobeys, implausible, lags: what is wrong now, in words; empty for nothing.
+        repeats_s: since when a moving arm tells the same state.
+    """
+
+    robot: RobotModel = field(repr=False)
+    reaction_s: float
+    limits: StopLimits
+    tool_m: Callable[[Array], Array]
+    slow_share: Callable[[JointTrajectory], float]
+    disobeys: str = field(default="", init=False)
+    implausible: str = field(default="", init=False)
+    lags: str = field(default="", init=False)
+    repeats_s: float = field(default=0.0, init=False)
+    _free_s: float = field(default=0.0, init=False)  # since when the arm may go on; how far it may, and did, since
+    _due_s: float = field(default=0.0, init=False)
+    _went_s: float = field(default=0.0, init=False)
+    _now_s: float = field(default=-math.inf, init=False)
+    _changed_s: float = field(default=-math.inf, init=False)
+    _advanced_s: float = field(default=-math.inf, init=False)
+    _arm: ArmState | None = field(default=None, init=False)
+    _orders: deque[tuple[float, float]] = field(default_factory=deque, init=False)  # (since when, share)
+    _rate: float = field(default=0.0, init=False)  # share of the planned speed that the arm may have at most
+    _path: JointTrajectory | None = field(default=None, init=False)  # the last one
+    _begun_s: float = field(default=-math.inf, init=False)
+    _held_s: float = field(default=math.inf, init=False)
+    _path_s: float | None = field(default=None, init=False)
+    _allowed_s: float = field(default=0.0, init=False)
+    _excess_s: float = field(default=0.0, init=False)
+    _played_s: float = field(default=-math.inf, init=False)  # its way is reckoned until then: a state may be older
+    _held_at_m: Array | None = field(default=None, init=False)
+    _still_s: float = field(default=math.inf, init=False)
+    _anchor: Array | None = field(default=None, init=False)
+    _mismatches: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(JOINTS), dtype=np.int64), init=False)
+
+    def __post_init__(self) -> None:
+        self._range_rad = np.array(self.robot.range_rad) + RANGE_SLACK_RAD
+        self._speed_rad_s = np.array(self.robot.speed_rad_s) * SPEED_SLACK
+        self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
+
+    def see(self, now_s: float, arm: ArmState, share: float, path: JointTrajectory | None) -> None:
+        """One more tick.
+
+        Args:
+            share, path: what was ordered in the tick before; no path for a stop.
+        """
+        if now_s == self._now_s:
+            return
+        self.implausible, self.disobeys = self._wrong(arm), ""
+        if self.implausible:
+            self._now_s = now_s
+            return
+        self._order(share if path is not None else 0.0, path)
+        self._allowed_s += self._play(min(now_s, arm.time_s))
+        self._now_s = now_s
+        self.lags = self._lags(arm)
+        self.disobeys = self._ahead(arm) or self._moves(arm) or self._stuck(arm, path)
+        self._arm = arm
+
+    def _order(self, share: float, path: JointTrajectory | None) -> None:
+        """What was ordered at the end of the tick before."""
+        self._held_s = math.inf if share > 0 else min(self._held_s, self._now_s)
+        if path is not None and path is not self._path:
+            self._path, self._begun_s, self._path_s, self._excess_s = path, self._now_s, None, 0.0
+            self._still_s, self._anchor = math.inf, None
+        if not self._orders or self._orders[-1][1] != share:
+            self._orders.append((self._now_s, share))
+
+    def _may(self, time_s: float) -> float:
+        """The greatest share that was ordered within the reaction before a time."""
+        while len(self._orders) > 1 and self._orders[1][0] <= time_s - self.reaction_s:
+            self._orders.popleft()
+        return max((share for begun_s, share in self._orders if begun_s <= time_s), default=self._orders[0][1])
+
+    def _play(self, until_s: float) -> float:
+        """How far along its path the arm may go until it was measured, as time of that path."""
+        since_s, self._played_s = self._played_s, max(self._played_s, until_s)
+        if self._arm is None or until_s <= since_s:
+            return 0.0
+        steps = max(1, min(math.ceil((until_s - since_s) / PLAY_S - TINY), 50))
+        step_s, way_s = (until_s - since_s) / steps, 0.0
+        for number in range(steps):
+            time_s = since_s + (number + 1) * step_s
+            most = self._may(time_s)
+            if most < self._rate:
+                most = max(most, self._rate - self._braking(way_s) * step_s)
+            if time_s - self._held_s > self.limits.time_s:
+                most = 0.0
+            self._rate = most
+            way_s += most * step_s
+        return way_s
+
+    def _braking(self, way_s: float) -> float:
+        """By how much the share of speed falls in a second, where the arm is; as in separation."""
+        if self._path is None:
+            return math.inf
+        place_s = (self._path_s or 0.0) + self._allowed_s + way_s
+        before, here, after = self._path.along(place_s + np.array([-MARK_S, 0.0, MARK_S]))
+        speeds, bends = (after - before) / (2 * MARK_S), (after - 2 * here + before) / MARK_S**2
+        fastest = np.maximum(np.abs(speeds), TINY)
+        limits = self._acceleration_rad_s2 / fastest
+        least = LEAST_BRAKING * float(limits.min())
+        along = bends * np.sign(speeds) / fastest * self._rate**2
+        return BRAKES_AT_LEAST * max(float((limits + along).min()), least)
+
+    def _ahead(self, arm: ArmState) -> str:
+        """The way along the path grew by more than it may."""
+        silent = self._arm is not None and arm.time_s - self._arm.time_s > LONGEST_S  # and heard no order meanwhile
+        new = self._now_s - self._begun_s <= self.reaction_s + LONGEST_S / 4
+        if arm.path_s is None or not arm.moving or new or silent:
+            self._path_s, self._allowed_s = arm.path_s, 0.0
+            return self._too_far(arm)
+        if self._arm is not None and arm.time_s == self._arm.time_s:  # nothing new
+            return ""
+        if self._path_s is not None:
+            grew_s = arm.path_s - self._path_s
+            self._excess_s = max(0.0, self._excess_s + grew_s - SPEED_TOLERANCE * self._allowed_s)
+        self._path_s, self._allowed_s = arm.path_s, 0.0
+        if self._excess_s > WAY_TOLERANCE_S:
+            return Message(
+                "the arm is {excess_s} s farther along its path than it may be", excess_s=f"{self._excess_s:.2f}"
+            )
+        return self._too_far(arm)
+
+    def _too_far(self, arm: ArmState) -> str:
+        """The tool went farther than a stop may take."""
+        if self._held_s == math.inf or self._still_s < self._now_s - SETTLES_S:
+            self._held_at_m = None
+            return ""
+        tool_m = self.tool_m(np.array(arm.positions_rad))
+        self._held_at_m = tool_m if self._held_at_m is None else self._held_at_m
+        way_m = float(np.linalg.norm(tool_m - self._held_at_m))
+        return (
+            Message("the tool went {way_m} m since it was to stand", way_m=f"{way_m:.2f}")
+            if way_m > self.limits.way_m
+            else ""
+        )
+
+    def _moves(self, arm: ArmState) -> str:
+        """A joint moves although the arm must stand; in some modes somebody may move it."""
+        if (self._rate > 0 and arm.moving) or arm.mode in LETS_GO:
+            self._still_s, self._anchor = math.inf, None
+            return ""
+        self._still_s = min(self._still_s, self._now_s)
+        if self._now_s - self._still_s < SETTLES_S:
+            return ""
+        positions = np.array(arm.positions_rad)
+        self._anchor = positions if self._anchor is None else self._anchor
+        moved = np.abs(positions - self._anchor)
+        joint = int(moved.argmax())
+        if moved[joint] > STAYS_RAD:
+            return Message(
+                "{joint} moved by {moved} rad, although the arm must stand",
+                joint=JOINTS[joint],
+                moved=f"{moved[joint]:.2f}",
+            )
+        return ""
+
+    def _stuck(self, arm: ArmState, path: JointTrajectory | None) -> str:
+        """A moving arm that may go on tells the same again and again, or does not go on."""
+        same = self._arm is not None and (arm.path_s, arm.positions_rad) == (self._arm.path_s, self._arm.positions_rad)
+        free = arm.moving and path is not None and min(share for _, share in self._orders) > 0
+        silent = self._arm is not None and arm.time_s == self._arm.time_s
+        if not same or silent or (not free and self.repeats_s < REPEATS_S):
+            self._changed_s = self._now_s
+        self.repeats_s = self._now_s - self._changed_s
+        if self.repeats_s > TELLS_S:
+            return Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{self.repeats_s:.2f}")
+        grows = self._arm is None or self._arm.path_s is None or arm.path_s is None or arm.path_s > self._arm.path_s
+        if not free or grows:
+            self._advanced_s = self._now_s
+        if self._now_s - self._advanced_s > STUCK_S:
+            return Message(
+                "the arm does not go on for {stuck_s} s, although it may and says that it moves", stuck_s=STUCK_S
+            )
+        return ""
+
+    def _lags(self, arm: ArmState) -> str:
+        """The way along the path grows by much less than it may."""
+        before, least = self._arm, min(share for _, share in self._orders)
+        grew_s = -1.0
+        if before is not None and before.path_s is not None and arm.path_s is not None:
+            grew_s = arm.path_s - before.path_s
+        if before is None or grew_s < 0 or not arm.moving or least == 0:  # or it is another path
+            self._free_s = self._due_s = self._went_s = 0.0
+            return ""
+        took_s = arm.time_s - before.time_s
+        self._free_s, self._due_s = self._free_s + took_s, self._due_s + least * took_s
+        self._went_s += grew_s
+        if self._free_s < LAGS_S:
+            return self.lags
+        share, self._free_s, self._due_s, self._went_s = self._went_s / self._due_s, 0.0, 0.0, 0.0
+        if share >= LAGS_SHARE:
+            return ""
+        return Message(
+            "the arm goes at {share} % of the speed that it may: see the pendant's slider, and its driver's pace()",
+            share=f"{100 * share:.1f}",
+        )
+
+    def _wrong(self, arm: ArmState) -> str:
+        """What a sound arm cannot tell."""
+        counts = len(arm.positions_rad), len(arm.velocities_rad_s)
+        if counts != (len(JOINTS), len(JOINTS)):
+            return Message(
+                "the arm told {positions} positions and {speeds} speeds, not {wanted}",
+                positions=counts[0],
+                speeds=counts[1],
+                wanted=len(JOINTS),
+            )
+        path_s = 0.0 if arm.path_s is None else arm.path_s
+        if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s, path_s))):
+            return "the arm told a value that is not finite"
+        positions, speeds = np.array(arm.positions_rad), np.array(arm.velocities_rad_s)
+        if (np.abs(positions) > self._range_rad).any():
+            return "the arm told a joint beyond its range"
+        if arm.mode not in BRAKED and (np.abs(speeds) > self._speed_rad_s).any():
+            return "the arm told a joint faster than it can be"
+        if path_s < 0:
+            return "the arm told a place before the beginning of its path"
+        if arm.mode not in MODES:
+            return Message("the arm told a mode {mode} that there is not", mode=f"{arm.mode!r}")
+        return self._contradicts(arm, positions, speeds)
+
+    def _contradicts(self, arm: ArmState, positions: Array, speeds: Array) -> str:
+        """Positions changed otherwise than the told speeds have it."""
+        before = self._arm
+        took_s = 0.0 if before is None else arm.time_s - before.time_s
+        if before is None or not 0 <= took_s <= max(LONGEST_S, self.reaction_s):
+            return ""
+        if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
+            return ""
+        moved = positions - np.array(before.positions_rad)
+        far = np.abs(moved) - self._speed_rad_s * took_s
+        if far.max() > JUMP_RAD:
+            joint = int(far.argmax())
+            return Message(
+                "{joint} jumped by {moved} rad in {took_s} s",
+                joint=JOINTS[joint],
+                moved=f"{moved[joint]:.2f}",
+                took_s=f"{took_s:.2f}",
+            )
+        if arm.mode in BRAKED:
+            self._mismatches[:] = 0
+            return ""
+        measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
+        limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
+        off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
+        self._mismatches = np.where(off * self._mismatches > 0, self._mismatches, 0) + off
+        if np.abs(self._mismatches).max() < SPEEDS_OFF:
+            return ""
+        joint = int(np.abs(self._mismatches).argmax())
+        return Message(
+            "{joint} moves at {measured} rad/s and tells {told} rad/s",
+            joint=JOINTS[joint],
+            measured=f"{measured[joint]:.2f}",
+            told=f"{told[joint]:.2f}",
+        )

@@ -1,0 +1,93 @@
+"""How long a way takes beside a person: near the edge where hands come in, the arm is held to its reduced speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.separation import SeparationMonitor, arrival_s
+from bracket_ground.interfaces.pose import Array, Pose
+
+MARK_RAD = 0.1  # between places of a way that are looked at
+SEEN_S = 0.1  # the usual age of what is known of hands
+BRAKES_M_S2 = 4.0  # how fast a fast arm becomes slow; what it may really do, the supervisor reckons
+BACK_M = (0.12, 0.22)  # from the end of a way that is nearest to the person
+SLOWED_S = 0.3  # a way that is slowed down by less has no better one
+CORNER_S = 0.3  # that a corner takes
+TRIED = 3  # ways
+LEAST_M = 0.03  # a shorter way back is none
+
+
+class BesidePerson:
+    """Tells ways apart by how long they take, whoever may come in over the person's edge of the view."""
+
+    def __init__(self, separation: SeparationMonitor, kinematics: Kinematics, speeds_rad_s: Sequence[float]) -> None:
+        """Args:
+        speeds_rad_s: of each joint, at most.
+        """
+        self._separation, self._kinematics = separation, kinematics
+        self._speeds_rad_s = np.array(speeds_rad_s)
+        self._person = separation.persons.behind(separation.persons.edge, SEEN_S)
+
+    def soonest(self, start_rad: Array, goal_rad: Array) -> list[Array]:
+        """Ways (k, 6) between two postures, straight between their rows; the one that takes the least time first."""
+        direct = np.array([start_rad, goal_rad])
+        takes_s, hurried_s = self.takes_s(direct)
+        if takes_s - hurried_s < SLOWED_S:
+            return [direct]
+        found = [(takes_s, direct)]
+        found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
+        return [way for _, way in sorted(found, key=lambda one: one[0])[:TRIED]]
+
+    def takes_s(self, way_rad: Array) -> tuple[float, float]:
+        """How long the arm needs for a way (k, 6) at the speeds that hands allow which may come at any time.
+
+        And how long at its own speed; both without the time in which it gathers speed.
+        """
+        monitor, settings = self._separation, self._separation.settings
+        gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way_rad, axis=0)).max(axis=1))])
+        marks = np.linspace(0.0, gone[-1], max(2, math.ceil(gone[-1] / MARK_RAD) + 1))
+        rows = np.column_stack([np.interp(marks, gone, column) for column in way_rad.T])
+        placed = monitor.outline.placed(rows)
+        rooms_m = monitor.outline.rooms(placed, self._person.body, holding=False).distances_m
+        rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - settings.hand_error_m - monitor.arm_error_m
+        speeds_m_s = np.full(rooms_m.shape, self._person.hand_speed_m_s)
+        spare_s = arrival_s(rooms_m, speeds_m_s, settings) - self._person.age_s - settings.reaction_s
+        may_m_s = settings.slow_m_s + BRAKES_M_S2 * spare_s.clip(0.0)
+        steps_m = np.linalg.norm(np.diff(monitor.outline.corners_m(placed), axis=0), axis=3).max(axis=2)
+        hurried_s = (np.abs(np.diff(rows, axis=0)) / self._speeds_rad_s).max(axis=1)
+        takes_s = np.maximum(hurried_s, (steps_m / may_m_s).max(axis=1))
+        return float(takes_s.sum()), float(hurried_s.sum())
+
+    def _ways_back(self, ends_rad: Array) -> Iterator[Array]:
+        """Ways (k, 6) that lead back from the person at first, or come to them last; also by a middle between."""
+        poses = [self._kinematics.forward(joints) for joints in ends_rad]
+        nearest_m = max(pose.position_m[0] for pose in poses)
+        for back_m in BACK_M:
+            start, goal = (self._drawn(*end, nearest_m - back_m) for end in zip(ends_rad, poses, strict=True))
+            if start is None or goal is None:
+                continue
+            yield np.concatenate([ends_rad[:1], start, goal, ends_rad[1:]])
+            middle = self._middle(start[-1] if len(start) else ends_rad[0], goal[0] if len(goal) else ends_rad[1])
+            if middle is not None:
+                yield np.concatenate([ends_rad[:1], start, [middle], goal, ends_rad[1:]])
+
+    def _drawn(self, joints_rad: Array, pose: Pose, behind_m: float) -> Array | None:
+        """Joints (1, 6) of a place behind an end of a way, (0, 6) where it is behind already, None out of reach."""
+        x, y, z = pose.position_m
+        if x - behind_m < LEAST_M:
+            return np.empty((0, 6))
+        behind = self._kinematics.follow(Pose((behind_m, y, z), pose.quaternion_wxyz), joints_rad)
+        return None if behind is None or not self._kinematics.within_limits(behind) else behind[np.newaxis]
+
+    def _middle(self, first_rad: Array, last_rad: Array) -> Array | None:
+        """The joints between, without the arc that the tool makes about the base; None out of reach."""
+        first, last = (np.array(self._kinematics.forward(one).position_m) for one in (first_rad, last_rad))
+        between_rad = (first_rad + last_rad) / 2
+        x, y, z = ((first + last) / 2).tolist()
+        pose = Pose((min(x, float(first[0])), y, z), self._kinematics.forward(between_rad).quaternion_wxyz)
+        found = self._kinematics.follow(pose, between_rad)
+        return found if found is not None and self._kinematics.within_limits(found) else None

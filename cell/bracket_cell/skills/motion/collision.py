@@ -1,0 +1,342 @@
+"""Collision checks of trajectories: arm, gripper and held part against bench and parts (Pinocchio and coal)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product as pairs_of
+
+import coal
+import numpy as np
+import pinocchio
+
+from bracket_cell.skills.motion.grip import STROKE_M
+from bracket_cell.skills.motion.kinematics import FLANGE, Kinematics, LinkPlaces
+from bracket_cell.skills.motion.outline import Shape, shapes
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.grasping import PAD_WIDTH_M
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+
+# Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
+PALM_M = ((0.0, 0.0, 0.0425), (0.104, 0.076, 0.085))
+FINGER_SIZE_M = (0.012, PAD_WIDTH_M, 0.079)
+FINGER_MIDDLE_M = 0.1245
+CAMERA_SIZE_M = (0.050, 0.030, 0.030)
+CAMERA_BEHIND_LENS_M = 0.020
+
+STEP_M = 0.008  # between checks of a path: twice the margin, so that nothing in between is nearer than 0
+ARC_RAD = 0.1  # a joint's turn in which a point goes nearly straight
+COARSE_FIRST = (0, 4, 2, 6, 1, 5, 3, 7)  # offsets in a path, so that a contact is met soon
+TABLE_M = (3.0, 3.0, 0.5)
+RIM_THICKNESS_M = 0.008
+BIN_ROOM_M = 0.04  # around each part in a bin
+
+HELD = "held part"
+_BASE_LINKS = ("base_link", "shoulder_link", "upper_arm_link")
+_TOOL = ("palm", "finger_left", "finger_right", "camera")
+# Links that can meet another one of the arm: neighbours on the chain always touch.
+_SELF_PAIRS = (
+    *pairs_of(
+        ("base_link", "shoulder_link", "upper_arm_link", "forearm_link"), ("wrist_2_link", "wrist_3_link", *_TOOL)
+    ),
+    ("forearm_link", "base_link"),
+    ("wrist_1_link", "base_link"),
+    ("wrist_1_link", "upper_arm_link"),
+)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that must not be touched, or that is carried along.
+
+    Attributes:
+        name: what the operator reads.
+        pose: of the box's centre; in the world, or in the tool frame when it is carried.
+        size_m: full extents.
+    """
+
+    name: str
+    pose: Pose
+    size_m: tuple[float, float, float]
+
+
+class CollisionChecker:
+    """Checks whole joint paths; what stands still on the bench is always an obstacle.
+
+    Attributes:
+        shapes: arm and gripper as they are checked, for drawing them.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, product: Product, bench: Bench, settings: MotionSettings | None = None
+    ) -> None:
+        self._settings = settings or MotionSettings()
+        self._model = kinematics.model
+        self._data = self._model.createData()
+        self._tcp_m = self._settings.robot.tool.tcp_from_flange_m
+        flange = self._model.frames[self._model.getFrameId(FLANGE)]
+        self._wrist, self._wrist_from_flange = flange.parentJoint, flange.placement
+        self._geometry = self._arm_geometry()
+        self._add_tool(bench.wrist.mount.pose)
+        self._arm_alone = self._geometry.copy()
+        self._arm = tuple(item.name for item in self._geometry.geometryObjects)
+        self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
+        _add_pairs(self._geometry, _SELF_PAIRS)
+        for box in standing_boxes(product, bench):
+            self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
+        for obstacle in bench.obstacles:
+            self._add_obstacle(self._geometry, obstacle.name, *placed(obstacle))
+
+    @property
+    def model(self) -> pinocchio.Model:
+        """Of the arm."""
+        return self._model
+
+    def arm_with_part(self, radius_m: float) -> pinocchio.GeometryModel:
+        """Arm and gripper with open fingers, and a sphere HELD around the TCP."""
+        geometry = self._arm_alone.copy()
+        self._open_fingers(geometry, STROKE_M)
+        placement = self._on_flange((0.0, 0.0, self._tcp_m))
+        geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
+        return geometry
+
+    def scene(
+        self,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
+    ) -> Scene:
+        """The bench with what else is to be kept clear of.
+
+        Args:
+            opening_m: distance between the fingers.
+            obstacles: more boxes to keep clear of, in the world frame.
+            held: boxes that move with the tool, in the tool frame.
+            margin_m: what comes nearer than this counts as touching.
+        """
+        geometry = self._geometry.copy()
+        self._open_fingers(geometry, opening_m)
+        for box in obstacles:
+            self._add_obstacle(geometry, box.name, box.pose, coal.Box(*box.size_m))
+        fixed = range(len(self._arm), len(geometry.geometryObjects))
+        links = [geometry.getGeometryId(name) for name in ("forearm_link", "upper_arm_link", "base_link")]
+        for number, box in enumerate(held):
+            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
+            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
+            own = geometry.addGeometryObject(
+                pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m))
+            )
+            for other in (*fixed, *links):
+                geometry.addCollisionPair(pinocchio.CollisionPair(own, other))
+        return Scene(self._model, geometry, margin_m)
+
+    def first_contact(
+        self,
+        positions_rad: Array,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
+    ) -> str | None:
+        """What touches first along a joint path (n, 6), in words; None where the way is free; see `scene`."""
+        return self.scene(opening_m, obstacles, held, margin_m).first_contact(positions_rad)
+
+    def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
+        for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
+            offset = side * (opening_m + FINGER_SIZE_M[0]) / 2
+            finger = geometry.geometryObjects[geometry.getGeometryId(name)]
+            finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
+
+    def _arm_geometry(self) -> pinocchio.GeometryModel:
+        urdf = self._settings.robot.urdf_text
+        meshes = pinocchio.buildGeomFromUrdfString(self._model, urdf, pinocchio.GeometryType.COLLISION)
+        geometry = pinocchio.GeometryModel()
+        for item in meshes.geometryObjects:
+            if isinstance(item.geometry, coal.BVHModelBase):
+                item.geometry.buildConvexHull(True, "Qt")
+                name = item.name.removesuffix("_0")
+                geometry.addGeometryObject(
+                    pinocchio.GeometryObject(name, item.parentJoint, item.placement, item.geometry.convex)
+                )
+        return geometry
+
+    def _add_tool(self, tool_from_camera: Pose) -> None:
+        x, y, z = tool_from_camera.position_m
+        boxes = {
+            "palm": PALM_M,
+            "finger_left": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
+            "finger_right": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
+            "camera": ((x, y, z + self._tcp_m - CAMERA_BEHIND_LENS_M), CAMERA_SIZE_M),
+        }
+        for name, (centre, size) in boxes.items():
+            self._geometry.addGeometryObject(
+                pinocchio.GeometryObject(name, self._wrist, self._on_flange(centre), coal.Box(*size))
+            )
+
+    def _on_flange(self, position_m: tuple[float, float, float]) -> pinocchio.SE3:
+        return self._wrist_from_flange * pinocchio.SE3(np.eye(3), np.array(position_m))
+
+    def _add_obstacle(
+        self, geometry: pinocchio.GeometryModel, name: str, pose: Pose, shape: coal.CollisionGeometry
+    ) -> None:
+        own = geometry.addGeometryObject(pinocchio.GeometryObject(name, 0, _se3(pose), shape))
+        for link, of_arm in enumerate(self._arm):
+            if of_arm not in _BASE_LINKS:
+                geometry.addCollisionPair(pinocchio.CollisionPair(link, own))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two things that touch.
+
+    Attributes:
+        by_tool: what hangs on the last joint touches what stands: it does so however the arm leans.
+    """
+
+    words: str
+    by_tool: bool
+
+
+class Scene:
+    """The arm among all that it must not touch, ready to be asked about many postures."""
+
+    def __init__(self, model: pinocchio.Model, geometry: pinocchio.GeometryModel, margin_m: float) -> None:
+        self._model, self._data = model, model.createData()
+        self._geometry, self._results = geometry, geometry.createData()
+        for request in self._results.collisionRequests:
+            request.security_margin = margin_m
+        self._near = pinocchio.BroadPhaseManager_NaiveCollisionManager(model, geometry, self._results)
+        moving = [item for item in geometry.geometryObjects if item.parentJoint > 0]
+        self._places = LinkPlaces(model, [one.parentJoint for one in moving], [one.placement for one in moving])
+        self._corners = np.array([box_corners(one.geometry) for one in moving])
+
+    def touches(self, joints_rad: Array) -> bool:
+        """Whether anything does in a posture (6,)."""
+        return bool(pinocchio.computeCollisions(self._model, self._data, self._near, joints_rad, True))
+
+    def touches_pair_by_pair(self, joints_rad: Array) -> bool:
+        """The same, slowly; of the pairs up to the first one that touches it is known then."""
+        collides = pinocchio.computeCollisions
+        return bool(collides(self._model, self._data, self._geometry, self._results, joints_rad, True))
+
+    def contact(self, joints_rad: Array) -> Contact | None:
+        """Which two things touch in a posture (6,)."""
+        if not self.touches_pair_by_pair(joints_rad):
+            return None
+        pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
+        touching = next(pair for pair, result in pairs if result.isCollision())
+        first, second = (self._geometry.geometryObjects[number] for number in (touching.first, touching.second))
+        by_tool = first.parentJoint == self._model.njoints - 1 and second.parentJoint == 0
+        return Contact(f"{first.name} would touch {second.name}".replace("_", " "), by_tool)
+
+    def is_free(self, positions_rad: Array) -> bool:
+        """Whether nothing touches along a joint path (n, 6)."""
+        rows = self.resampled(positions_rad)
+        return not any(self.touches(joints) for offset in COARSE_FIRST for joints in rows[offset :: len(COARSE_FIRST)])
+
+    def first_contact(self, positions_rad: Array) -> str | None:
+        """What touches first along a joint path (n, 6), in words; None where the way is free."""
+        rows = self.resampled(positions_rad)
+        found = next((self.contact(joints) for joints in rows if self.touches(joints)), None)
+        return None if found is None else found.words
+
+    def resampled(self, positions_rad: Array) -> Array:
+        """A path (m, 6) through the same line, no point of the arm going farther than STEP_M from row to row."""
+        rows = _interpolated(positions_rad, np.abs(np.diff(positions_rad, axis=0)).max(axis=1), ARC_RAD)
+        placed = self._places.at(rows)
+        corners_m = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
+        ways_m = np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(axis=(1, 2), initial=0.0)
+        return _interpolated(rows, ways_m, STEP_M)
+
+
+def _interpolated(positions_rad: Array, ways: Array, step: float) -> Array:
+    """A path (m, 6) through the same line in even steps, by how long the ways (n - 1,) between its rows are."""
+    travelled = np.concatenate([[0.0], np.cumsum(ways)])
+    marks = np.linspace(0.0, travelled[-1], max(2, math.ceil(travelled[-1] / step) + 1))
+    return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])
+
+
+def box_corners(shape: coal.CollisionGeometry) -> Array:
+    """Of the box (8, 3) around a shape, in its own frame."""
+    shape.computeLocalAABB()
+    low, high = shape.aabb_local.min_, shape.aabb_local.max_
+    return np.array(list(pairs_of(*zip(low, high, strict=True))))
+
+
+def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
+    """Table, bracket, the tray with its rim, and the person's bins with what they may hold."""
+    table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
+    bins = (_bin_box(product, bench, name) for name in product.parts)
+    return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins)
+
+
+def part_box(part: PartDetection, product: Product, name: str) -> Box:
+    """A seen part that stands on its peg, as one box down to the floor; what lies is a box on it already."""
+    below_m = product.parts[part.part].peg_length_m if part.upright else 0.0
+    return body_box(name, part.world_from_part, part.size_m, below_m)
+
+
+def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m: float = 0.0) -> Box:
+    """A body given by its part frame as one box, reaching `below_m` under its bottom."""
+    length, width, height = size_m
+    centre = pose @ Pose((0.0, 0.0, (height - below_m) / 2))
+    return Box(name, centre, (length, width, height + below_m))
+
+
+def placed(obstacle: Obstacle) -> tuple[Pose, coal.CollisionGeometry]:
+    """An obstacle's pose and shape."""
+    if obstacle.box_m is not None:
+        return obstacle.pose, coal.Box(*obstacle.box_m)
+    if obstacle.cylinder_m is not None:
+        return obstacle.pose, coal.Cylinder(obstacle.cylinder_m[0] / 2, obstacle.cylinder_m[1])
+    points = coal.StdVec_Vec3s()
+    for point in obstacle.points_m:
+        points.append(point)
+    return Pose((0.0, 0.0, 0.0)), coal.Convex.convexHull(points, True, "Qt")
+
+
+def _bracket_box(product: Product, bench: Bench) -> Box:
+    holes = np.array(list(product.bracket.holes_m.values()))
+    low, high = holes.min(axis=0) - product.bracket.margin_m, holes.max(axis=0) + product.bracket.margin_m
+    top = bench.bracket.position_m[2]
+    middle = (low + high) / 2
+    pose = bench.bracket.pose @ Pose((float(middle[0]), float(middle[1]), -top / 2))
+    return Box("the bracket", pose, (float(high[0] - low[0]), float(high[1] - low[1]), top))
+
+
+def _bin_box(product: Product, bench: Bench, name: str) -> Box:
+    part = product.parts[name]
+    x, y, floor = bench.bins_m[name]
+    height = floor + part.peg_length_m + part.size_m[2]
+    size = (part.size_m[0] + BIN_ROOM_M, (part.size_m[1] + BIN_ROOM_M) * part.quantity, height)
+    return Box(f"the bin of {part.title}s", Pose((x, y, height / 2)), size)
+
+
+def _tray_boxes(bench: Bench) -> tuple[Box, ...]:
+    (x, y, floor), (length, width), wall = bench.tray.centre_m, bench.tray.size_m, bench.tray.wall_m
+    height, thick = floor + wall, RIM_THICKNESS_M
+    outer_length, outer_width = length + 2 * thick, width + 2 * thick
+    walls = [
+        ((x - (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
+        ((x + (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
+        ((x, y - (width + thick) / 2, height / 2), (outer_length, thick, height)),
+        ((x, y + (width + thick) / 2, height / 2), (outer_length, thick, height)),
+    ]
+    rim = tuple(Box(f"the tray's rim ({number})", Pose(centre), size) for number, (centre, size) in enumerate(walls))
+    return (Box("the tray", Pose((x, y, floor / 2)), (length, width, floor)), *rim)
+
+
+def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[str, str]]) -> None:
+    for first, second in pairs:
+        geometry.addCollisionPair(
+            pinocchio.CollisionPair(geometry.getGeometryId(first), geometry.getGeometryId(second))
+        )
+
+
+def _se3(pose: Pose) -> pinocchio.SE3:
+    return pinocchio.SE3(pose.rotation, np.array(pose.position_m))

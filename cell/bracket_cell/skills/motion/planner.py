@@ -1,0 +1,286 @@
+"""Motion planner: inverse kinematics, collision checks and limits behind three questions that skills ask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice, pairwise
+
+import numpy as np
+
+from bracket_cell.skills.motion.beside_person import BesidePerson
+from bracket_cell.skills.motion.collision import Box, CollisionChecker, Scene
+from bracket_cell.skills.motion.grip import STROKE_M, Hold
+from bracket_cell.skills.motion.kinematics import OTHERS, USUAL, Kinematics
+from bracket_cell.skills.motion.lying_grasp import LyingHold
+from bracket_cell.skills.motion.outline import Shape
+from bracket_cell.skills.motion.separation import SeparationMonitor
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.trajectory import blended, joint_move, line_move
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a motion is checked with.
+
+    Attributes:
+        opening_m: widest opening of the fingers on the way.
+        obstacles: parts and other boxes to keep clear of, beside the bench.
+        held: boxes carried along, in the tool frame.
+        close: keep no margin, for the last way down to a part among others or into a hole.
+    """
+
+    opening_m: float
+    obstacles: tuple[Box, ...] = ()
+    held: tuple[Box, ...] = ()
+    close: bool = False
+
+
+Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
+Looking = Iterator[Plan | None]  # None after each piece of the work; the plan is its last answer
+Onto = Callable[[float], None]
+
+BESIDE_M = 0.08  # of a part's middle: a tool that is farther away has left it
+SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
+SCENES = 8  # that are kept: the same one is often asked about many postures
+CHECKS_A_TICK = 500  # of postures: some 8 ms
+LIFTS_M = ((0.03, 0.0), (0.12, 0.12))  # at the start and the end, that are tried before a search
+
+
+def settled(found: Plan | Looking) -> Plan:
+    """What is found in the end."""
+    if isinstance(found, JointTrajectory | str):
+        return found
+    return next(plan for plan in found if plan is not None)
+
+
+class MotionPlanner:
+    """Plans motions that keep the joint limits and touch nothing.
+
+    Attributes:
+        product, bench, settings: what it plans for.
+        kinematics: of the arm with its tool.
+        separation: of the arm from the person.
+        hold: how the part is held that was taken last; None where this planner has not seen to one.
+        lying: how it is held if it was taken as it lay; None for a part that stood.
+        around: the part that the open fingers still stand around; every motion keeps clear of it, until the tool left.
+    """
+
+    def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
+        self.product, self.bench = product, bench
+        self.settings = settings or MotionSettings()
+        self.hold: Hold | None = None
+        self.lying: LyingHold | None = None
+        self.around: Box | None = None
+        self.kinematics = Kinematics(self.settings)
+        self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
+        self.separation = SeparationMonitor(self._checker, bench, self.settings)
+        self._scenes: list[tuple[tuple[Load, float, Box | None], Scene]] = []  # those that were asked for last
+        self._beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
+
+    @property
+    def robot_shapes(self) -> tuple[Shape, ...]:
+        """Arm and gripper with closed fingers, as collisions are checked."""
+        return self._checker.shapes
+
+    def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
+        """The tool pose with the shortest way there and its joints; or why none of them can be reached.
+
+        The arm leans another way than it usually does only where something is in the way of that.
+        """
+        reason, scene, left = "out of the arm's reach", self.scene(load), list(poses)
+        for posture in (USUAL, *OTHERS):
+            free: list[tuple[float, Pose, Array]] = []
+            for pose in tuple(left):
+                joints = self.kinematics.inverse(pose, near_rad, posture)
+                if joints is None:
+                    continue
+                if (contact := scene.contact(joints)) is None:
+                    free.append((self.travel_s(joints - near_rad), pose, joints))
+                    continue
+                reason = contact.words if posture is USUAL else reason
+                if contact.by_tool:
+                    left.remove(pose)
+            if free:
+                _, pose, joints = min(free, key=lambda entry: entry[0])
+                return pose, joints
+        return reason
+
+    def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+        """To joints by a free way, as soon as it is found; see `free_way`."""
+        return settled(self.free_way(start_rad, goal_rad, load))
+
+    def free_way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
+        """To joints: the soonest of a few ways, or else what looks for another one, a tick's worth of work at a time.
+
+        These are the direct way and, where the arm is slow for hands that may come, ways that lead back from there.
+        From low over a hole the tool goes up at first: what it stands around may be hidden from the camera.
+        """
+        self.forget_left(start_rad)
+        scene = self.scene(load)
+        for way in () if self._low_over_hole(start_rad) else self._beside.soonest(start_rad, goal_rad):
+            if scene.is_free(way):
+                return self._through(scene, way)
+        return self._around(scene, start_rad, goal_rad, load)
+
+    def way_and_line(
+        self, start_rad: Array, above_rad: Array, load: Load, line: Plan, onto: Onto, most: float = 1.0
+    ) -> Looking:
+        """By a free way to joints, and on a line from there, as one motion without a stop between them.
+
+        Args:
+            line: from there on.
+            onto: is told how long the way takes before only the line is followed.
+            most: share of the shorter of them in which they are one motion at most.
+        """
+        found = line if isinstance(line, str) else self.free_way(start_rad, above_rad, load)
+        for way in (found,) if isinstance(found, JointTrajectory | str) else found:
+            if not isinstance(way, JointTrajectory):
+                yield way
+                continue
+            assert isinstance(line, JointTrajectory)
+            onto(way.duration_s)
+            yield blended([way, line], self.settings, self.scene(load).is_free, most)
+
+    def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+        """To joints by the direct way or after a lift, without a search: for where there is no time."""
+        looking = self.free_way(start_rad, goal_rad, load)
+        if isinstance(looking, JointTrajectory | str):
+            return looking
+        found = [plan for plan in islice(looking, len(LIFTS_M)) if plan is not None]
+        return found[0] if found else self._no_way(self.scene(load), start_rad, goal_rad)
+
+    def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
+        """A lift is often enough; then whatever a search finds."""
+        from bracket_cell.skills.motion.search import ways_around  # most runs never search
+
+        leaving = self.scene(Load(load.opening_m, close=True))
+        for lift_m, drop_m in LIFTS_M:
+            yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
+        if not (scene.touches(start_rad) or scene.touches(goal_rad)):
+            range_rad = self.kinematics.range_rad
+            ends = np.array([start_rad, goal_rad])
+            wide = self.scene(load, SPARE_M)
+            searched = scene if any(wide.touches(end) for end in ends) else wide
+            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK):
+                yield None
+                if way is not None:
+                    yield self._through(scene, way)
+        yield self._no_way(scene, start_rad, goal_rad)
+
+    def _no_way(self, scene: Scene, start_rad: Array, goal_rad: Array) -> str:
+        """Which two things are in the way, at an end of it or on the direct one."""
+        where = {"where the arm stands": start_rad, "at the end of the way": goal_rad}
+        touched = [
+            f"{found.words} {at}" for at, joints in where.items() if (found := scene.contact(joints)) is not None
+        ]
+        contact = (*touched, scene.first_contact(np.array([start_rad, goal_rad])))[0]
+        return Message("no free way: {contact}", contact=contact)
+
+    def _lifted(
+        self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
+    ) -> JointTrajectory | None:
+        """Up at first and down at the end, nearly straight, the soonest way between; None where that is not free.
+
+        Args:
+            leaving: what counts on the way up, where the tool goes away from what stands beside it.
+        """
+        start_rad, goal_rad = ends_rad
+        up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
+        if up_rad is None or over_rad is None:
+            return None
+        if not leaving.is_free(np.array([start_rad, up_rad])):
+            return None
+        for over in self._beside.soonest(up_rad, over_rad):
+            rest = np.concatenate([over, [goal_rad]]) if drop_m else over
+            if scene.is_free(rest):
+                return self._through(scene, np.concatenate([[start_rad], rest]))
+        return None
+
+    def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
+        """The joints that have the tool so much higher."""
+        if lift_m == 0:
+            return joints_rad
+        pose = self.kinematics.forward(joints_rad)
+        above = self.kinematics.follow(at_height(pose, pose.position_m[2] + lift_m), joints_rad)
+        return above if above is not None and self.kinematics.within_limits(above) else None
+
+    def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
+        """Along straight ways between joints (k, 6), without stops where limits and room allow."""
+        legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
+        return blended(legs, self.settings, scene.is_free)
+
+    def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
+        """The tool straight up to a height, which takes it away from all that stands beside or below it; never down."""
+        tool = self.kinematics.forward(start_rad)
+        pose = at_height(tool, max(height_m, tool.position_m[2]))
+        return self.straight_move(start_rad, pose, Load(opening_m, close=True))
+
+    def straight_move(
+        self, start_rad: Array, world_from_tool: Pose, load: Load, speed_m_s: float | None = None
+    ) -> Plan:
+        """The tool on a straight line to a pose, at the settings' speed by default."""
+        settings = self.settings
+        if speed_m_s is not None:
+            settings = settings.model_copy(update={"line_speed_m_s": speed_m_s})
+        line = line_move(self.kinematics, start_rad, world_from_tool, settings)
+        if line is None:
+            return "the arm cannot follow a straight line there"
+        contact = self.scene(load).first_contact(line.positions_rad)
+        return line if contact is None else Message("no free way: {contact}", contact=contact)
+
+    def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
+        """The tool on a straight line without a look at what is in the way, as that is to be felt."""
+        settings = self.settings.model_copy(update={"line_speed_m_s": speed_m_s})
+        return line_move(self.kinematics, start_rad, world_from_tool, settings) or "the arm cannot follow that line"
+
+    @property
+    def blocked(self) -> list[tuple[str, str]]:
+        """The arm's resting poses, by their names on the bench, in which it touches what stands there, and what."""
+        scene = self.scene(Load(STROKE_M))
+        found = (
+            (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")
+        )
+        return [(name, contact.words) for name, contact in found if contact is not None]
+
+    def scene(self, load: Load, spare_m: float = 0.0) -> Scene:
+        """What is kept clear of on a motion, by so much more than needed."""
+        asked = load, spare_m, self.around
+        if (known := next((scene for of, scene in self._scenes if of == asked), None)) is not None:
+            return known
+        margin_m = spare_m if load.close else spare_m + self.settings.collision_margin_m
+        obstacles = load.obstacles if self.around is None else (*load.obstacles, self.around)
+        scene = self._checker.scene(load.opening_m, obstacles, load.held, margin_m)
+        self._scenes = [(asked, scene), *self._scenes[: SCENES - 1]]
+        return scene
+
+    def _low_over_hole(self, joints_rad: Array) -> bool:
+        """Whether the fingers may stand around a part in a hole, or the part between them in one."""
+        if self.around is not None:
+            return True
+        tool_m = self.kinematics.forward(joints_rad).position_m
+        tallest_m = max(part.size_m[2] for part in self.product.parts.values())
+        x, y, z = self.bench.bracket.pose.inverse().transform(np.array(tool_m))
+        near = any(np.hypot(x - a, y - b) < BESIDE_M / 2 for a, b in self.product.bracket.holes_m.values())
+        return near and z < tallest_m
+
+    def forget_left(self, joints_rad: Array) -> None:
+        """Forget what the fingers stood around, if the tool is no longer beside it."""
+        if self.around is not None:
+            off_m = np.subtract(self.kinematics.forward(joints_rad).position_m, self.around.pose.position_m)
+            if np.abs(off_m).max() > BESIDE_M:
+                self.around = None
+
+    def travel_s(self, difference_rad: Array) -> float:
+        """Time that the slowest joint needs at full speed."""
+        return float(np.max(np.abs(difference_rad) / np.array(self.settings.speed_limits_rad_s)))
+
+
+def at_height(pose: Pose, height_m: float) -> Pose:
+    """The same pose straight above or below."""
+    return Pose((pose.position_m[0], pose.position_m[1], height_m), pose.quaternion_wxyz)

@@ -1,0 +1,216 @@
+"""Settings of motions, for one robot; defaults are for the 2F-85."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import AfterValidator, Field, PrivateAttr
+
+from bracket_ground.files.model import Model
+from bracket_ground.interfaces.bench import JOINTS
+from bracket_ground.interfaces.robot import RobotModel, default_robot
+
+SixFloats = tuple[float, float, float, float, float, float]
+
+
+MOST_JERK_RAD_S3 = 1000.0
+
+
+def _checked(values: SixFloats) -> SixFloats:
+    """Of the six joints."""
+    for joint, value in zip(JOINTS, values, strict=True):
+        if not 0 < value <= MOST_JERK_RAD_S3:
+            raise ValueError(f"{joint} has {value:g}, legal is more than 0 and at most {MOST_JERK_RAD_S3:g}")
+    return values
+
+
+Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
+JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
+
+
+LEAST_TICK_S = 0.04  # a faster loop is judged as one of 25 Hz: what else takes time does not get faster
+AT_LEAST = (  # as shipped, or it is unsafe
+    *("hand_speed_m_s", "reaction_s", "hand_height_m", "hand_error_m", "intrusion_m", "hysteresis_m"),
+)
+AT_MOST = ("slow_m_s", "leaving_m_s")
+
+
+class SeparationSettings(Model):
+    """Distance and speed of the arm beside a person; not safety-rated: `cell docs safety` has what is left out.
+
+    Attributes:
+        hand_speed_m_s: how fast a hand may become that is slow now, and v_h of a hand whose speed is not measured.
+        slow_m_s: reduced speed of the arm near a person (at most 0.25 m/s in ISO 10218-1). No limit of force: a contact
+            at this speed may hurt.
+        leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
+        reaction_s: from an answer of the detectors to the first braking: a period of `controller.tick_hz`, the arm's
+            cycle, and what joints trail; worked out where it is left out, 0.078 s at 25 Hz and faster.
+        hand_height_m: how high over the bench hand and forearm may be, where a tracker does not tell.
+        assumed_height_m: the height for which a tracker that does not tell heights works out positions.
+        hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
+            is more than this; of a tracker without a card, 0.06 m.
+        intrusion_m: C, how far a hand may be over the edge of the view before the tracker finds it: half a hand, as the
+            card counts a hand that shows less as one that need not be found. It is 0 for a hand that is seen.
+        hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
+    """
+
+    moved: ClassVar[Mapping[str, str]] = {
+        "margin_m": "hand_error_m says how far a hand may be off; the arm's part follows"
+    }
+    hand_acceleration_m_s2: ClassVar[float] = 12.0  # how soon a slow hand may be fast
+    speed_error_m_s: ClassVar[float] = 0.1  # how far a hand's measured speed may be off
+    braking_m_s2: ClassVar[float] = 1.6  # how the arm's fastest point slows down from the slow speed, as measured
+    hand_radius_m: ClassVar[float] = 0.06  # half the width of hand and forearm
+    forearm_m: ClassVar[float] = 0.35  # length of a forearm that is not seen, behind the palm
+    blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view
+    arm_cycle_s: ClassVar[float] = 0.008  # of a CB3 controller; an e-series has 0.002 s
+    trailing_s: ClassVar[float] = 0.030  # joints trail their set points by this much at least (docs/simulation.md)
+
+    hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
+    slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
+    leaving_m_s: float = Field(default=0.1, ge=0, le=0.25)
+    reaction_s: float = Field(default=0.078, ge=0, le=1)
+    hand_height_m: float = Field(default=0.30, gt=0, le=1)
+    assumed_height_m: float = Field(default=0.10, ge=0, le=1)
+    hand_error_m: float = Field(default=0.025, ge=0, le=0.5)
+    intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
+    hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
+
+    def reacting(self, tick_s: float, trailing_s: float) -> SeparationSettings:
+        """The same with the reaction that a control loop and an arm have, where none was chosen.
+
+        Args:
+            tick_s: period of the loop.
+            trailing_s: by how much the arm's joints trail their set points.
+        """
+        if "reaction_s" in self.model_fields_set:
+            return self
+        return self.model_copy(update={"reaction_s": self.least_reaction_s(tick_s, trailing_s)})
+
+    def least_reaction_s(self, tick_s: float, trailing_s: float) -> float:
+        """The shortest time from an answer to the first braking; see `reacting`."""
+        return max(tick_s, LEAST_TICK_S) + self.arm_cycle_s + max(trailing_s, self.trailing_s)
+
+    def weaker(self, least_reaction_s: float) -> list[str]:
+        """Which values keep the arm less far from the person than the shipped ones do."""
+        shipped = {name: field.default for name, field in type(self).model_fields.items()}
+        shipped["reaction_s"] = round(least_reaction_s, 6)
+        less = [(name, "less") for name in AT_LEAST if getattr(self, name) < shipped[name]]
+        more = [(name, "more") for name in AT_MOST if getattr(self, name) > shipped[name]]
+        return [
+            f"motion.separation.{name} {getattr(self, name):g} is {how} than {shipped[name]:g}"
+            + ", which controller.tick_hz and the arm need: leave it out" * (name == "reaction_s")
+            for name, how in (*less, *more)
+        ]
+
+
+class MotionSettings(Model):
+    """How the arm and the gripper move; what the arm can do at most, its robot file says.
+
+    Attributes:
+        jerk_limits_rad_s3: of each joint.
+        sample_s: spacing of trajectory samples, the arm's own control period.
+        line_speed_m_s: speed of the tool on straight lines.
+        line_acceleration_m_s2: acceleration of the tool on straight lines.
+        line_jerk_m_s3: jerk of the tool on straight lines.
+        grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
+            over lower neighbours.
+        least_finger_clearance_m: finger_clearance_m where a neighbour stands too close for that.
+        contact_lag_m: a tool that stays this far above where it should be by then has met something.
+        search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
+            finger to the other they have centred the part.
+        release_gap_m: a part is let go this far above what it will stand on.
+        part_gap_m: least gap between a part that is moved aside and its new neighbours.
+        gripper_speed_m_s: speed of the fingers.
+        grip_force_n: force of the fingers.
+        gripper_timeout_s: how long one motion of the fingers may take.
+        arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
+        speed_share: of its speed, that the arm never exceeds; `cell run --share` for one run.
+        separation: how far the arm keeps from the person, and how slow it is for that.
+    """
+
+    moved: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("speed_limits_rad_s", "acceleration_limits_rad_s2"), "the robot file has limits: robot: FILE"),
+        **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
+        "collision_step_rad": "nothing: ways are checked by how far points of the arm go",
+    }
+    fingertip_clearance_m: ClassVar[float] = 0.003  # of fingertips above a body's bottom: they clear the bracket
+    finger_clearance_m: ClassVar[float] = 0.006  # gap between each finger and the body before closing
+    finger_margin_m: ClassVar[float] = 0.002  # least gap between fingers that come down and a neighbour
+    least_finger_margin_m: ClassVar[float] = 0.001  # the same if a neighbour stands too close for that
+    close_speed_m_s: ClassVar[float] = 0.08  # of fingers that come down so close: the arm strays .5 mm off its line
+    passing_gap_m: ClassVar[float] = 0.002  # what ends this far below the fingertips is out of their way
+    approach_gap_m: ClassVar[float] = 0.015  # fingertips pass this far above what stands below them before a descent
+    carry_gap_m: ClassVar[float] = 0.020  # the peg of a carried part passes this far above placed parts
+    insertion_speed_m_s: ClassVar[float] = 0.08  # of a peg that is lowered into its hole
+    insertion_start_m: ClassVar[float] = 0.002  # height above the hole at which slow lowering begins
+    servo_lag_s: ClassVar[float] = 0.016  # the arm trails its trajectory by at most this much
+    rim_gap_m: ClassVar[float] = 0.030  # least gap between a part that is moved aside and the tray's rim
+    collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
+    arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take
+
+    jerk_limits_rad_s3: JointJerks = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
+    sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
+    line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
+    line_acceleration_m_s2: float = Field(default=1.6, gt=0, le=20)
+    line_jerk_m_s3: float = Field(default=20.0, gt=0, le=1000)
+
+    grasp_depth_m: float = Field(default=0.022, gt=0, le=1)
+    least_finger_clearance_m: float = Field(default=0.003, gt=0, le=1)
+    contact_lag_m: float = Field(default=0.002, gt=0, le=0.05)
+    search_shifts_m: tuple[Shift, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
+    release_gap_m: float = Field(default=0.0015, ge=0, le=1)
+    part_gap_m: float = Field(default=0.030, gt=0, le=1)
+
+    gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
+    grip_force_n: float = Field(default=60.0, ge=20, le=235)
+    gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
+    arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
+    speed_share: float = Field(default=1.0, ge=0.02, le=1)
+    separation: SeparationSettings = SeparationSettings()
+    _robot: RobotModel = PrivateAttr(default_factory=default_robot)
+    _tick_s: float = PrivateAttr(default=LEAST_TICK_S)
+    _configured_share: float | None = PrivateAttr(default=None)
+
+    def of(self, robot: RobotModel, tick_s: float = LEAST_TICK_S, trailing_s: float = 0.0) -> MotionSettings:
+        """The same for another robot than the UR10, and another control loop than one of 25 Hz.
+
+        Args:
+            tick_s: period of the loop.
+            trailing_s: by how much the arm's joints trail their set points, as its driver says.
+        """
+        settings = self.model_copy(update={"separation": self.separation.reacting(tick_s, trailing_s)})
+        settings._robot, settings._tick_s = robot, max(tick_s, LEAST_TICK_S)
+        return settings
+
+    @property
+    def tick_s(self) -> float:
+        """Period of the control loop, at least that of 25 Hz."""
+        return self._tick_s
+
+    def slowed(self, share: float) -> MotionSettings:
+        """The same for a run that is to go no faster than a share of the speed; the configured one stays the limit."""
+        settings = self.model_copy(update={"speed_share": min(share, self.speed_share)})
+        settings._configured_share = self.configured_share
+        return settings
+
+    @property
+    def configured_share(self) -> float:
+        """The share of its speed that the arm never exceeds in any run."""
+        return self._configured_share or self.speed_share
+
+    @property
+    def robot(self) -> RobotModel:
+        """What moves."""
+        return self._robot
+
+    @property
+    def speed_limits_rad_s(self) -> SixFloats:
+        """Of planned motions, for each joint."""
+        return self._robot.speed_rad_s
+
+    @property
+    def acceleration_limits_rad_s2(self) -> SixFloats:
+        """Of planned motions, for each joint."""
+        return self._robot.acceleration_rad_s2

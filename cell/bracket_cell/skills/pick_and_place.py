@@ -1,0 +1,108 @@
+"""Pick a part out of the tray and lift it, place it into a hole of the bracket (Alg. 1 "pick", "place")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bracket_cell.skills.grasping.handling import (
+    bracket_boxes,
+    carry_over_bracket_m,
+    choose_grasp,
+    joints_of,
+    lift_m,
+    present_hold,
+    put_phases,
+    seen_in_holes,
+    take_phases,
+    tray_boxes,
+    why_not_empty,
+)
+from bracket_cell.skills.grasping.phases import Phase, PhasedSkill
+from bracket_cell.skills.motion.grasp_pose import hole_pose, place_poses
+from bracket_cell.skills.motion.grip import Grip, Hold
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection
+
+
+@dataclass(eq=False)
+class Pick(PhasedSkill):
+    """Grasp a part from straight above and lift it; done when it is held above what stands near it.
+
+    Attributes:
+        part: the part to take, as last seen.
+        others: all other parts seen in the tray; the arm keeps clear of them.
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: PartDetection
+    others: Sequence[PartDetection] = ()
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Choose a grasp."""
+        if (full := why_not_empty(observation)) is not None:
+            return Message("cannot take {part}: {full}", part=self.part.part, full=full)
+        planner = self.planner
+        chosen = choose_grasp(planner, self.part, self.others, joints_of(observation))
+        if isinstance(chosen, str):
+            return chosen
+        return take_phases(planner, self.part, self.others, chosen, lift_m(planner, self.part, self.others))
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return Message("holding {part}", part=self.part.part)
+
+
+@dataclass(eq=False)
+class Place(PhasedSkill):
+    """Carry the held part over a hole, lower its peg into it and let go; the next motion begins with the way up.
+
+    Attributes:
+        position: name of the hole.
+        part: type of the part that the gripper holds.
+        tray_parts: parts that remain in the tray; the arm keeps clear of them.
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    position: str
+    part: str
+    tray_parts: Sequence[PartDetection] = ()
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Refuse a filled hole, choose a heading of the tool."""
+        planner, placed = self.planner, seen_in_holes(observation)
+        planner.forget_left(joints_of(observation))
+        if planner.lying is not None:
+            return Message(
+                "cannot put {part} at {position}: it is held as it lay", part=self.part, position=self.position
+            )
+        if self.position in placed:
+            return Message(
+                "cannot put {part} at {position}: {placed} is there",
+                part=self.part,
+                position=self.position,
+                placed=placed[self.position],
+            )
+        obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self.tray_parts))
+        target = hole_pose(planner.product, planner.bench, self.position)
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[self.part])
+        hold = present_hold(planner, self.part, observation)
+        return put_phases(planner, self.part, hold, target, obstacles, joints_of(observation), carry_m, into_hole=True)
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return Message("{part} was let go at {position}", part=self.part, position=self.position)
+
+
+def can_place(planner: MotionPlanner, part: str, position: str) -> bool:
+    """Whether the arm reaches a hole of the empty bracket with a part, held across its width and in its middle."""
+    kind = planner.product.parts[part]
+    poses = place_poses(hole_pose(planner.product, planner.bench, position), kind, planner.settings, Hold(Grip.WIDTH))
+    load = Load(kind.size_m[1], close=True)
+    return not isinstance(planner.reach(poses, np.array(planner.bench.arm_park_rad), load), str)

@@ -1,0 +1,42 @@
+"""The names of a cell that ports take: part types, positions, goals, signals."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from btxml.engine.vocabulary import Word
+
+
+class Part(Word):
+    """A part type of the product."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the product has no part type"
+
+
+class Hole(Word):
+    """A position of the product, where a part belongs."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the product has no position"
+
+
+class Goal(Word):
+    """A goal of the product: which part belongs where."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the product has no goal"
+
+
+class Signal(Word):
+    """A digital signal of the bench: an input or an output."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the bench has no signal"
+
+
+class OutputSignal(Signal):
+    """A digital signal of the bench that can be set."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the bench has no output signal"

@@ -1,0 +1,340 @@
+"""What the person should do now: one sentence, and the holes and bins that it means; the same on page and panel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bracket_cell.watching.observer import Outcome, TickRecord
+from bracket_ground.files.words.message import Message, listed
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, Action, Judgement
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.operator import Question
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_ground.interfaces.product import Product
+from btxml.engine.node import StatusChange
+
+Moment = Literal[
+    "beginning", "unknown", "unsure", "sure", "brings", "waits", "question", "alarm", "paused", "finished", "over"
+]
+URGENT: tuple[Moment, ...] = ("question", "alarm", "paused", "over")
+STAYS_S = 0.6  # a sentence stands at least so long, unless an urgent one comes
+NEAR_S = 0.4  # a hand is near for so long before the person is asked to take it away
+LIKELY = 0.05  # goals below this are not told
+GIVES_WAY = {"WaitForHandClear", "WaitForHandClearOfPart", "WaitForHandClearOfSpot", "GiveWay"}
+NO_VIEW = ("camera_lost", "camera_unhealthy", "bench_not_seen", "bench_stale", "hand_unknown", "hand_cues_disagree")
+FINISHED = "the bracket is assembled"
+Fate = Literal["placed", "robot", "you", "open"]
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """What the person should do.
+
+    Attributes:
+        holes, bins: names of the holes, and part types of the bins, that are meant.
+        tray: the tray is meant.
+    """
+
+    moment: Moment
+    words: str
+    holes: tuple[str, ...] = ()
+    bins: tuple[str, ...] = ()
+    tray: bool = False
+
+
+@dataclass(frozen=True)
+class Hole:
+    """What is known of one hole: one answer, which everything that is shown follows.
+
+    Attributes:
+        fate: "placed": a part is in it; "robot": the robot brings one; "you": the person puts one in; "open": it is
+            not known yet what belongs there.
+        parts: the type, or of an open one all types that may belong there.
+        who: who placed it, "robot" or "person"; empty where nothing is placed.
+    """
+
+    fate: Fate
+    parts: tuple[str, ...]
+    who: str = ""
+    upright: bool = True
+
+
+class Instructor:
+    """Follows a run, and says what the person should do.
+
+    Attributes:
+        placed: part type by position, as it is believed.
+        by: who placed it, by position.
+        next: (part type, position) that the robot was allowed to place and goes to place; None for nothing.
+        doubt: why the robot does not act, in words.
+    """
+
+    def __init__(self, product: Product) -> None:
+        self._product = product
+        self._running: dict[int, str] = {}
+        self._seen: Observation | None = None
+        self._judgement = Judgement()
+        self._display = Display()
+        self._asks = False
+        self._ended: Outcome | None = None
+        self._near_since_s = math.inf
+        self._put = False  # the robot let go of what it places, and has not seen it there yet
+        self._loose = ""  # where the person placed a part whose screw was not turned since
+        self._told, self._told_s = Instruction("beginning", "Wait: the cell begins"), float("-inf")
+        self.placed: dict[str, str] = {}
+        self.by: dict[str, str] = {}
+        self.next: tuple[str, str] | None = None
+        self.doubt = ""
+
+    def watch(self) -> None:
+        """Another tree has taken over."""
+        self._running.clear()
+
+    def take(self, record: TickRecord) -> None:
+        """One more tick."""
+        self._seen = seen = record.observation
+        self._judgement = record.judgement or Judgement()
+        if seen.acknowledged or not self._judgement.reasons:
+            self._asks = False
+        self._display = record.command.display or self._display
+        for change in record.changes:
+            kind = kind_of(change)
+            self._running.pop(change.uid, None)
+            if change.new.name == "RUNNING":
+                self._running[change.uid] = kind
+            elif kind == "PutBack" and change.new.name == "SUCCESS":
+                self.next = None
+            self._put |= kind == "PlacePart" and change.new.name == "SUCCESS"
+        for topic, fields in record.notes:
+            self._note(topic, fields)
+        near = self._judgement.held_by == (HAND_TOO_NEAR,) or not GIVES_WAY.isdisjoint(self._running.values())
+        self._near_since_s = min(self._near_since_s, seen.time_s) if near else math.inf
+        if seen.bench is not None and seen.bench.action.kind == "screw":
+            self._loose = ""
+        if seen.bench is not None and self._loose and self._loose not in self.placed:
+            self._loose = ""
+
+    def say(self, text: str) -> None:
+        """The controller said something; it may wait for somebody to acknowledge that."""
+        self._asks |= text.endswith(ACKNOWLEDGE)
+
+    def end(self, outcome: Outcome) -> None:
+        """The run is over."""
+        self._ended = outcome
+
+    @property
+    def asks(self) -> bool:
+        """Whether something waits to be acknowledged."""
+        return self._asks
+
+    @property
+    def holes(self) -> dict[str, Hole]:
+        """What is known of every hole."""
+        view, goals = (None if self._seen is None else self._seen.bench), self._likely()
+        wanted = {position: part for part, to in self._display.guidance.items() for position in to}
+        found = {}
+        for position in self._product.positions:
+            if position in self.placed:
+                hole = view.holes.get(position) if view is not None else None
+                upright = hole is None or hole.upright
+                found[position] = Hole("placed", (self.placed[position],), self.by.get(position, "person"), upright)
+            elif self.next is not None and self.next[1] == position:
+                found[position] = Hole("robot", (self.next[0],))
+            elif position in wanted and position not in self._display.any_part:
+                found[position] = Hole("you", (wanted[position],))
+            else:
+                may = {self._product.goal_placements(goal)[position] for goal in goals}
+                found[position] = Hole("open", tuple(sorted(may)))
+        return found
+
+    def now(self) -> Instruction:
+        """What the person should do; it stands for a moment, so that it can be read."""
+        fresh, now_s = self._fresh(), 0.0 if self._seen is None else self._seen.time_s
+        urgent = fresh.moment in URGENT or self._told.moment in ("question", "alarm", "paused")
+        if fresh != self._told and (urgent or now_s - self._told_s >= STAYS_S):
+            self._told, self._told_s = fresh, now_s
+        return self._told
+
+    def _note(self, topic: str, fields: dict[str, Any]) -> None:
+        if topic == "belief" and fields.get("edge"):
+            part, position = fields["edge"]
+            if part is None:
+                self.placed.pop(position, None)
+                return
+            mine = self.next == (part, position) and fields.get("source") != "action"
+            robot = fields.get("source") == "robot" or mine
+            self.by[position] = "robot" if robot else self.by.get(position, "person")
+            if position not in self.placed and not robot:
+                self._loose = position
+            self.placed[position] = part
+            if self.next is not None and self.next[1] == position:
+                self.next, self._put = None, False
+        elif topic == "verdict":
+            part, _, position = str(fields.get("subject")).partition(" at ")
+            acts = fields.get("decision") == "act"
+            self.doubt = "" if acts else fields.get("reason", "")
+            if acts:
+                self._put &= self.next == (part, position)
+                self.next = (part, position)
+            elif self.next == (part, position):
+                self.next = None
+        elif topic == "bracket" and fields["edge"] == "begin":
+            self.placed, self.by, self.next, self.doubt, self._loose, self._put = {}, {}, None, "", "", False
+
+    def _likely(self) -> list[str]:
+        belief = self._display.goal_belief
+        likely = [goal for goal in self._product.goals if belief.get(goal, 0.0 if belief else 1.0) >= LIKELY]
+        return sorted(likely, key=lambda goal: -belief.get(goal, 0.0))
+
+    def _fresh(self) -> Instruction:
+        if self._ended is not None:
+            return Instruction("over", Message("The run is over: {why}", why=self._ended.reason))
+        if self._seen is None:
+            return self._told
+        return self._trouble() or self._asked() or self._beginning() or self._robot() or self._work()
+
+    def _trouble(self) -> Instruction | None:
+        judged, seen = self._judgement, self._seen
+        assert seen is not None
+        words = listed(list(dict.fromkeys(what for signal, what in judged.reasons if signal not in USUAL)))
+        if self._asks and words:
+            return Instruction("alarm", Message("Look: {what}. If all is well, press Acknowledge", what=words))
+        if seen.operator.pause == "now":
+            return Instruction("paused", "The robot stands still. Press Resume to go on")
+        signals = [signal for signal, _ in judged.reasons]
+        if signals == ["bench_stale"] and not self._display.goal_belief:  # the cameras begin
+            return None
+        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,) or not words or seen.bench is None:
+            return None
+        if judged.action is Action.HOLD and any(signal in NO_VIEW for signal in signals):
+            return Instruction("alarm", Message("Clear the view of the camera above: {what}", what=words))
+        return Instruction("alarm", Message("The robot stands still: {what}", what=words))
+
+    def _asked(self) -> Instruction | None:
+        questions = self._display.questions
+        if not questions:
+            return None
+        first = questions[0]
+        moment: Moment = "finished" if first.kind == "bracket" else "question"
+        return Instruction(moment, self._question(first), first.positions, tray=first.kind == "help")
+
+    def _question(self, question: Question) -> str:
+        product, part = self._product, question.part
+        if question.kind == "help":
+            if not part:
+                return Message("Please {todo}", todo=question.todo)
+            return Message("I need the {part}: please {todo}", part=self._title(part), todo=question.todo)
+        if question.kind == "mend":
+            return Message("{holes}: please {todo}", holes=", ".join(question.positions), todo=question.todo)
+        if question.kind == "goal":
+            names = [answer.value for answer in question.answers]
+            titles = ["a new one" if name == UNKNOWN_GOAL else product.goal_title(name) for name in names]
+            return Message("Say which one you build: {goals}?", goals=_or(titles))
+        if question.kind == "where":
+            at = _or(list(question.positions))
+            return Message("Say where the {part} goes: {holes}?", part=self._title(part), holes=at)
+        if question.kind == "bracket":
+            return "Take the bracket out, and put an empty one in"
+        return Message("Please answer: {question}", question=question.reason)
+
+    def _beginning(self) -> Instruction | None:
+        running, seen = set(self._running.values()), self._seen
+        assert seen is not None
+        if "ShowHand" in running:
+            return Instruction("beginning", "Show your hand to the camera above")
+        if self._display.message == FINISHED:
+            return Instruction("finished", "Take the bracket out: it is finished")
+        if "WaitForEmptyBracket" in running:
+            return Instruction("beginning", "Wait: I look at the bracket")
+        if not self._display.goal_belief:
+            return Instruction("beginning", "Wait: the cell begins")
+        if len(self.placed) == len(self._product.positions):
+            return Instruction("finished", "Take your hand away: I look whether all is right")
+        return None
+
+    def _robot(self) -> Instruction | None:
+        """Where the robot needs the bench for itself."""
+        running, seen = set(self._running.values()), self._seen
+        assert seen is not None
+        near = seen.time_s - self._near_since_s >= NEAR_S
+        if near and self.next is not None and not self._put:
+            part, position = self.next
+            words = Message("Take your hand away from {hole}: I wait", hole=position)
+            if "PlacePart" in running or seen.gripper.holding:
+                words = Message(
+                    "Take your hand away from {hole}: I wait with the {part}", hole=position, part=self._title(part)
+                )
+            return Instruction("waits", words, (position,))
+        if near and seen.arm.moving:
+            return Instruction("waits", "Take your hand away from the robot: I wait")
+        if "PlacePart" in running and self.next is not None:
+            part, position = self.next
+            words = Message("Wait: I put the {part} into {hole}", part=self._title(part), hole=position)
+            return Instruction("brings", words, (position,))
+        return None
+
+    def _work(self) -> Instruction:
+        """What the person does beside the robot."""
+        task = self._task()
+        if self.next is not None and self._put:
+            return task if task.words else Instruction("brings", "Wait: I look whether it stands right")
+        if self.next is None:
+            waits = "WaitForAction" in self._running.values()
+            if waits and task.words and self._loose in task.holes and len(self.placed) < len(self._product.positions):
+                return _also(task, "I bring the next part")
+            return task
+        part, position = self.next
+        if not task.words:
+            words = Message("Wait: I bring the {part} to {hole}", part=self._title(part), hole=position)
+            return Instruction("brings", words, (position,))
+        return _also(task, Message("I bring the {part} to {hole}", part=self._title(part), hole=position))
+
+    def _task(self) -> Instruction:
+        if self._loose:
+            return Instruction("sure", Message("Turn the screw of {hole}", hole=self._loose), (self._loose,))
+        holes, seen = self.holes, self._seen
+        assert seen is not None
+        mine = {position: hole.parts[0] for position, hole in holes.items() if hole.fate == "you"}
+        open_holes = tuple(position for position, hole in holes.items() if hole.fate == "open")
+        hand = seen.bench.hand if seen.bench is not None else None
+        held = None if hand is None else hand.held_part
+        if mine and not (held is not None and held not in mine.values()):
+            position = next(at for at, part in mine.items() if held in (None, part))
+            words = Message("Place the {part} at {hole}", part=self._title(mine[position]), hole=position)
+            return Instruction("sure", words, (position,), () if held else (mine[position],))
+        if not open_holes:
+            return Instruction("sure", "")
+        if self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL:
+            return Instruction("unsure", "Place any part: this looks like no bracket that I know", open_holes)
+        likely = [self._product.goal_title(goal) for goal in self._likely()]
+        if not self.placed or len(likely) > 2:
+            return Instruction("unknown", "Place any part: I cannot tell yet which bracket this is", open_holes)
+        return Instruction("unsure", Message("Place any part: this is {goals}", goals=_or(likely)), open_holes)
+
+    def _believed(self, goal: str) -> float:
+        return self._display.goal_belief[goal]
+
+    def _title(self, part: str) -> str:
+        known = self._product.parts.get(part)
+        return part if known is None else known.title
+
+
+def kind_of(change: StatusChange) -> str:
+    """Class of the node that changed."""
+    return change.path.rpartition("/")[2].partition("::")[0]
+
+
+def _also(task: Instruction, words: str) -> Instruction:
+    """A task with what the robot does meanwhile."""
+    told = Message("{task}: {robot}", task=task.words, robot=words)
+    return Instruction(task.moment, told, task.holes, task.bins, task.tray)
+
+
+def _or(names: list[str]) -> str:
+    """Names with "or" before the last; each is translated."""
+    if len(names) < 2:
+        return names[0] if names else ""
+    return Message("{first} or {last}", first=listed(names[:-1], ", "), last=names[-1])

@@ -1,0 +1,212 @@
+"""What the operator's page shows, as plain data: put together from ticks, small enough for ten times a second."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from bracket_cell.recording.scene import CellModel
+from bracket_cell.recording.schemas import plain
+from bracket_cell.viewing.instruction import Hole, Instructor
+from bracket_cell.viewing.page.scene import marks_of, pose_of
+from bracket_cell.watching.observer import Level, Outcome, TickRecord
+from bracket_cell.watching.why_now import WhyNow
+from bracket_ground.files.words.message import data_of
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.faults import ACKNOWLEDGE, USUAL
+from bracket_ground.interfaces.operator import Question
+from bracket_ground.interfaces.perception import BenchView, PartsView
+from btxml.engine.tree import Tree
+
+HISTORY_N = 400  # changes of the belief that a newcomer sees
+LINES_N = 60
+BRACKETS_N = 20
+TRACK_N = 45  # places of the hand
+
+
+class PageState:
+    """Follows a run; not thread-safe: the loop calls it, and what it answers is never changed afterwards.
+
+    Args:
+        heading: what is shown of the run, by name.
+    """
+
+    def __init__(self, model: CellModel, heading: Mapping[str, str], tree: Tree) -> None:
+        self._product, self._heading = model.product, dict(heading)
+        overhead = model.bench.overhead
+        self._image_px, self._marks = (overhead.width_px, overhead.height_px), marks_of(model.product, model.bench)
+        self.instructor = Instructor(model.product)
+        self._display = Display()
+        self._history: deque[tuple[float, dict[str, float]]] = deque(maxlen=HISTORY_N)
+        self._lines: deque[tuple[float, str, Any]] = deque(maxlen=LINES_N)
+        self._track: deque[tuple[int, int]] = deque(maxlen=TRACK_N)
+        self._sequence = -1
+        self._parts: tuple[PartsView | None, list[dict[str, object]]] = (None, [])
+        self._brackets: deque[dict[str, object]] = deque(maxlen=BRACKETS_N)
+        self._statuses: dict[int, tuple[str, Any]] = {}
+        self._ended = ""
+        self._why_now = WhyNow(lambda: self._tree)
+        self.watch(tree)
+
+    def watch(self, tree: Tree) -> None:
+        """Show this tree from now on."""
+        self._statuses = {}
+        self.instructor.watch()
+        self._tree = tree
+        depth: dict[int, int] = {}
+        for node in tree.nodes:
+            depth |= {id(child): depth.get(id(node), 0) + 1 for child in node.children}
+        self._nodes = [
+            {"uid": node.uid, "name": node.name, "kind": type(node).__name__, "depth": depth.get(id(node), 0)}
+            for node in tree.nodes
+        ]
+
+    def still(self) -> dict[str, Any]:
+        """What does not change with the ticks: sent to a newcomer first."""
+        product = self._product
+        holes = product.bracket.holes_m
+        return {
+            "run": self._heading,
+            "image_px": self._image_px,
+            "marks": self._marks,
+            "goals": {
+                name: {"title": product.goal_title(name), "placements": product.goal_placements(name)}
+                for name in product.goals
+            },
+            "parts": {
+                name: {"title": part.title, "rgb": [round(255 * value) for value in part.colour_rgb]}
+                for name, part in product.parts.items()
+            },
+            "holes": {name: list(holes[name]) for name in product.positions},
+            "nodes": self._nodes,
+            "history": list(self._history),
+        }
+
+    def take(self, record: TickRecord) -> None:
+        """One more tick."""
+        seen, now_s = record.observation, record.observation.time_s
+        self.instructor.take(record)
+        self._why_now.tick(record)
+        for change in record.changes:
+            self._statuses[change.uid] = (change.new.name, data_of(change.feedback))
+        for topic, fields in record.notes:
+            if topic == "bracket":
+                self._bracket_noted(fields, now_s)
+        if record.command.display is not None:
+            belief = dict(record.command.display.goal_belief)
+            if belief and belief != dict(self._display.goal_belief):
+                self._history.append((round(now_s, 2), {name: round(value, 4) for name, value in belief.items()}))
+            self._display = record.command.display
+        if seen.bench is not None and seen.bench.sequence != self._sequence:
+            self._sequence = seen.bench.sequence
+            if seen.bench.hand is None:
+                self._track.clear()
+            else:
+                left, top, right, bottom = seen.bench.hand.box_px
+                self._track.append(((left + right) // 2, (top + bottom) // 2))
+
+    def say(self, time_s: float, level: Level, text: str) -> None:
+        """The controller says something; it may wait for somebody to acknowledge that."""
+        self.instructor.say(text)
+        self._lines.append((round(time_s, 2), level, data_of(text) if "\n" not in text else text.splitlines()[-1]))
+
+    def end(self, outcome: Outcome) -> None:
+        """The run is over."""
+        self.instructor.end(outcome)
+        self._ended = f"{outcome.end}: {outcome.reason}; {outcome.condition}"
+
+    def now(self, record: TickRecord) -> dict[str, Any]:
+        """Everything that changes, as it is after this tick."""
+        seen, judged, told = record.observation, record.judgement, self.instructor.now()
+        reasons = [] if judged is None else [(name, data_of(what)) for name, what in judged.reasons]
+        alarms = [list(reason) for reason in reasons if reason[0] not in USUAL]
+        if self.instructor.asks:
+            alarms.append(["acknowledge", ACKNOWLEDGE])
+        following = self.instructor.next
+        return {
+            "time_s": round(seen.time_s, 2),
+            "tick": seen.tick,
+            "status": record.status,
+            "ended": self._ended,
+            "share": round(seen.share, 2),
+            "instruction": {**asdict(told), "words": data_of(told.words)},
+            "alarms": alarms,
+            "why": self._why_now().plain(),
+            "held": judged is not None and judged.action.name in ("HOLD", "STOP"),
+            "asks": self.instructor.asks,
+            "questions": [_question(one) for one in self._display.questions],
+            "operator": plain(seen.operator),
+            "hand": self._hand(seen.bench),
+            "belief": {name: _finite(value) for name, value in self._display.goal_belief.items()},
+            "point": self._history[-1] if self._history else None,
+            "bracket": {name: asdict(hole) for name, hole in self.instructor.holes.items()},
+            "robot": {
+                "now": data_of(self._display.message),
+                "moving": seen.arm.moving or not seen.arm.stands,
+                "holding": seen.gripper.holding,
+                "next": following,
+                "doubt": data_of(self.instructor.doubt),
+            },
+            "pose": pose_of(seen),
+            "tray": self._seen_parts(seen.parts),
+            "brackets": list(self._brackets),
+            "lines": list(self._lines),
+            "statuses": {uid: list(told) for uid, told in self._statuses.items()},
+        }
+
+    def _bracket_noted(self, fields: Mapping[str, Any], now_s: float) -> None:
+        """A bracket begins, or ends with what was placed by whom."""
+        if fields["edge"] == "begin":
+            self._brackets.append({"number": fields["number"], "begin_s": round(now_s, 1)})
+        elif self._brackets:
+            holes = self.instructor.holes
+            by = Counter(hole.who for hole in holes.values() if hole.fate == "placed")
+            goal, order = fields["goal"], fields.get("order", "")
+            placed = _placed(holes)
+            ended = {"end_s": round(now_s, 1), "finished": fields["finished"], "goal": goal, "order": order}
+            self._brackets[-1] = {**self._brackets[-1], **ended, "by": dict(by), "placed": placed}
+
+    def _seen_parts(self, view: PartsView | None) -> list[dict[str, object]]:
+        """Parts in the tray as they were seen last."""
+        if view is not self._parts[0]:
+            told = [] if view is None else [(one.part, one.lies or one.world_from_part) for one in view.detections]
+            self._parts = (
+                view,
+                [
+                    {"part": part, "position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
+                    for part, pose in told
+                ],
+            )
+        return self._parts[1]
+
+    def _hand(self, view: BenchView | None) -> dict[str, object]:
+        if view is None:
+            unknown = "no view of the bench yet"
+            return {"sequence": -1, "action": "", "unknown": unknown, "box": None, "track": [], "held": None}
+        hand = view.hand
+        return {
+            "sequence": view.sequence,
+            "action": str(view.action),
+            "unknown": data_of(view.hand_unknown or view.health),
+            "box": None if hand is None else list(hand.box_px),
+            "held": None if hand is None else hand.held_part,
+            "at_m": None if hand is None else [*hand.fingertips_m, *hand.palm_m],
+            "track": list(self._track),
+        }
+
+
+def _question(question: Question) -> dict[str, Any]:
+    answers = [{**plain(answer), "words": data_of(answer.words)} for answer in question.answers]
+    words = {name: data_of(getattr(question, name)) for name in ("reason", "tried", "todo")}
+    return {**plain(question), **words, "answers": answers}
+
+
+def _placed(holes: Mapping[str, Hole]) -> dict[str, list[str]]:
+    return {name: [hole.parts[0], hole.who] for name, hole in holes.items() if hole.fate == "placed"}
+
+
+def _finite(value: float) -> float:
+    return round(value, 4) if math.isfinite(value) else 0.0

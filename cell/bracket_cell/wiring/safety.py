@@ -1,0 +1,172 @@
+"""The safety configuration: everything in a cell's files that decides on people, as values with one hash."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, located
+from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
+from bracket_cell.wiring.detectors import fitted
+from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.robot import RobotModel
+
+NOT_ABOUT_PEOPLE = frozenset({"wrist", "bins_m", "arm_look_rad"})  # of the bench: where parts are looked for
+JUDGES = (  # modules whose numbers decide on people, and may become others with a release
+    *(f"bracket_cell.running.{name}" for name in ("fault_checks", "gripper_checks", "hand_checks", "person_checks")),
+    "bracket_cell.running.supervisor",
+    *(
+        f"bracket_cell.skills.motion.{name}"
+        for name in ("arm_monitor", "arm_outline", "known_bench", "person_space", "retreat", "separation")
+    ),
+    *(
+        f"bracket_cell.learned.classical.{name}"
+        for name in ("bench_evidence", "due_change", "grain", "image_health", "track_health")
+    ),
+)
+DEVICES = ("arm", "gripper", "overhead")  # which move, or see people
+SAFETY = "safety.json"  # in a log
+SHORT = 12  # digits of a hash that people compare
+MESH = re.compile(r'filename="([^"]+)"')
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SafetyConfiguration:
+    """What a person signs.
+
+    Attributes:
+        values: by dotted keys, plain: numbers, words, truths and lists of them; files by their SHA-256.
+    """
+
+    values: Values
+
+    @cached_property
+    def sha256(self) -> str:
+        """Over all values, in the order of their keys."""
+        return hash_of(self.values)
+
+    @property
+    def short(self) -> str:
+        """The digits that people compare."""
+        return self.sha256[:SHORT]
+
+    def changes(self, signed: Values) -> list[str]:
+        """What is other than in signed values, a line each: key, signed value, value now."""
+        keys = sorted({key for key in {*signed, *self.values} if _said(signed, key) != _said(self.values, key)})
+        return [f"{key}: signed {_said(signed, key)}, now {_said(self.values, key)}" for key in keys]
+
+
+def hash_of(values: Values) -> str:
+    """SHA-256 of values, in hexadecimal digits."""
+    return sha256(json.dumps(values, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def safety_of(configuration: Configuration, table: FaultTable) -> SafetyConfiguration:
+    """The safety configuration of a cell as it runs: with the detectors, and the errors of their cards, that it has.
+
+    Whatever `motion` has belongs to it, the numbers that nobody may set among them, and all of the bench but where
+    parts are looked for: a key that is added later is signed, too.
+    """
+    bench, devices, motion = configuration.bench, configuration.devices, configuration.motion
+    perception = configuration.perception
+    parts: dict[str, Any] = {
+        "faults": {row.signal: row.model_dump(exclude={"signal"}) for row in table.faults},
+        "unsafe_table": configuration.unsafe_table,
+        "controller": configuration.controller.model_dump(exclude={"max_duration_s"}),
+        "motion": {**_fixed(MotionSettings), **motion.model_dump(), "speed_share": motion.configured_share},
+        "robot": {**configuration.robot.model_dump(exclude={"urdf"}), "urdf": _geometry(configuration.robot)},
+        "bench": bench.model_dump(exclude=set(NOT_ABOUT_PEOPLE)),
+        "hands": {"kind": perception.chosen("hands").kind, **perception.files("hands")},
+        "classical": perception.classical.model_dump(),
+        "limits": limits(),
+        "devices": {role: getattr(devices, role).model_dump() for role in DEVICES},
+    }
+    parts["motion"]["separation"] |= _fixed(SeparationSettings)
+    return SafetyConfiguration(dict(_flat("", parts)))
+
+
+def safety_from(path: Path) -> SafetyConfiguration:
+    """The safety configuration of a configuration's file.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    configuration = load_configuration(path)
+    with located(path, configuration):
+        configuration, _ = fitted(configuration, load_product(configuration, path))
+    return safety_of(configuration, load_faults(configuration))
+
+
+def limits() -> dict[str, dict[str, Any]]:
+    """Numbers in code by which people are guarded, by module; another release may have others."""
+    return {name.rpartition(".")[2]: _limits(vars(import_module(name))) for name in JUDGES}
+
+
+def other_limits(recorded: str) -> list[str]:
+    """Which of these numbers are others than in the values of a log's safety.json, a line each.
+
+    Raises:
+        ValueError: it is no JSON object.
+    """
+    values = json.loads(recorded)
+    if not isinstance(values, dict):
+        raise ValueError("it is no JSON object")
+    was = {key: value for key, value in values.items() if key.startswith("limits.")}
+    now = SafetyConfiguration(dict(_flat("limits", limits())))
+    return [line.replace(": signed ", ": was ", 1) for line in now.changes(was)]
+
+
+def _limits(names: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers of a module that are written in capitals, and its records of them."""
+    found = {name: value for name, value in names.items() if name.isupper()}
+    records = {name: asdict(value) for name, value in found.items() if type(value).__name__.endswith("Limits")}
+    arrays = {name: value.tolist() for name, value in found.items() if isinstance(value, np.ndarray)}
+    plain = {name: value for name, value in found.items() if isinstance(value, int | float) or _numbers(value)}
+    return {**plain, **arrays, **records}
+
+
+def _numbers(value: Any) -> bool:
+    return isinstance(value, tuple) and bool(value) and all(isinstance(one, int | float) for one in value)
+
+
+def _fixed(model: type[BaseModel]) -> dict[str, float]:
+    """Numbers of a model that no file may set."""
+    return {name: value for name in model.__class_vars__ if isinstance(value := getattr(model, name), int | float)}
+
+
+def _geometry(robot: RobotModel) -> str:
+    """SHA-256 of the arm's URDF and of its meshes, wherever they lie."""
+    text, digest = robot.urdf_text, sha256()
+    for mesh in MESH.findall(text):
+        digest.update(Path(mesh).read_bytes())
+    digest.update(MESH.sub(lambda found: f'filename="{Path(found[1]).name}"', text).encode())
+    return digest.hexdigest()
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Plain values of nested ones, by dotted keys."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _flat(f"{key}.{name}".lstrip("."), inner)
+    elif isinstance(value, list | tuple) and any(isinstance(inner, Mapping) for inner in value):
+        for number, inner in enumerate(value):
+            yield from _flat(f"{key}.{number}", inner)
+    elif isinstance(value, Path):
+        yield key, sha256(value.read_bytes()).hexdigest() if value.is_file() else value.name
+    elif value is not None:
+        yield key, list(value) if isinstance(value, tuple) else value
+
+
+def _said(values: Values, key: str) -> str:
+    return json.dumps(values[key], ensure_ascii=False).strip('"') if key in values else "not there"

@@ -1,0 +1,1 @@
+"""What cells, simulators and drivers share: types, protocols of devices and planners, units, files and errors."""

@@ -1,0 +1,319 @@
+"""YAML files into pydantic models; every problem of a file is reported at once with its line and column."""
+
+from __future__ import annotations
+
+import difflib
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.files.files import read_text, whole_or_none
+from bracket_ground.files.model import Disagreement, Location
+
+M = TypeVar("M", bound=BaseModel)
+FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast; what it refuses, the other one words
+NOT_YAML = (yaml.YAMLError, ValueError, RecursionError)
+MAPPING, LIST = "keys with values", "a list"
+IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
+    **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
+    "path_type": "a path",
+}
+SEXAGESIMAL = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+
+
+def load_yaml(path: Path | str, model: type[M]) -> M:
+    """Read a YAML file into a model; its validators get the file's `folder` as context.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or does not fit the model; it names every problem found.
+    """
+    path = Path(path)
+    root, data, problems = _read(path)
+    if problems:
+        raise InputError(*problems)
+    try:
+        read = model.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        found = [problem for details in error.errors() for problem in _problems(path, root, model, details)]
+        raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
+    if mistaken := list(_truths_for_numbers(path, root, data, read)):
+        raise InputError(*mistaken)
+    return read
+
+
+def write_values(path: Path, values: Mapping[Location, object]) -> None:
+    """Put values into a YAML file; all that stands beside them stays as it is, comments among it.
+
+    Args:
+        values: by their location. A key that is not there is added to the keys around it, which must be there.
+
+    Raises:
+        InputError: the file cannot be read or written, or there is no such place in it.
+    """
+    text = read_text(path)
+    for location, value in values.items():
+        dumped = yaml.safe_dump(value, default_flow_style=True, width=1000)
+        text = _with_value(path, text, location, dumped.split("\n...")[0].strip())
+    try:
+        with whole_or_none(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _with_value(path: Path, text: str, location: Location, value: str) -> str:
+    """A text with a value at a location."""
+    root, _, _ = _parsed(path, text, yaml.SafeLoader)
+    *around, name = location
+    node: Node = root
+    for key in around:
+        found = _value_of(node, key)
+        if found is None:
+            raise InputError(Problem(_place(path, root, tuple(around)), f"key {str(key)!r} is missing"))
+        node = found
+    there = _value_of(node, name)
+    if there is not None:
+        return text[: there.start_mark.index] + value + text[_end_of(there) :]
+    if not isinstance(node, MappingNode) or not node.value:
+        raise InputError(Problem(_at(path, node), f"{_dotted(tuple(around))}: keys with values are wanted here"))
+    if node.flow_style:
+        end = node.end_mark.index - 1
+        return f"{text[:end].rstrip()}, {name}: {value}{text[end:]}"
+    first = node.value[0][0].start_mark
+    return f"{text[: first.index]}{name}: {value}\n{' ' * first.column}{text[first.index :]}"
+
+
+def _value_of(node: Node, key: object) -> Node | None:
+    pairs = node.value if isinstance(node, MappingNode) else ()
+    return next((value for name, value in pairs if name.value == str(key)), None)
+
+
+def _end_of(node: Node) -> int:
+    """Where a node's own text ends: that of a block reaches over the comments behind it."""
+    while isinstance(node, MappingNode | SequenceNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        node = last[1] if isinstance(last, tuple) else last
+    return int(node.end_mark.index)
+
+
+def place_of(path: Path, location: Location) -> Place:
+    """Where a location of a YAML file stands, for errors that are found later than at loading."""
+    root, _, _ = _read(path)
+    return _place(path, root, location, of_key=True)
+
+
+def _read(path: Path) -> tuple[Node, object, list[Problem]]:
+    text = read_text(path)
+    try:
+        return _parsed(path, text, FAST)
+    except NOT_YAML:
+        return _refused(path, text)
+
+
+def _refused(path: Path, text: str) -> tuple[Node, object, list[Problem]]:
+    """The same by the parser in Python, whose words about what is wrong are better."""
+    try:
+        return _parsed(path, text, yaml.SafeLoader)
+    except NOT_YAML as error:
+        raise _unreadable(path, text, error) from None
+
+
+def _parsed(path: Path, text: str, kind: Any) -> tuple[Node, object, list[Problem]]:
+    """Nodes, data and problems of a text.
+
+    Raises:
+        InputError: the file is empty.
+        NOT_YAML: it is not legal.
+    """
+    loader = kind(text)
+    try:
+        root = loader.get_single_node()
+        if root is None:
+            raise InputError(Problem(Place(path, 1, 1), "the file is empty"))
+        constructor = _Constructor(path, loader)
+        return root, constructor.data(root), constructor.problems
+    finally:
+        loader.dispose()
+
+
+def _unreadable(path: Path, text: str, error: Exception) -> InputError:
+    """What YAML's reader raised, in words and with its place."""
+    if isinstance(error, yaml.reader.ReaderError):
+        line = text.count("\n", 0, error.position) + 1
+        what = f"the character {error.character!r} is not legal in YAML"
+        return InputError(Problem(Place(path, line), what))
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark = error.problem_mark or error.context_mark
+        place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path)
+        return InputError(Problem(place, f"not YAML: {error.problem or error.context}"))
+    return InputError(Problem(Place(path), f"not YAML: {error}"))
+
+
+class _Constructor:
+    """Plain data of nodes; unlike PyYAML's own constructor it refuses duplicate keys and reports where they are."""
+
+    def __init__(self, path: Path, loader: yaml.SafeLoader) -> None:
+        self.problems: list[Problem] = []
+        self._path = path
+        self._loader = loader
+        self._made: dict[int, object] = {}  # by node: an alias costs nothing however often it is used
+        self._under_way: set[int] = set()
+
+    def data(self, node: Node) -> object:
+        key = id(node)
+        if key in self._under_way:
+            self.problems.append(Problem(_at(self._path, node), "an alias that contains itself"))
+            return None
+        if key not in self._made:
+            self._under_way.add(key)
+            self._made[key] = self._make(node)
+            self._under_way.remove(key)
+        return self._made[key]
+
+    def _make(self, node: Node) -> object:
+        if isinstance(node, SequenceNode):
+            return [self.data(item) for item in node.value]
+        if not isinstance(node, MappingNode):
+            if ":" in node.value and node.tag in SEXAGESIMAL:
+                return node.value  # YAML 1.1 reads 1:30 as 90; nobody who writes it today means that
+            return self._loader.construct_object(node)
+        made: dict[str, object] = {}
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, ScalarNode) else "?"
+            if name in made:
+                what = f"key {name!r} appears twice"
+                self.problems.append(Problem(_at(self._path, key), what, f"first in line {lines[name]}"))
+            lines.setdefault(name, key.start_mark.line + 1)
+            made[name] = self.data(value)
+        return made
+
+
+def _truths_for_numbers(path: Path, root: Node, data: object, read: object, at: Location = ()) -> Iterator[Problem]:
+    """`true` where a number is wanted: pydantic would take it for 1."""
+    if isinstance(data, bool) and not isinstance(read, bool) and isinstance(read, int | float):
+        yield Problem(_place(path, root, at), f"{_dotted(at)}: input should be a number, not {str(data).lower()}")
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            inner = read.get(key) if isinstance(read, Mapping) else getattr(read, key, None)
+            yield from _truths_for_numbers(path, root, value, inner, (*at, key))
+    elif isinstance(data, list) and isinstance(read, Sequence):
+        for number, (value, inner) in enumerate(zip(data, read, strict=False)):
+            yield from _truths_for_numbers(path, root, value, inner, (*at, number))
+
+
+def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDetails) -> list[Problem]:
+    location = tuple(details["loc"])
+    cause = details.get("ctx", {}).get("error")
+    if isinstance(cause, Disagreement):
+        return [Problem(_place(path, root, (*location, *inner)), what) for inner, what in cause.places]
+    if details["type"] == "extra_forbidden":
+        name = str(location[-1])
+        place = _place(path, root, location, of_key=True)
+        for owner in _models(model, location[:-1]):
+            if name in getattr(owner, "moved", {}):
+                return [Problem(place, f"key {name!r} has moved", owner.moved[name])]
+        return [Problem(place, f"unknown key {name!r}", suggestion(name, _legal_keys(model, location[:-1])))]
+    if details["type"] == "missing":
+        return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
+    kind, got = details["type"], details["input"]
+    what = f"input should be {IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
+    what = f"{_dotted(location)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
+    legal = _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else []
+    return [Problem(_place(path, root, location), what, suggestion("", legal))]
+
+
+def _not(got: object, error: str) -> str:
+    """What was given instead; of lists and mappings only that they are, and only where that is the mistake."""
+    if isinstance(got, str | int | float | bool | None):
+        return f", not {got!r}"
+    kind = MAPPING if isinstance(got, dict) else LIST if isinstance(got, list) else ""
+    return f", not {kind}" if kind and error.endswith("_type") else ""
+
+
+def suggestion(name: str, legal: Sequence[str]) -> str:
+    """What may have been meant, and what is legal."""
+    near = difflib.get_close_matches(name, legal, n=1)
+    asked = f"did you mean {near[0]!r}? " if near else ""
+    return f"{asked}legal here: {', '.join(legal)}" if legal else ""
+
+
+def _legal_keys(model: type[BaseModel], location: Location) -> list[str]:
+    """Field names at a location."""
+    return [name for option in _models(model, location) for name in option.model_fields]
+
+
+def _models(model: type[BaseModel], location: Location) -> list[Any]:
+    """Models at a location, following nested models, dicts, sequences and unions."""
+    options: list[Any] = [model]
+    for step in location:
+        following = [inner for option in options for inner in _inside(option, step)]
+        options = following or [option for option in options if _is_kind(option, step)] or options
+    return [_as_written(option) for option in options if _is_model(option)]
+
+
+def _is_kind(option: Any, tag: str | int) -> bool:
+    """Whether a model is the one that a union's tag means."""
+    kind = option.model_fields.get("kind") if _is_model(option) else None
+    return kind is not None and tag in typing.get_args(kind.annotation)
+
+
+def _inside(option: Any, step: str | int) -> list[Any]:
+    if _is_model(option):
+        field = _as_written(option).model_fields.get(str(step))
+        return _alternatives(field.annotation) if field else []
+    origin, arguments = typing.get_origin(option), typing.get_args(option)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _alternatives(arguments[1])
+    if isinstance(origin, type) and issubclass(origin, Sequence):
+        return [inner for argument in arguments if argument is not Ellipsis for inner in _alternatives(argument)]
+    return []
+
+
+def _alternatives(annotation: Any) -> list[Any]:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return [inner for argument in typing.get_args(annotation) for inner in _alternatives(argument)]
+    if typing.get_origin(annotation) is typing.Annotated:
+        return _alternatives(typing.get_args(annotation)[0])
+    return [annotation]
+
+
+def _is_model(option: Any) -> bool:
+    return isinstance(option, type) and issubclass(option, BaseModel)
+
+
+def _as_written(model: Any) -> Any:
+    """The model whose keys stand in a file; a model that is written in another way names it."""
+    return getattr(model, "written_as", model)
+
+
+def _place(path: Path, root: Node, location: Location, of_key: bool = False) -> Place:
+    """Where a location stands; steps that the file does not have (tags of unions) are passed over."""
+    key: Node | None = None
+    node = root
+    for step in location:
+        if isinstance(node, MappingNode):
+            for name, value in node.value:
+                if name.value == str(step):
+                    key, node = name, value
+        elif isinstance(node, SequenceNode) and isinstance(step, int) and step < len(node.value):
+            key, node = None, node.value[step]
+    begins_below = isinstance(node, MappingNode | SequenceNode) and not node.flow_style
+    return _at(path, key if key is not None and (of_key or begins_below) else node)
+
+
+def _at(path: Path, node: Node) -> Place:
+    return Place(path, node.start_mark.line + 1, node.start_mark.column + 1)
+
+
+def _dotted(location: Location) -> str:
+    return ".".join(str(step) for step in location) or "the file"

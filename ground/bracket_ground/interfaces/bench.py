@@ -1,0 +1,262 @@
+"""The bench as measured when the cell was set up: where arm, bracket, tray and cameras are (config/cell.yaml).
+
+World frame: origin at the arm's base on the table top, x towards the person, z up. In [m] and [rad].
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
+
+from bracket_ground.files.model import Disagreement, Model
+from bracket_ground.files.units import Gap, Joints, Length, Point, Quaternion
+from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.solid import Solid
+
+MESHES = (".stl", ".obj")
+MOST_MESH_M = 2.0
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+class Mount(Model):
+    """A fixed pose.
+
+    Attributes:
+        position_m: (x, y, z).
+        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
+    """
+
+    position_m: Point
+    quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> Pose:
+        return Pose(self.position_m, self.quaternion_wxyz)
+
+
+class CameraCalibration(Model):
+    """How a camera was found to hang and to see.
+
+    Attributes:
+        mount: where it is; see `CameraSetup`.
+        focal_px: focal length, the same along both axes.
+        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady).
+        rms_px: by how much what was seen is off after the fit.
+    """
+
+    mount: Mount
+    focal_px: float = Field(ge=10, le=100_000)
+    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
+    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
+    rms_px: float = Field(default=0.0, ge=0, le=100)
+
+
+class Calibration(Model):
+    """The file of `cell calibrate`: it takes over what the bench says of the cameras.
+
+    Attributes:
+        overhead, wrist: the cameras that were calibrated.
+    """
+
+    overhead: CameraCalibration | None = None
+    wrist: CameraCalibration | None = None
+
+
+class CameraSetup(Model):
+    """Calibration of a camera.
+
+    Attributes:
+        width_px, height_px: size of its images.
+        focal_px: focal length, the same along both axes; the image's middle is the principal point.
+        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady); 0 for undistorted images.
+        rate_hz: frames per second.
+        triggered: it sends a frame only when asked.
+        depth: it sends a depth image with each frame, as stereo cameras do; of the overhead camera only.
+        mount: where it is: world_from_camera of a fixed camera, tool_from_camera of one on the wrist (tool: the TCP
+            between the fingertips). Camera frame: x right, y down, z forward.
+    """
+
+    width_px: int = Field(ge=16, le=4096)
+    height_px: int = Field(ge=16, le=4096)
+    focal_px: float = Field(ge=10, le=100_000)
+    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
+    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
+    rate_hz: float = Field(ge=0.1, le=1000)
+    triggered: bool = False
+    depth: bool = False
+    mount: Mount
+    _drawn: CameraSetup | None = PrivateAttr(default=None)
+
+    @property
+    def drawn(self) -> CameraSetup:
+        """As the configuration file has it, whatever a calibration says: what the camera's driver is told."""
+        return self._drawn or self
+
+    def calibrated(self, found: CameraCalibration | None) -> CameraSetup:
+        """With the mount and lens of a calibration."""
+        if found is None:
+            return self
+        setup = self.model_copy(
+            update={name: getattr(found, name) for name in type(found).model_fields if name != "rms_px"}
+        )
+        setup._drawn = self.drawn
+        return setup
+
+    def told(self, pose: Pose) -> Pose:
+        """The camera's place by calibration, where its driver tells `pose` by the mount that it knows."""
+        if self._drawn is None:
+            return pose
+        return pose @ self._drawn.mount.pose.inverse() @ self.mount.pose
+
+    @property
+    def model(self) -> CameraModel:
+        return CameraModel(self.width_px, self.height_px, self.focal_px, self.distortion_k1, self.distortion_k2)
+
+
+class Tray(Model):
+    """A shallow tray; parts for the robot lie in it.
+
+    Attributes:
+        centre_m: middle of its floor's upper side.
+        size_m: inner (x, y) extent.
+        wall_m: height of its rim.
+    """
+
+    centre_m: Point
+    size_m: tuple[Length, Length]
+    wall_m: Gap
+
+
+def _mesh_file(path: Path, info: ValidationInfo) -> Path:
+    """A mesh that can be read, beside the file that names it."""
+    path = Path((info.context or {}).get("folder", ".")).resolve() / path
+    mesh_points(path)
+    return path
+
+
+class Obstacle(Mount):
+    """A thing that stands on the bench and is in the way: a box, a cylinder or a mesh, one of them.
+
+    Attributes:
+        position_m: of its middle (x, y, z); of a mesh, of the file's own origin.
+        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
+        name: what messages call it, as in "the camera post".
+        box_m: extents along its x, y and z.
+        cylinder_m: diameter, and length along its z.
+        mesh: file (.stl or .obj, in metres), relative to this one; its convex hull is in the way.
+    """
+
+    name: str = Field(min_length=1, max_length=60)
+    box_m: tuple[Length, Length, Length] | None = None
+    cylinder_m: tuple[Length, Length] | None = None
+    mesh: Annotated[Path, AfterValidator(_mesh_file)] | None = None
+
+    @model_validator(mode="after")
+    def _has_one_shape(self) -> Obstacle:
+        shapes = {key: getattr(self, key) for key in ("box_m", "cylinder_m", "mesh")}
+        if (told := sum(shape is not None for shape in shapes.values())) != 1:
+            raise ValueError(f"{self.name} has {told} shapes; it needs one of {', '.join(shapes)}")
+        return self
+
+    @property
+    def points_m(self) -> Array:
+        """Points (n, 3) in the world whose convex hull it is; of a cylinder nearly."""
+        if self.mesh is not None:
+            return self.pose.transform(mesh_points(self.mesh))
+        if self.box_m is not None:
+            solid = Solid(solid="box", size_m=self.box_m, centre_m=(0.0, 0.0, 0.0))
+        else:
+            assert self.cylinder_m is not None
+            across_m, along_m = self.cylinder_m
+            solid = Solid(solid="cylinder", size_m=(across_m, across_m, along_m), centre_m=(0.0, 0.0, 0.0))
+        return self.pose.transform(solid.points())
+
+
+@cache
+def mesh_points(path: Path) -> Array:
+    """Corners (n, 3) of a mesh.
+
+    Raises:
+        ValueError: there is none that can be read, or it is flat or larger than a bench.
+    """
+    if path.suffix.lower() not in MESHES:
+        raise ValueError(f"{path.name} is no mesh that can be read; legal: {', '.join(MESHES)}")
+    if not path.is_file():
+        raise ValueError(f"there is no file {path}")
+    import coal  # a process that only gets benches, ready made, never needs it
+
+    try:
+        points: Array = np.array(coal.MeshLoader().load(str(path), np.ones(3)).vertices(), dtype=np.float64)
+    except (ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} cannot be read as a mesh: {error}") from error
+    if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-4) < 3:
+        raise ValueError(f"{path} has {len(points)} corners, and they span no volume")
+    if (size_m := float(np.ptp(points, axis=0).max())) > MOST_MESH_M:
+        raise ValueError(f"{path} is {size_m:g} m long, legal is at most {MOST_MESH_M:g}: is it in millimetres?")
+    return points
+
+
+class Bench(Model):
+    """Everything that stands still.
+
+    Attributes:
+        bracket: world_from_bracket; origin on the upper side, holes where the product says (`bracket.holes_m`).
+        tray: where the parts for the robot lie.
+        bins_m: by part type, where the person keeps parts of their own (x, y, z).
+        hand_rest_m: where the person's hand rests (x, y, z).
+        overhead: the fixed camera that sees bracket and hands.
+        wrist: the camera beside the gripper, which looks into the tray.
+        arm_park_rad: joints away from bracket and person.
+        arm_look_rad: joints from which the wrist camera sees the tray.
+        obstacles: what else stands there and the arm goes around.
+    """
+
+    bracket: Mount
+    tray: Tray
+    bins_m: dict[str, Point]
+    hand_rest_m: Point
+    overhead: CameraSetup
+    wrist: CameraSetup
+    arm_park_rad: Joints
+    arm_look_rad: Joints
+    obstacles: tuple[Obstacle, ...] = ()
+
+    @property
+    def drawn(self) -> Bench:
+        """With the cameras as the configuration file has them, whatever a calibration says."""
+        return self.model_copy(update={"overhead": self.overhead.drawn, "wrist": self.wrist.drawn})
+
+    def calibrated(self, found: Calibration) -> Bench:
+        """With the cameras of a calibration."""
+        cameras = {"overhead": self.overhead.calibrated(found.overhead), "wrist": self.wrist.calibrated(found.wrist)}
+        return self.model_copy(update=cameras)
+
+    @model_validator(mode="after")
+    def _the_overhead_camera_runs_by_itself(self) -> Bench:
+        if self.overhead.triggered:
+            raise Disagreement(
+                [(("overhead", "triggered"), "nothing asks the overhead camera for frames: it must be false")]
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _obstacles_have_names_of_their_own(self) -> Bench:
+        often = Counter(one.name for one in self.obstacles)
+        twice = [number for number, one in enumerate(self.obstacles) if often[one.name] > 1]
+        if twice:
+            what = "there are two obstacles of the name {!r}; give each its own"
+            places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]
+            raise Disagreement(places)
+        return self
+
+    @model_validator(mode="after")
+    def _only_the_overhead_camera_has_depth(self) -> Bench:
+        if self.wrist.depth:
+            raise Disagreement([(("wrist", "depth"), "nobody reads depths of the wrist camera: it must be false")])
+        return self

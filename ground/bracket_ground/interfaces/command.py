@@ -1,0 +1,112 @@
+"""What one tick may do: a Command, filled by nodes and carried out after the tick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bracket_ground.interfaces.operator import Question
+from bracket_ground.interfaces.pose import Array
+
+_DEVICES = {"follow": "arm", "gripper": "gripper"}
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrajectory:
+    """Joint positions over time, sampled densely enough to interpolate linearly.
+
+    Attributes:
+        times_s: (n,) from 0, increasing.
+        positions_rad: (n, 6).
+    """
+
+    times_s: Array = field(repr=False)
+    positions_rad: Array = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if self.positions_rad.shape != (len(self.times_s), 6) or len(self.times_s) < 1:
+            raise ValueError(f"positions {self.positions_rad.shape} do not fit times {self.times_s.shape}")
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.times_s[-1])
+
+    def at(self, time_s: float) -> Array:
+        """Joint positions (6,) at a time since the start, held at the ends."""
+        return self.along(time_s)
+
+    def along(self, times_s: Array | float) -> Array:
+        """The same at many times (n,) at once: (n, 6)."""
+        return np.array([np.interp(times_s, self.times_s, column) for column in self.positions_rad.T]).T
+
+
+@dataclass(frozen=True)
+class GripperCommand:
+    """Go to an opening.
+
+    Attributes:
+        opening_m: 0 closed to 0.085 open.
+        speed_m_s: 0.020 to 0.150.
+        force_n: 20 to 235.
+    """
+
+    opening_m: float
+    speed_m_s: float = 0.1
+    force_n: float = 60.0
+
+
+@dataclass(frozen=True)
+class Display:
+    """What the operator and the person at the bench are shown.
+
+    Attributes:
+        guidance: by part type, the positions that remain for it in all likely goals, in order.
+        any_part: the positions for which these goals want different parts.
+        goal_belief: probability by goal.
+        message: what the robot does or waits for, in words.
+        help_request: what the robot asks the person to do, or None.
+        beeps: how often the bell was to sound so far.
+        questions: that stand, the oldest first.
+    """
+
+    guidance: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    any_part: tuple[str, ...] = ()
+    goal_belief: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+    help_request: str | None = None
+    beeps: int = 0
+    questions: tuple[Question, ...] = ()
+
+
+@dataclass
+class Command:
+    """Filled during a tick by nodes and skills, then carried out and recorded by the controller.
+
+    Attributes:
+        follow: a trajectory that the arm starts now; its first point is where the arm is.
+        stop_arm: bring the arm to a controlled stop; wins over `follow`.
+        activate_gripper: begin the gripper's activation, which must finish before its first motion.
+        gripper: a new gripper goal, None to leave it as it is.
+        contested: "arm" or "gripper" where two goals were set for it in this tick.
+        look: ask the wrist camera for a frame and the part detector for its answer.
+        display: what to show from now on, None to leave it as it is.
+        signals: digital outputs to set now.
+    """
+
+    follow: JointTrajectory | None = None
+    stop_arm: bool = False
+    activate_gripper: bool = False
+    gripper: GripperCommand | None = None
+    look: bool = False
+    display: Display | None = None
+    contested: tuple[str, ...] = ()
+    signals: Mapping[str, bool] = field(default_factory=dict)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Note who is given a second goal: two nodes that command one device do not know of each other."""
+        before = getattr(self, name, None)
+        if name in _DEVICES and value is not None and before is not None and before is not value:
+            object.__setattr__(self, "contested", (*self.contested, _DEVICES[name]))
+        object.__setattr__(self, name, value)

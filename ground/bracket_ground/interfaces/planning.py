@@ -1,0 +1,200 @@
+"""Questions to planners and their answers: graph in, belief and plans out (one interface for all planners)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.product import Product
+
+Placement = tuple[str, str]  # (part type, position), for example ("o1", "p3")
+
+UNKNOWN_GOAL = "none of these"
+FOLLOWS_ORDER = 0.95  # share of brackets that are what the work order says
+
+
+def weights_file(planner: str, kind: str) -> str:
+    """Name of the shipped file of weights of a kind of planner or detector."""
+    return f"{planner}_{'factored' if kind == 'auto' else kind}.onnx"
+
+
+def crops_file(weights: Path) -> Path:
+    """Where the network of the crops is kept: beside the weights of the grasp planner that it was trained with."""
+    return weights.with_name(f"{weights.stem}_crops.onnx")
+
+
+@dataclass(frozen=True)
+class AssemblyState:
+    """Edges (object, position) of the assembly graph; each position holds at most one part.
+
+    Attributes:
+        placed: part type by position, filled positions only.
+        told_goal: what the person said when asked: a goal's name, or UNKNOWN_GOAL; None where nothing was said.
+        doubts: by position, how probable each part type is there by the action that filled it; of positions whose hole
+            has not shown its part yet.
+        kept: part type by position, of what looks wrong and stays as it is: it is not asked about again.
+        known_wrong: of these, what nobody said is right.
+        told_parts: part type by position, where a person said that it goes, of a product that nobody knows.
+        by_robot: part type by position, of what the robot placed.
+        taken_out: of that, what a person took out again: it does not belong there.
+        against_told: of that, what was taken out since the goal was told, and so speaks against it.
+    """
+
+    placed: Mapping[str, str]
+    told_goal: str | None = None
+    doubts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    kept: Mapping[str, str | None] = field(default_factory=dict)
+    known_wrong: Mapping[str, str | None] = field(default_factory=dict)
+    told_parts: Mapping[str, str] = field(default_factory=dict)
+    by_robot: Mapping[str, str] = field(default_factory=dict)
+    taken_out: Mapping[str, str] = field(default_factory=dict)
+    against_told: Mapping[str, str] = field(default_factory=dict)
+
+    def seen(self, placed: Mapping[str, str]) -> AssemblyState:
+        """The state where the holes show this, part type by position; notices what was taken out."""
+        gone = {at: part for at, part in self.by_robot.items() if at in self.placed and placed.get(at) != part}
+        by_robot = {at: part for at, part in self.by_robot.items() if at not in gone}
+        taken_out = {at: part for at, part in {**self.taken_out, **gone}.items() if placed.get(at) != part}
+        since = {
+            at: part for at, part in taken_out.items() if at in self.against_told or (self.told_goal and at in gone)
+        }
+        return replace(self, placed=placed, by_robot=by_robot, taken_out=taken_out, against_told=since)
+
+    def told(self, goal: str) -> AssemblyState:
+        """The state after a person said which goal it is; what was taken out before no longer counts."""
+        return replace(self, told_goal=goal, against_told={})
+
+    @property
+    def confirmed(self) -> Mapping[str, str]:
+        """Part type by position, of what a person said is right as it is."""
+        said = self.kept.keys() - self.known_wrong.keys()
+        return {position: part for position, part in self.kept.items() if part is not None and position in said}
+
+    def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
+        """The state after one more part.
+
+        Args:
+            shares: how probable each type is, where that is not sure.
+        """
+        doubts = {**self.doubts, position: shares} if shares else self.doubts
+        return replace(self, placed={**self.placed, position: part}, doubts=doubts)
+
+
+@dataclass(frozen=True)
+class AssemblyPlan:
+    """Answer of a semantic planner, about all objects at once.
+
+    Attributes:
+        goal_belief: probability by goal name, and of UNKNOWN_GOAL where the planner gives one; sums to 1.
+        next_belief: probability that a part is the right one for a position that is open; sums to at most the number
+            of positions that are seen to be open. Whether one of them is filled after all is for the guard to see.
+        next_part: the type to fetch next, None where nothing remains.
+        guidance: by part type, the plan decoded for it: the positions where it is still to be put, in order;
+            of the next type that is `[o, p...]` of Alg. 1.
+    """
+
+    goal_belief: Mapping[str, float]
+    next_belief: Mapping[Placement, float]
+    next_part: str | None
+    guidance: Mapping[str, tuple[str, ...]]
+
+    @property
+    def goal(self) -> str:
+        """The most probable goal."""
+        return max(self.goal_belief, key=lambda name: self.goal_belief[name])
+
+    def shared(self, least: float) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+        """What of the guidance is the same in all likely goals, and the positions where they differ.
+
+        Args:
+            least: probability from which a part belongs at a position whichever of them it is.
+
+        Returns:
+            Positions by part type, without the types of which all positions are open; and the open positions.
+        """
+        sure = {
+            part: tuple(at for at in to if self.next_belief.get((part, at), 0.0) >= least)
+            for part, to in self.guidance.items()
+        }
+        undecided = sorted(at for part, to in self.guidance.items() for at in to if at not in sure[part])
+        return {part: to for part, to in sure.items() if to or not self.guidance[part]}, tuple(undecided)
+
+    def with_told(self, told: Mapping[str, str]) -> AssemblyPlan:
+        """The plan where a person said what goes into some open positions.
+
+        Args:
+            told: part type by position.
+        """
+        if not told:
+            return self
+        sure = {(part, position): 1.0 for position, part in told.items()}
+        others = {edge: share for edge, share in self.next_belief.items() if edge[1] not in told}
+        first = {part: tuple(at for at in told if told[at] == part) for part in (*self.guidance, *told.values())}
+        rest = {part: tuple(at for at in to if at not in told) for part, to in self.guidance.items()}
+        guidance = {part: (*first[part], *rest.get(part, ())) for part in first}
+        return replace(self, next_belief={**others, **sure}, next_part=next(iter(told.values())), guidance=guidance)
+
+    def expecting(self, variant: str, product: Product, state: AssemblyState) -> AssemblyPlan:
+        """The plan where a work order says what to expect: by Bayes' rule, so that what is placed still decides.
+
+        Args:
+            variant: name of the goal that was ordered.
+        """
+        rare = (1.0 - FOLLOWS_ORDER) / max(len(self.goal_belief) - 1, 1)
+        joint = {goal: p * (FOLLOWS_ORDER if goal == variant else rare) for goal, p in self.goal_belief.items()}
+        total = sum(joint.values())
+        if state.told_goal is not None or variant not in product.goals or total <= 0.0:
+            return self
+        belief = {goal: share / total for goal, share in joint.items()}
+        wanted = {goal: product.goal_placements(goal) for goal in product.goals if goal in belief}
+        known, before = (sum(shares[goal] for goal in wanted) for shares in (belief, self.goal_belief))
+        rest = (1.0 - known) / (1.0 - before) if before < 1.0 - 1e-9 else 0.0  # of what is no goal of the product
+        nexts: dict[Placement, float] = {}
+        for position in product.positions:
+            for part in product.parts if position not in state.placed else ():
+                of = [goal for goal in wanted if wanted[goal][position] == part]
+                other = self.next_belief.get((part, position), 0.0) - sum(self.goal_belief[goal] for goal in of)
+                nexts[part, position] = min(1.0, sum(belief[goal] for goal in of) + rest * max(other, 0.0))
+        likeliest = max(belief, key=lambda goal: belief[goal])
+        if likeliest == self.goal or likeliest not in wanted:
+            return replace(self, goal_belief=belief, next_belief=nexts)
+        left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
+        guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
+        most = max(guidance, key=lambda part: len(guidance[part])) if left else None
+        return AssemblyPlan(belief, nexts, most, guidance)
+
+
+class SemanticPlanner(Protocol):
+    """Infers the goal and what remains to be done (section 3.1)."""
+
+    def plan(self, state: AssemblyState) -> AssemblyPlan:
+        """Belief, next object and a plan for every object, in well under 1 ms."""
+        ...
+
+
+@dataclass(frozen=True)
+class GraspPlan:
+    """Answer of a grasp planner for one required object.
+
+    Attributes:
+        graspable: probability that the required object can be grasped as it stands.
+        blockers: indices of the detections to move away first, in order; empty where graspable or help is needed.
+        needs_help: no sequence of moves frees the object.
+        text: the decoded solution as the paper words it: "grasp", "move b", "move b and c", "help".
+    """
+
+    graspable: float
+    blockers: tuple[int, ...]
+    needs_help: bool
+    text: str
+
+
+class GraspPlanner(Protocol):
+    """Judges graspability in clutter and names what blocks (section 3.2)."""
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
+        """A plan for `parts[required]`, in well under 1 ms an object."""
+        ...

@@ -1,0 +1,134 @@
+"""Solids: the convex pieces that a part's shape is made of, and how far they reach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from bracket_ground.files.model import Model
+from bracket_ground.files.units import Length, Point
+from bracket_ground.interfaces.pose import Array
+
+AXES = "xyz"
+RING = 16  # points on each edge of a cylinder, and on each of a ball's circles
+ROUND_M = 1e-4  # a cylinder's two diameters may differ by this much
+
+Span = tuple[float, float]
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+
+class Solid(Model):
+    """A convex piece of a part, given by the box around it.
+
+    Attributes:
+        solid: what it is; a ball whose extents differ is an ellipsoid.
+        size_m: its extents along x, y and z of the part.
+        centre_m: its middle in the part's frame, whose origin is the middle of the body's bottom.
+        axis: which way a cylinder lies.
+        shade: how bright it is, as a share of the part's colour.
+    """
+
+    solid: Literal["box", "cylinder", "ball"]
+    size_m: tuple[Length, Length, Length]
+    centre_m: Point
+    axis: Literal["x", "y", "z"] = "z"
+    shade: float = Field(default=1.0, ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _is_round(self) -> Solid:
+        if self.solid == "cylinder" and abs(self.diameter_m - self._across[1]) > ROUND_M:
+            raise ValueError(
+                f"a cylinder along {self.axis} is as wide one way as the other, but size_m says "
+                f"{self._across[0]:g} and {self._across[1]:g}"
+            )
+        return self
+
+    @property
+    def axis_index(self) -> int:
+        """0, 1 or 2 for x, y or z."""
+        return AXES.index(self.axis)
+
+    @property
+    def _across(self) -> tuple[float, float]:
+        first, second = (self.size_m[index] for index in range(3) if index != self.axis_index)
+        return first, second
+
+    @property
+    def diameter_m(self) -> float:
+        """Of a cylinder."""
+        return self._across[0]
+
+    @property
+    def length_m(self) -> float:
+        """Of a cylinder, along its axis."""
+        return self.size_m[self.axis_index]
+
+    @property
+    def volume_m3(self) -> float:
+        """Of the solid alone, whatever else is in the same place."""
+        share = {"box": 1.0, "cylinder": math.pi / 4, "ball": math.pi / 6}[self.solid]
+        return share * math.prod(self.size_m)
+
+    def mark(self, side: int) -> tuple[object, ...]:
+        """What tells it from other solids, to 0.01 mm; side -1: after half a turn of the part."""
+        x, y, z = self.centre_m
+        axis = self.axis if self.solid == "cylinder" else ""
+        return (self.solid, axis, *(round(value, 5) + 0.0 for value in (*self.size_m, side * x, side * y, z)))
+
+    def points(self) -> Array:
+        """Points (n, 3) on the surface whose convex hull is the solid: exactly for a box, nearly for round ones."""
+        unit = {"box": _CORNERS, "ball": _BALL}.get(self.solid)
+        if unit is None:
+            unit = np.roll(_CYLINDER, self.axis_index + 1, axis=1)
+        points: Array = unit * np.array(self.size_m) + np.array(self.centre_m)
+        return points
+
+    def span_m(self, axis: int, windows: dict[int, Span]) -> Span | None:
+        """How far it reaches along one axis within a window of each of the others, or None where it is outside.
+
+        Args:
+            axis: 0, 1 or 2.
+            windows: (from, to) by axis; an axis that is not named is not limited.
+        """
+        offsets = {index: self._offset(index, window) for index, window in windows.items()}
+        if any(abs(offset) >= 1.0 for offset in offsets.values()):
+            return None
+        round_in = {"box": (), "ball": (0, 1, 2)}.get(
+            self.solid, tuple(index for index in range(3) if index != self.axis_index)
+        )
+        missed = sum(offset**2 for index, offset in offsets.items() if index in round_in)
+        if missed >= 1.0:
+            return None
+        half = self.size_m[axis] / 2 * (math.sqrt(1.0 - missed) if axis in round_in else 1.0)
+        return self.centre_m[axis] - half, self.centre_m[axis] + half
+
+    def _offset(self, index: int, window: Span) -> float:
+        """Way from the centre to the nearest place in a window, in half extents."""
+        low, high = window
+        centre = self.centre_m[index]
+        return (min(max(centre, low), high) - centre) / (self.size_m[index] / 2)
+
+
+def span_m(solids: Sequence[Solid], axis: int, windows: dict[int, Span] | None = None) -> Span | None:
+    """How far solids together reach along an axis within windows of the others; None where none is in them."""
+    found = [span for solid in solids if (span := solid.span_m(axis, windows or {})) is not None]
+    return (min(low for low, _ in found), max(high for _, high in found)) if found else None
+
+
+def _circle() -> Array:
+    """(RING, 2), on the circle around a unit square's middle that touches its sides."""
+    angles = np.arange(RING) * 2 * math.pi / RING
+    return np.column_stack([np.cos(angles), np.sin(angles)]) / 2
+
+
+_CYLINDER = np.concatenate([np.column_stack([_circle(), np.full(RING, end)]) for end in (-0.5, 0.5)])
+_BALL = np.concatenate(
+    [
+        np.column_stack([math.cos(turn) * _circle(), np.full(RING, math.sin(turn) / 2)])
+        for turn in np.arange(-4, 5) * math.pi / 8
+    ]
+)

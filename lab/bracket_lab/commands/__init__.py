@@ -1,0 +1,50 @@
+"""`cell lab`: commands for research. Everything of it stays in a clone; no command of the product imports it."""
+
+from __future__ import annotations
+
+from bracket_cell.commands.terminal import Command
+
+EVALUATIONS = {
+    name: Command(f"bracket_lab.commands.{module}", text)
+    for name, module, text in (
+        ("actions", "actions:evaluate", "Score action detectors on whole assemblies."),
+        ("bars", "bars:bars", "Score all shipped networks on one fresh draw, beside their bars."),
+        ("cameras", "things:evaluate_cameras", "Score calibration of the cameras."),
+        ("encounters", "encounters:encounters", "Assemble next to a person who gets in the way."),
+        ("faults", "faults:faults", "Put every fault into every state of a pick and place."),
+        ("figure10", "figure10:figure10", "Train and score action detectors on five splits."),
+        ("grasp", "planners:evaluate_grasp_planner", "Score the grasp planner, or run an experiment."),
+        ("hands", "hands:evaluate", "Score hand trackers on simulated assemblies."),
+        ("holes", "things:evaluate_holes", "Score a hole reader on stills."),
+        ("knobs", "knobs:knobs", "Score a detector for several values of the look."),
+        ("latency", "system:latency", "Measure the detectors' processor time for a frame."),
+        ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
+        (
+            "semantic",
+            "planners:evaluate_semantic_planner",
+            "Score the semantic planner.",
+        ),
+        ("stacks", "stacks:evaluate_stacks", "Score planners of what lies on what."),
+        ("system", "system:system", "Score whole assemblies by number of goals."),
+        ("weights", "same_weights:evaluate_weights", "Compare trained weights with others."),
+    )
+}
+COMMANDS = {
+    "run": Command("bracket_lab.commands.run:run", "Like `cell run`, with options for experiments."),
+    "eval": Command("bracket_lab.commands:EVALUATIONS", "Score planners, detectors and whole assemblies.", group=True),
+    "data": Command("bracket_lab.commands.data:data_app", "Make training data."),
+    "train": Command("bracket_lab.commands.training.tasks:app", "Train one network, with all its options."),
+    "sweep": Command(
+        "bracket_lab.commands.sweep:sweep", "Run the cell once for every combination that a YAML file lists."
+    ),
+    "looks": Command("bracket_lab.commands.looks:looks", "List or draw what the simulation may look like."),
+    "see": Command("bracket_lab.commands.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),
+    "world": Command(
+        "bracket_lab.commands.world:world",
+        "Run the simulated cell by itself, for controllers that connect by `cell lab run --world`.",
+    ),
+    "hands": Command("bracket_lab.commands.hands:fetch", "Fetch MediaPipe's hand networks."),
+    "files": Command("bracket_lab.commands.logs:files", "Write the files that a run was made with."),
+    "sheet": Command("bracket_lab.commands.logs:sheet", "Draw the contact sheet of a run."),
+    "snapshots": Command("bracket_lab.commands.logs:snapshots", "Write the pictures that a tree took."),
+}

@@ -1,0 +1,109 @@
+"""`cell lab files|sheet|snapshots`: the files, pictures and snapshots that a log holds."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.log_terminal import (
+    LogArgument,
+    beside,
+    read,
+    say,
+    spared,
+    streamed,
+    tell_json,
+    tell_lack,
+    tell_nothing,
+)
+from bracket_cell.commands.options import JsonOption, OverwriteOption
+from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.reader import Log
+from bracket_cell.log.report.contact_sheet import write_sheet
+from bracket_cell.viewing.moments import Moments
+from bracket_ground.errors import InputError, LogError
+from bracket_ground.files.files import write_new
+
+
+def files(
+    log: LogArgument,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder to write them to; it must hold none of them.")
+    ] = Path("files"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the files that a run was made with: configuration, product, tree, and how the simulation looked."""
+    stream = streamed(log)
+    next(iter(stream), None)
+    for name in stream.attachments:
+        check_name(stream.path, name)
+    write_new(out, stream.attachments)
+    written = [str(out / name) for name in stream.attachments]
+    if as_json:
+        tell_json({"files": written})
+    else:
+        say(*written)
+
+
+def check_name(log: Path, name: str) -> None:
+    """Raises LogError where a file of this name would lie outside the folder that is written to."""
+    path = PurePosixPath(name)
+    if path.is_absolute() or not path.name or {"..", "\\"} & {*path.parts, *name}:
+        raise LogError(log, f"its file {name!r} would lie outside the folder")
+
+
+def sheet(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; next to the log by default.")] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Draw the contact sheet of a run, from its log."""
+    target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
+    recorded, moments = streamed(log), Moments()
+    for piece in recorded:
+        for tick in piece.ticks:
+            moments.see(tick.observation, tick.notes)
+    tell_lack(log, recorded)
+    try:
+        made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    if not made:
+        raise InputError(f"{recorded.path}: holds no image of the overhead camera")
+    say(str(target))
+
+
+def snapshots(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")] = Path("snapshots"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the pictures that a tree took with TakeSnapshot, as JPEG files."""
+    files = save_snapshots(read(log), out)
+    if as_json:
+        tell_json({"files": [str(file) for file in files]})
+    elif not files:
+        tell_nothing()
+    else:
+        say(*(str(file) for file in files))
+
+
+def save_snapshots(log: Log, folder: Path) -> list[Path]:
+    """Write each marked picture as NUMBER-CAMERA-LABEL.jpg, numbered as they were taken.
+
+    Raises:
+        InputError: one of these files is there already, or cannot be written; none is left there then.
+    """
+    frames, pictures = Frames(log), {}
+    marks = [fields for tick in log.ticks for kind, fields in tick.notes if kind == "snapshot"]
+    for number, mark in enumerate(marks, 1):
+        frame = frames.at(mark["camera"], mark["taken_s"]) if "taken_s" in mark else None
+        if frame is None:
+            continue  # the log is older, was kept without pictures, or lost them
+        label = re.sub(r"\W+", "-", mark["label"]).strip("-")
+        pictures[f"{'-'.join(filter(None, (f'{number:02d}', mark['camera'], label)))}.jpg"] = frame.jpeg
+    write_new(folder, pictures)
+    return [folder / name for name in pictures]

@@ -1,0 +1,43 @@
+"""`cell lab sweep`: every combination of a file run once. It needs the packages of `cell[fleet]`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.compare import WORKERS, FleetWorkersOption, OutOption, run_all
+from bracket_cell.commands.options import JsonOption, SchedulerOption, WithOption, own_files
+from bracket_cell.commands.terminal import console, print_json
+from bracket_cell.fleet.spec import count, load_sweep, tasks
+
+
+def sweep(
+    spec: Annotated[Path, typer.Argument(help="YAML file: seeds, trees, configurations, people, looks, faults.")],
+    out: OutOption = "sweep",
+    own: WithOption = None,
+    workers: FleetWorkersOption = WORKERS,
+    scheduler: SchedulerOption = None,
+    logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Run the cell once for every combination that a YAML file lists; status 1 if a run was lost.
+
+    The results are OUT/runs.parquet.
+    """
+    asked = load_sweep(spec)
+    total = count(asked)
+    nodes, _ = own_files(own)
+    with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes), total, out, workers, scheduler) as rows:
+        ends = dict(sorted(Counter(str(row["end"]) for row in rows.read(["end"])).items()))
+    table = f"{out}/runs.parquet"
+    console().print(f"{rows.done} runs in {table}: {_words(ends)}", highlight=False)
+    if as_json:
+        print_json({"runs": rows.done, "of": total, "ends": ends, "table": table})
+    return 1 if ends.get("crashed") or rows.done < total else 0
+
+
+def _words(ends: dict[str, int]) -> str:
+    return ", ".join(f"{count} {end}" for end, count in ends.items()) or "none"

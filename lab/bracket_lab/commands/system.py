@@ -1,0 +1,125 @@
+"""`cell lab eval system` and `cell lab eval latency`: all detectors of a configuration together."""
+
+from __future__ import annotations
+
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated
+
+from typer import Option
+
+from bracket_cell.commands.options import takes
+from bracket_cell.commands.terminal import console, print_json, table
+from bracket_cell.configuration import Configuration, detected_by
+from bracket_cell.fleet.engine import mapped
+from bracket_cell.kinds import DETECTORS
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.planning import weights_file
+from bracket_ground.interfaces.product import Product
+from bracket_lab.commands.shared import Cameras, Shared, share_words
+from bracket_lab.evaluations import system as scoring
+from bracket_lab.wiring.latency import answers_ms, latencies_ms, note_latencies
+
+KINDS = ("classical", "learned")
+UNTRAINED = ("slim", "paper")  # kinds of action detectors
+_SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers", "scheduler", "config", "as_json")
+
+
+@takes(Shared, *_SYSTEM, person="careful", seeds="900000:900004")
+def system(
+    shared: Shared,
+    goals: Annotated[list[int] | None, Option(help="Number of possible goals; may be repeated.")] = None,
+) -> int:
+    """Score whole assemblies by number of goals: shares of detected actions, right guidance and right products.
+
+    Interrupted, it prints the table of what was run; with the same --out it goes on there.
+    """
+    if shared.perception not in (None, *KINDS):
+        raise InputError(f"--perception {shared.perception}: legal: {', '.join(KINDS)}")
+    configuration, cameras = detected_by(shared.cell()[0], shared.perception), shared.cameras.value
+    told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
+    told["cameras"] = cameras
+    wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
+    used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
+    kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
+    rows = list(kept.rows_of(one for one in wanted if one in kept))
+    left = [one for one in wanted if one not in kept]
+    status = 0
+    try:
+        calibrated = shared.cameras is Cameras.calibrated
+        work = partial(scoring.evaluate_system, configuration, shared.config, calibrated=calibrated)
+        for row in mapped(work, left, shared.workers, shared.scheduler):
+            if row["end"] == "interrupted":  # the controller heard the signal; the seed is run again another time
+                raise KeyboardInterrupt
+            kept.add(row)
+            rows.append(row)
+            console().print(row, highlight=False)
+    except KeyboardInterrupt:
+        console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
+        status = 1
+    found = scoring.table_1(rows)
+    for count, scores in found.items():
+        title = f"{count} goals, " + ", ".join(f"{name} {value}" for name, value in told.items())
+        console().print(table(title, {name: share_words(value) for name, value in scores.items()}))
+    if shared.as_json:
+        print_json({**told, "seeds": shared.seeds, "goals": found})
+    return status
+
+
+@takes(Shared, "perception", "look", "seed", "config", "as_json", seed=800_000)
+def latency(
+    shared: Shared,
+    frames: Annotated[int, Option(min=20, help="Frames of the overhead camera, in a row.")] = 200,
+    trays: Annotated[int, Option(min=10, help="Images of the wrist camera.")] = 30,
+    note: Annotated[
+        bool, Option("--note", help="Write the 95th percentiles onto the cards of the trained detectors.")
+    ] = False,
+    untrained: Annotated[
+        str | None, Option(help="Time actions with an untrained network of this kind, such as paper.")
+    ] = None,
+) -> None:
+    """Measure the detectors' processor time for a frame, on one thread.
+
+    In lock-step simulation answers come as late as the model cards say (`perception.latency_s`).
+    """
+    configuration, product = shared.cell(person=False)
+    configuration = detected_by(configuration, shared.perception)
+    if untrained is None:
+        found = latencies_ms(configuration, product, frames, trays, shared.seed)
+    elif note:
+        raise InputError("--note writes onto the cards of trained detectors; leave --untrained out")
+    else:
+        found = _untrained_ms(untrained, configuration, product, frames, trays, shared.seed)
+    rows = {name: f"{each['p50_ms']} / {each['p95_ms']} ms" for name, each in found.items()}
+    words = configuration.perception.words + (f", actions {untrained} (weights not trained)" if untrained else "")
+    console().print(table(f"median / 95 %, {words}, {shared.look}", rows))
+    if note:
+        for path in note_latencies(configuration.perception, answers_ms(found)):
+            console().print(f"noted in {path}", highlight=False)
+    if shared.as_json:
+        print_json({"look": shared.look, "perception": words, **found})
+
+
+def _untrained_ms(
+    kind: str, configuration: Configuration, product: Product, frames: int, trays: int, first_seed: int
+) -> dict[str, dict[str, float]]:
+    """As `latencies_ms`, with a network of actions that learned nothing: answers are wrong, and take as long."""
+    if kind not in UNTRAINED:
+        raise InputError(f"--untrained {kind}: unknown kind; legal: {', '.join(UNTRAINED)}")
+    with tempfile.TemporaryDirectory() as made:
+        file = Path(made) / weights_file("actions", kind)
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch and software OpenGL do not mix
+            pool.submit(_write_untrained, configuration.bench, product, kind, file).result()
+        perception = configuration.perception.with_detector("actions", kind, file)
+        timed = configuration.model_copy(update={"perception": perception})
+        return latencies_ms(timed, product, frames, trays, first_seed)
+
+
+def _write_untrained(bench: Bench, product: Product, kind: str, file: Path) -> None:
+    from bracket_lab.learned.actions.train import Task, write_untrained
+
+    write_untrained(Task(bench, product), kind, file)

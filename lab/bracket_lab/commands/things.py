@@ -1,0 +1,73 @@
+"""`cell lab eval holes|parts|cameras`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from typer import Option
+
+from bracket_cell.commands.options import takes
+from bracket_cell.commands.terminal import report_scores
+from bracket_ground.errors import InputError
+from bracket_lab.commands.shared import Shared
+from bracket_lab.evaluations.holes_and_parts import Task, score_calibration, score_holes, score_parts
+
+_OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
+
+
+@takes(Shared, *_OPTIONS, seeds="900000:900020")
+def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Images of each look.")] = 10) -> None:
+    """Score a hole reader on stills: any parts in the holes, hand or arm over them or not. Kinds: plate, classical."""
+    kind = _kind(shared, ("plate", "classical"))
+    if shared.data:
+        shared.score_pictures("holes", kind, shared.data)
+        return
+    _, wanted = shared.split()
+    task = _task(shared, kind, person="varied")
+    task.detectors(task.configuration.bench, "holes").make("holes")  # before minutes go into stills
+    scores = score_holes(task, wanted, stills)
+    report_scores(f"holes, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
+
+
+@takes(Shared, *_OPTIONS, seeds="900000:900050")
+def evaluate_parts(
+    shared: Shared,
+    mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,
+) -> None:
+    """Score a part detector on images of trays. Kinds: centre, classical, rcnn."""
+    kind = _kind(shared, ("centre", "classical", "rcnn"))
+    if shared.data:
+        shared.score_pictures("parts", kind, shared.data)
+        return
+    _, wanted = shared.split()
+    task = _task(shared, kind)
+    task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
+    scores = score_parts(task, wanted, mixed)
+    report_scores(f"parts, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
+
+
+@takes(Shared, "look", "seeds", "config", "as_json", seeds="900000:900020")
+def evaluate_cameras(shared: Shared) -> None:
+    """Score calibration of the cameras: how far off they see holes and the tray before and after it."""
+    _, wanted = shared.split()
+    report_scores(f"cameras, {shared.look}", score_calibration(_task(shared, ""), wanted), shared.as_json)
+
+
+def _kind(shared: Shared, legal: Sequence[str]) -> str:
+    """The kind of detector, if it reads the weights that are named.
+
+    Raises:
+        InputError: there is none, or it reads none.
+    """
+    kind = shared.one_kind(legal)
+    if kind == "classical" and shared.weights is not None:
+        trained = " or ".join(one for one in legal if one != "classical")
+        raise InputError(f"--weights {shared.weights}: nothing reads them: they go with --kind {trained}")
+    return kind
+
+
+def _task(shared: Shared, kind: str, person: str | None = None) -> Task:
+    of_person = shared if person is None else Shared(look=shared.look, person=person, config=shared.config)
+    configuration, product = of_person.cell(person=person is not None)
+    return Task(configuration, product, kind, shared.weights, shared.cameras.value, float(shared.steel))

@@ -1,0 +1,118 @@
+"""One simulated assembly beside a person, opened for a trial: with images, or without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bracket_cell.configuration import load_configuration, load_faults, load_product, simulated
+from bracket_cell.faults.injection import Injection, Injections, attended
+from bracket_cell.running.supervisor import Supervisor, make_supervisor
+from bracket_cell.runs.options import Files
+from bracket_cell.runs.run import drive
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.watching.observer import Observer, Outcome
+from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.devices import attached
+from bracket_cell.wiring.services import load_planners
+from bracket_ground.files.files import shipped
+from bracket_ground.files.row_store import Row
+from bracket_ground.interfaces.faults import FaultTable
+from bracket_sim.cell import SimCell
+from bracket_sim.process.no_render_host import without_pixels
+from bracket_sim.scene.settings import settings_of
+
+OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
+
+
+def timed_pair(path: Path, tree: Path, seed: int) -> Row:
+    """Two brackets with the same seed; a time is None where the bracket was not finished."""
+    table = load_faults(load_configuration(path))
+    rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
+    without = table.model_copy(update={"faults": tuple(rows)})
+    times = {"with_s": _time_s(path, tree, seed, table), "without_s": _time_s(path, tree, seed, without)}
+    return {"kind": "throughput", "tree": tree.name, "seed": seed, **times}
+
+
+def throughput_ratio(rows: Sequence[Row], tree: Path) -> float | None:
+    """The sum of times with separation over the sum without, of pairs that were finished both; None without any."""
+    times = [
+        (float(str(row["with_s"])), float(str(row["without_s"])))
+        for row in rows
+        if row["kind"] == "throughput" and row["tree"] == tree.name and None not in (row["with_s"], row["without_s"])
+    ]
+    return round(sum(one for one, _ in times) / sum(other for _, other in times), 3) if times else None
+
+
+def _time_s(path: Path, tree: Path, seed: int, table: FaultTable) -> float | None:
+    with assembly(path, "careful", seed, table, tree=tree) as opened:
+        outcome = opened.run([], None)
+    return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None
+
+
+ALGORITHM_1 = shipped("bracket_cell.trees", "assemble.xml")
+Injected = Injection | Injections | None
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A cell with its person; `run` works on one bracket."""
+
+    cell: SimCell
+    motion: MotionPlanner
+    run: Callable[[Sequence[Observer], Injected], Outcome]
+
+
+@contextmanager
+def assembly(
+    path: Path,
+    person: str,
+    seed: int,
+    table: FaultTable | None = None,
+    *,
+    tree: Path = ALGORITHM_1,
+    rendered: bool = False,
+    depth: bool = False,
+    supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
+) -> Iterator[Assembly]:
+    """A simulated cell beside a person who builds one of the product's goals.
+
+    Args:
+        path: of the configuration.
+        person: a kind of person, or a file.
+        table: what the supervisor does about faults; the configured one by default.
+        tree: file of the tree that is run.
+        depth: the overhead camera sends depths, too.
+    """
+    configuration = simulated(load_configuration(path), None, person)
+    if depth:
+        overhead = configuration.bench.overhead.model_copy(update={"depth": True})
+        bench = configuration.bench.model_copy(update={"overhead": overhead})
+        configuration = configuration.model_copy(update={"bench": bench})
+    product = load_product(configuration, path)
+    configuration, _ = fitted(configuration, product)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    faults = table or load_faults(configuration)
+    files = Files(
+        configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
+    )
+    bus = configuration.devices.gripper_bus
+    settings = settings_of(configuration.devices.simulation)
+    cell = SimCell(
+        product, configuration.bench, settings, *bus, seed, "random", rendered=rendered, robot=configuration.robot
+    )
+
+    def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
+        with attached(
+            configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
+        ) as devices:
+            return drive(files, attended(devices), motion, observers, injection=injected, supervised=supervised)
+
+    try:
+        yield Assembly(cell, motion, run)
+    finally:
+        cell.close()

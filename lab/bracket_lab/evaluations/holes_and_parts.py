@@ -1,0 +1,206 @@
+"""Scores of hole readers and part detectors on images of the simulated cell, whose labels are the truth."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bracket_cell.configuration import Configuration
+from bracket_cell.learned.calibration.check import WORLD
+from bracket_cell.learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m
+from bracket_cell.learned.holes.model import VOTES, Reading
+from bracket_cell.runs.calibrating import wrist_views
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.wiring.detectors import Detectors
+from bracket_ground.files.data_folder import DataFolder
+from bracket_ground.interfaces.bench import Bench, CameraCalibration, Mount
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HoleReader, PartDetector
+from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.product import Product
+from bracket_lab.drawing.plates import write_plates
+from bracket_lab.drawing.sight import true_calibration
+from bracket_lab.drawing.splits import sometimes_steel
+from bracket_lab.learned.holes.data import Plate, load_plates
+from bracket_lab.learned.holes.evaluate import HoleFindings, evaluate_holes
+from bracket_lab.learned.parts.data import Scene
+from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
+from bracket_lab.wiring.drawn_frames import tray_scenes
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.scene.world import World, build_world
+
+Cameras = Literal["calibrated", "believed", "true"]
+FRAMES = VOTES  # in a row of each still of the plate, each with noise of its own
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is evaluated.
+
+    Attributes:
+        kind: of detector, as in the configuration.
+        weights: of it; the configured ones where None.
+        cameras: which mounts and lenses the detector believes in: those that a calibration finds in each look, those
+            of the bench file, or the true ones.
+        steel_share: of recordings whose parts are of bare steel.
+    """
+
+    configuration: Configuration
+    product: Product
+    kind: str
+    weights: Path | None = None
+    cameras: Cameras = "calibrated"
+    steel_share: float = 0.0
+
+    def detectors(self, bench: Bench, what: str) -> Detectors:
+        """Makes the chosen detector for a bench."""
+        perception = self.configuration.perception.with_detector(what, self.kind, self.weights)
+        return Detectors(bench, self.product, perception)
+
+
+def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, float]:
+    """Scores on one tray for each seed, by name.
+
+    Args:
+        mixed: some parts lie or are stacked, and some objects are unknown.
+    """
+    findings = Findings()
+    for scene in tray_scenes(task.configuration, task.product, seeds, mixed=mixed, steel_share=task.steel_share):
+        bench = _bench(task, int(scene.log.removeprefix("seed")), scene)
+        detector: PartDetector = task.detectors(bench, "parts").make("parts")
+        told = replace(
+            scene, believed=scene.world_from_camera if task.cameras == "true" else bench.wrist.told(scene.believed)
+        )
+        evaluate_parts([told], detector, task.product, findings)
+    return findings.scores(task.product)
+
+
+def score_holes(task: Task, seeds: Sequence[int], stills: int) -> dict[str, float]:
+    """Scores on some stills of the plate for each seed, by name; a reader watches each for some frames."""
+    findings = HoleFindings()
+    for seed in seeds:
+        plates = _plates(task, seed, stills)
+        detectors = task.detectors(_bench(task, seed, plates[0]), "holes")
+        for first in range(0, len(plates), FRAMES):
+            reader: HoleReader = detectors.make("holes")
+            evaluate_holes(plates[first : first + FRAMES], partial(_watch, reader), findings)
+    return findings.scores()
+
+
+def _watch(reader: HoleReader, plates: Sequence[Plate]) -> Mapping[str, Reading | None]:
+    for number, plate in enumerate(plates):
+        views = reader.read(Frame("overhead", number, number / 15, plate.image, plate.believed), None)
+    return {name: Reading(view.part, view.upright, view.confidence) for name, view in views.items()}
+
+
+def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
+    """How far cameras see things off before and after a calibration: overhead at the holes, wrist in the tray."""
+    off: dict[str, list[float]] = {"overhead_before": [], "overhead_after": [], "wrist_before": [], "wrist_after": []}
+    for seed in seeds:
+        bench, world = task.configuration.bench, _world(task.configuration, task.product, seed)
+        calibrated = calibrated_bench(task.configuration, task.product, seed, world)
+        true = bench.overhead.calibrated(true_calibration(world, "overhead", bench.overhead))
+        for name, one in (("before", bench), ("after", calibrated)):
+            off[f"overhead_{name}"].append(holes_off_m(one.overhead, true, bench, task.product))
+            off[f"wrist_{name}"] += list(_tray_off_m(world, one, bench))
+    return {
+        f"{name}_mm_p{percent}": 1e3 * float(np.percentile(values, percent))
+        for name, values in off.items()
+        for percent in (50, 95)
+    }
+
+
+def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
+    kinematics = Kinematics(task.configuration.motion)
+
+    def reach(tool_m: Array, yaw_rad: float) -> Array | None:
+        return kinematics.inverse(tool_down(list(tool_m), yaw_rad))
+
+    kinds = sometimes_steel(task.product, task.steel_share, seed)
+    with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
+        folder, configuration = DataFolder(Path(name) / "plates", "cell lab eval holes"), task.configuration
+        write_plates(
+            kinds,
+            configuration.bench,
+            settings_of(configuration.devices.simulation),
+            seed,
+            folder,
+            stills,
+            reach,
+            FRAMES,
+        )
+        return load_plates([Path(name) / "plates"], task.product)
+
+
+def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:
+    """The bench with the cameras that the detector believes in."""
+    bench = task.configuration.bench
+    if task.cameras == "calibrated":
+        return calibrated_bench(task.configuration, task.product, seed)
+    if task.cameras == "believed":
+        return bench
+    lens = {"focal_px": seen.camera.focal_px, "distortion_k1": seen.camera.distortion_k1}
+    if isinstance(seen, Scene):
+        return bench.model_copy(update={"wrist": bench.wrist.model_copy(update=lens)})
+    pose = seen.world_from_camera
+    mount = Mount(position_m=pose.position_m, quaternion_wxyz=pose.quaternion_wxyz)
+    return bench.model_copy(update={"overhead": bench.overhead.model_copy(update={**lens, "mount": mount})})
+
+
+def _world(configuration: Configuration, product: Product, seed: int) -> World:
+    look = settings_of(configuration.devices.simulation).look.draw(seed)
+    return build_world(product, configuration.bench, None, None, None, look)
+
+
+def calibrated_bench(configuration: Configuration, product: Product, seed: int, world: World | None = None) -> Bench:
+    """The bench as `cell calibrate` would leave it in the look of a seed, from the same images."""
+    bench = configuration.bench
+    world = world or _world(configuration, product, seed)
+    camera, rng = world.look.camera, np.random.default_rng([seed, 9])
+    setups = {"overhead": bench.overhead, "wrist": bench.wrist}
+    photographer = Photographer(world.model, {name: SensorSetup(setup, camera, rng) for name, setup in setups.items()})
+
+    def shot(name: str, number: int, base: Pose) -> Shot:
+        exposure = Exposure(name, number, 0.0, world.camera_pose(name), (visible_poses(world.data),))
+        return Shot(photographer.take(exposure).image, base)
+
+    overhead = fit_over_empty_plate([shot("overhead", 0, WORLD)], bench.overhead, bench, product)
+    shots = []
+    for number, joints in enumerate(wrist_views(bench, product, MotionPlanner(product, bench, configuration.motion))):
+        world.set_arm(joints)
+        shots.append(shot("wrist", number, world.tool_pose()))
+    photographer.close()
+    wrist = fit_wrist_camera(shots, bench, product)
+    found = {"overhead": overhead.setup, "wrist": wrist.setup}
+    cameras = {
+        name: setups[name].calibrated(
+            CameraCalibration(mount=one.mount, focal_px=one.focal_px, distortion_k1=one.distortion_k1)
+        )
+        for name, one in found.items()
+    }
+    return bench.model_copy(update=cameras)
+
+
+def _tray_off_m(world: World, believed: Bench, bench: Bench) -> Array:
+    """How far a camera over the tray sees points in it off, (49,)."""
+    world.set_arm(bench.arm_look_rad)
+    tool, tray = world.tool_pose(), bench.tray
+    true = bench.wrist.calibrated(true_calibration(world, "wrist", bench.wrist))
+    reach = np.linspace(-0.45, 0.45, 7)
+    spots = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2) * np.array(tray.size_m)
+    points = np.column_stack([spots + tray.centre_m[:2], np.full(len(spots), tray.centre_m[2])])
+    pixels = true.model.project(tool @ true.mount.pose, points)
+    camera = believed.wrist
+    seen = camera.model.onto_plane(tool @ camera.mount.pose, pixels, tray.centre_m[2])
+    off: Array = np.linalg.norm(seen - points, axis=1)
+    return off

@@ -1,0 +1,105 @@
+"""The paper's Fig. 10: detectors of actions against baselines, over splits of the same recordings. Imports torch."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bracket_cell.learned.actions.segments import SegmentReader
+from bracket_cell.learned.actions.settings import WHOLE_FRAMES, ActionTraining
+from bracket_cell.learned.inference.scores import student
+from bracket_lab.learned.actions.data import Segments
+from bracket_lab.learned.actions.evaluate import answers
+from bracket_lab.learned.actions.train import OUTPUTS, Task, action_recipe
+from bracket_lab.learned.training.recipe import Task as Training
+from bracket_lab.learned.training.torch_model import TorchModel
+
+KINDS = ("slim", "paper", "cnn_lstm", "hand", "lrcn")
+NAMES = {
+    "slim": "slim",
+    "paper": "LSTM-FCN + VGG16 (`paper`)",
+    "cnn_lstm": "VGG16 + plain LSTM",
+    "hand": "hand-centric CNN",
+    "lrcn": "LRCN",
+}
+CONTROLS: Mapping[str, Mapping[str, Any]] = {
+    "": {},
+    "black crops": {"blank": True},
+    "shuffled track": {"shuffle_seed": 0},
+}
+FOLDS = 5
+MEASURES = ("all", "outside_guard", "assemblies")
+Row = dict[str, object]
+
+
+def measure_folds(
+    task: Task,
+    segments: Segments,
+    wanted: Iterable[tuple[int, str]],
+    settings: ActionTraining,
+    folds: int = FOLDS,
+    seed: int = 0,
+) -> Iterator[Row]:
+    """A row for each split and kind: how many segments of the recordings that were kept apart are named right.
+
+    Args:
+        wanted: (split, kind).
+    """
+    reader = SegmentReader(task.bench, task.product)
+    for fold, kind in wanted:
+        learned, kept = segments.without(fold, folds)
+        began_s = time.process_time()
+        recipe, asked = action_recipe(task, learned, kind, settings, seed=seed + fold), Training(seed=seed + fold)
+        recipe.fit(asked)
+        spent_s = time.process_time() - began_s
+        model = TorchModel(recipe.network, OUTPUTS, recipe.card(asked))
+        row: Row = {"fold": fold, "kind": kind, "processor_s": round(spent_s, 1), "learned": len(learned)}
+        for control, changed in CONTROLS.items():
+            if kind in WHOLE_FRAMES and "blank" in changed:
+                continue  # without its frames nothing is left to look at
+            posterior, _ = answers(model, kept, reader, noise_seed=fold, **changed)
+            row[control or "told"] = _counts(kept, posterior.argmax(axis=1), task.classes.assemblies)
+        yield row
+
+
+def _counts(segments: Segments, named: Any, assemblies: int) -> dict[str, list[int]]:
+    """(right, of) by measure."""
+    right, clear = named == segments.classes, ~segments.guarded
+    chosen = {
+        "all": np.ones(len(right), bool),
+        "outside_guard": clear,
+        "assemblies": clear & (segments.classes < assemblies),
+    }
+    return {name: [int(right[rows].sum()), int(rows.sum())] for name, rows in chosen.items()}
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """For each kind and control: mean over the splits of the shares that were right, and half of its 95 % interval."""
+    found = []
+    for kind in KINDS:
+        of_kind = [row for row in rows if row["kind"] == kind]
+        for control in CONTROLS:
+            told = [row[control or "told"] for row in of_kind if (control or "told") in row]
+            if not told:
+                continue
+            line: dict[str, Any] = {"kind": kind, "control": control, "splits": len(told)}
+            for name in MEASURES:
+                mean, half = student([one[name][0] / max(1, one[name][1]) for one in told])
+                line[name] = [round(mean, 4), round(half, 4)]
+            found.append(line)
+    return found
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The table in Markdown."""
+    lines = [
+        "| network | control | splits | all segments | outside the guard band | assemblies |",
+        "|---|---|---|---|---|---|",
+    ]
+    for one in summary(rows):
+        shares = (f"{one[name][0]:.3f} +- {one[name][1]:.3f}" for name in MEASURES)
+        lines.append(f"| {NAMES[one['kind']]} | {one['control']} | {one['splits']} | {' | '.join(shares)} |")
+    return "\n".join(lines)

@@ -1,0 +1,109 @@
+"""`cell twin`: the simulated cell behind the wires of real devices, and its faults on demand."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
+from bracket_cell.commands.terminal import console, print_json
+from bracket_cell.configuration import Configuration, load_configuration, load_product, located, simulated
+from bracket_cell.remote import priority
+from bracket_ground.interfaces.devices import ROLES
+from bracket_sim.process.opening import open_simulation
+from bracket_sim.scene.settings import settings_of
+from bracket_sim.scene.world import World
+from bracket_sim.twin.arm import TwinArm
+from bracket_sim.twin.cell import TwinCell
+from bracket_sim.twin.control import ADDRESS, ControlDoor, ask
+
+FAST_CYCLE_S, CYCLE_S = 0.002, 0.008  # of an e-series controller, and of one before it
+FAST_ROBOTS = ("ur10e",)
+
+AtOption = Annotated[Path, typer.Option("--at", help="Socket file by which `cell twin fault` reaches it.")]
+
+twin_app = typer.Typer(invoke_without_command=True, help="Serve the simulated cell by the wires of real devices.")
+
+
+@twin_app.callback()
+def twin(
+    context: typer.Context,
+    config: ConfigOption = CONFIGURATION,
+    slower: Annotated[float, typer.Option(min=1, max=50, help="The cell goes so many times slower.")] = 1.0,
+    goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
+    seed: SeedOption = 0,
+    person: Annotated[str | None, typer.Option(help="The simulated person; as configured by default.")] = None,
+    look: Annotated[str | None, typer.Option(help="Look of the simulation; as configured by default.")] = None,
+    at: AtOption = ADDRESS,
+) -> None:
+    """Serve the simulated cell by the wires that the configuration's devices have; Ctrl-C ends it."""
+    if context.invoked_subcommand is not None:
+        return
+    configuration = simulated(load_configuration(config), look, person)
+    with located(config, configuration):
+        cell = open_twin(configuration, config, seed, goal, slower)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: ended.set())
+    try:
+        with priority.preferred():
+            wires = cell.serve()
+        door = ControlDoor(cell, at)
+        for wire in wires:
+            console().print(wire.told, highlight=False, soft_wrap=True)
+        console().print(f"faults: cell twin fault NAME --at {at}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+        ended.wait()
+        door.close()
+    finally:
+        cell.close()
+
+
+@twin_app.command()
+def fault(
+    name: Annotated[str | None, typer.Argument(help="Which; without one, all are listed.")] = None,
+    at: AtOption = ADDRESS,
+) -> None:
+    """Make something go wrong in a running twin."""
+    if name is not None:
+        console().print(ask(at, {"fault": name}), highlight=False)
+        return
+    for known, what in ask(at, {"faults": True}).items():
+        console().print(f"{known}: {what}", highlight=False, soft_wrap=True)
+
+
+@twin_app.command()
+def report(at: AtOption = ADDRESS, as_json: JsonOption = False) -> None:
+    """Say how the assembly in a running twin stands, by the truth."""
+    told = ask(at, {"report": True})
+    if as_json:
+        print_json(told)
+        return
+    for key, value in told.items():
+        console().print(f"{key}: {value}", highlight=False)
+
+
+def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, slower: float) -> TwinCell:
+    """The twin of a configuration's cell, whose time stands until it serves; who calls closes it.
+
+    Raises:
+        CellError: it could not be opened.
+    """
+    product, name = load_product(configuration, path), configuration.robot.name
+    devices, simulation = configuration.devices, settings_of(configuration.devices.simulation)
+    period_s = FAST_CYCLE_S if name in FAST_ROBOTS else CYCLE_S
+    physics = simulation.physics.model_copy(update={"control_period_s": period_s})
+    devices = devices.model_copy(update={"simulation": simulation.model_copy(update={"physics": physics})})
+    arms: list[TwinArm] = []
+
+    def made(world: World) -> TwinArm:
+        arms.append(TwinArm(world))
+        return arms[0]
+
+    sim = open_simulation(configuration.model_copy(update={"devices": devices}), product, seed, goal, arm=made)
+    sim.await_ready()
+    settings = {role: device.model_dump() for role in ROLES if (device := getattr(devices, role)) is not None}
+    return TwinCell(sim, arms[0], settings, name, period_s, slower)

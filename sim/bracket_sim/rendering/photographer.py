@@ -1,0 +1,158 @@
+"""Turns exposures into frames: renders what a camera saw and spoils it like its sensor. Needs no world, only poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_ground.interfaces.bench import CameraSetup
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.rendering.stereo import Stereo
+from bracket_sim.rendering.studio import ScenePoses, Stage, Studio, show_poses
+from bracket_sim.scene.lens import Lens
+from bracket_sim.scene.look import Camera
+
+WHITE = 255
+BANK_FRAMES = 2  # length of the noise bank, in images
+STILL = 1e-4  # by which a place [m] or a direction may change while the shutter is open, so that nothing is blurred
+
+Image = NDArray[np.uint8]
+
+
+class Sensor:
+    """Spoils clean images; the same images in the same order come out the same.
+
+    Args:
+        rng: this sensor's alone.
+    """
+
+    def __init__(self, setup: CameraSetup, look: Camera, rng: np.random.Generator) -> None:
+        self.width_px, self.height_px = setup.width_px, setup.height_px
+        self._look, self._rng = look, rng
+        self._lens = Lens(setup, look)
+        # Drawing a normal number for each pixel costs as much as rendering, so frames cut theirs from a longer bank.
+        size = self.width_px * self.height_px * 3
+        bank = np.rint(rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * look.noise_levels)
+        # Apart by sign, as bytes: what saturates is added four times as fast as wider numbers are.
+        self._brighter, self._darker = (np.clip(one, 0, WHITE).astype(np.uint8) for one in (bank, -bank))
+
+    def spoil(self, clean: Image) -> Image:
+        """The frame of a clean image (height, width, 3), RGB."""
+        look = self._look
+        seen = self._lens.bend(clean)
+        if look.blur_px > 0:
+            seen = cv2.GaussianBlur(seen, (0, 0), look.blur_px).astype(np.uint8, copy=False)
+        exposed, (brighter, darker) = self._exposed(seen), self._grain(seen)
+        spoiled: Image = exposed  # its memory is used again: nobody else has it
+        cv2.subtract(cv2.add(exposed, brighter, dst=spoiled), darker, dst=spoiled)
+        if look.jpeg:
+            spoiled = _compressed(spoiled, look.jpeg_quality)
+        spoiled.setflags(write=False)
+        return spoiled
+
+    def _exposed(self, image: Image) -> Image:
+        look = self._look
+        gain = max(0.0, 1.0 + look.brightness_jitter * self._rng.standard_normal()) * 2.0**look.brightness_ev
+        bright = cv2.convertScaleAbs(image, alpha=gain).astype(np.uint8, copy=False)
+        for channel, balance in ((0, look.red_gain), (2, look.blue_gain)):
+            if balance != 1:
+                bright[..., channel] = cv2.convertScaleAbs(image[..., channel], alpha=gain * balance)
+        return bright
+
+    def _grain(self, image: Image) -> tuple[Image, Image]:
+        """How much brighter and how much darker each pixel is than it should be; one of them is 0."""
+        start = int(self._rng.integers(self._brighter.size - image.size + 1))
+        end = start + image.size
+        return self._brighter[start:end].reshape(image.shape), self._darker[start:end].reshape(image.shape)
+
+
+def _compressed(image: Image, quality: int) -> Image:
+    """What JPEG leaves of an image."""
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """All that a frame is made from.
+
+    Attributes:
+        sequence: number of the camera's frame, from 0.
+        world_from_camera: as the frame will tell it.
+        moments: poses of everything that can be seen, from the shutter's opening to its closing.
+    """
+
+    camera: str
+    sequence: int
+    time_s: float
+    world_from_camera: Pose
+    moments: tuple[ScenePoses, ...]
+
+
+@dataclass(frozen=True)
+class SensorSetup:
+    """How a camera's images come about; `rng` belongs to this sensor alone."""
+
+    setup: CameraSetup
+    look: Camera
+    rng: np.random.Generator
+
+
+def moves(moments: Sequence[ScenePoses]) -> bool:
+    """Whether anything is elsewhere at one moment than at the first, so that it can be seen."""
+    return any(
+        bool((np.abs(now - then) > STILL).any())
+        for one in moments[1:]
+        for now, then in zip(one, moments[0], strict=True)
+    )
+
+
+class Photographer:
+    """Makes the frames of some cameras, each camera's in their order.
+
+    Args:
+        model: the compiled cell.
+        sensors: by the camera's name.
+    """
+
+    def __init__(self, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup]) -> None:
+        self._data = mujoco.MjData(model)
+        self._studio = Studio(Stage(model, self._data))
+        self._sensors = {name: Sensor(setup.setup, setup.look, setup.rng) for name, setup in sensors.items()}
+        self._stereo = {
+            name: Stereo(setup.setup, setup.look, setup.rng.spawn(1)[0])  # so that colours are the same without depths
+            for name, setup in sensors.items()
+            if setup.setup.depth
+        }
+
+    def take(self, exposure: Exposure) -> Frame:
+        """The frame of an exposure."""
+        sensor = self._sensors[exposure.camera]
+        image = sensor.spoil(self._gathered(exposure, sensor))
+        stereo, depth_mm = self._stereo.get(exposure.camera), None
+        if stereo is not None:
+            depth_mm = stereo.spoil(self._studio.depths_m(exposure.camera, sensor.width_px, sensor.height_px))
+        told = exposure.camera, exposure.sequence, exposure.time_s
+        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
+
+    def _gathered(self, exposure: Exposure, sensor: Sensor) -> Image:
+        """What the sensor gathers until the shutter closes; where nothing moves, one moment is as good as all."""
+        moments = exposure.moments if moves(exposure.moments) else exposure.moments[-1:]
+        clean = [self._clean(exposure.camera, sensor, poses) for poses in moments]
+        return clean[0] if len(clean) == 1 else np.rint(np.mean(clean, axis=0)).astype(np.uint8)
+
+    def _clean(self, camera: str, sensor: Sensor, poses: ScenePoses) -> Image:
+        show_poses(self._data, poses)
+        return self._studio.render(camera, sensor.width_px, sensor.height_px)
+
+    def close(self) -> None:
+        """Let go of the graphics contexts."""
+        self._studio.close()

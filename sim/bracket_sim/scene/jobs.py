@@ -1,0 +1,71 @@
+"""What the person is told to build, one bracket after the other; some of it nobody has listed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.product import Product
+
+RANDOM_GOAL = "random"
+NOT_LISTED = "not listed"
+TRIES = 1000
+
+
+@dataclass(frozen=True)
+class Job:
+    """One bracket: the goal's name, and the part type at every position."""
+
+    goal: str
+    placements: Mapping[str, str]
+
+
+class Jobs:
+    """Draws the jobs of a shift.
+
+    Args:
+        goal: every bracket's, or several by commas that take turns; "random" draws one for each.
+        new_goals: share of the brackets of a random shift that have an arrangement which the product does not list; it
+            is the same one all through the shift, so that it can be learned.
+    """
+
+    def __init__(self, product: Product, goal: str, new_goals: float, rng: np.random.Generator) -> None:
+        self._product, self._goal, self._new_goals, self._rng = product, goal, new_goals, rng
+        self._turns = cycle(goal.split(","))
+        self._unlisted = _unlisted(product, rng) if goal == RANDOM_GOAL and new_goals > 0 else None
+
+    def next(self) -> Job:
+        """The next bracket's job."""
+        product = self._product
+        if self._unlisted is not None and self._rng.random() < self._new_goals:
+            return Job(NOT_LISTED, self._unlisted)
+        goal = chosen_goal(product, next(self._turns), self._rng)
+        return Job(goal, product.goal_placements(goal))
+
+
+def chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:
+    """The goal that was asked for, or a drawn one.
+
+    Raises:
+        InputError: the product has none of this name.
+    """
+    names = sorted(product.goals)
+    if goal == RANDOM_GOAL:
+        return names[int(rng.integers(len(names)))]
+    if goal not in product.goals:
+        raise InputError(f"unknown goal {goal!r}; legal: {', '.join([*names, RANDOM_GOAL])}")
+    return goal
+
+
+def _unlisted(product: Product, rng: np.random.Generator) -> Mapping[str, str] | None:
+    """An arrangement of the product's parts that is none of its goals; None where every one is."""
+    parts = [name for name, part in product.parts.items() for _ in range(part.quantity)]
+    for _ in range(TRIES):
+        drawn = tuple(parts[index] for index in rng.permutation(len(parts)))
+        if drawn not in product.goals.values():
+            return dict(zip(product.positions, drawn, strict=True))
+    return None

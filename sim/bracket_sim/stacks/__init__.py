@@ -1,0 +1,1 @@
+"""Objects in stacks: their shapes, settings and how they are heaped."""

@@ -1,0 +1,187 @@
+"""What cameras would see, from poses instead of pixels: nothing is rendered, so trials of faults run much faster.
+
+It stands in for photographer, hand tracker, hole reader and part detector at once. The hand is seen where its skin is
+in view and nothing hides it; a hole, where nothing hides it; parts, where they stand in view of the wrist camera.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample, HoleView, PartDetection
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from bracket_sim.rendering.studio import visible_poses
+from bracket_sim.scene.hand import PALM_M, WRIST
+from bracket_sim.scene.world import World
+from bracket_sim.truth.labels import resting_parts
+
+SKIN_M = np.array(  # points of the hand's skin, in its frame, from the fingertips to the wrist
+    [(-0.0135, 0.0, 0.0), (0.03, 0.0, 0.02), (0.066, 0.07, 0.042), (0.09, 0.066, 0.05), PALM_M, WRIST[0], WRIST[1]]
+)
+PALM = 4
+SKIN_PX = 8  # the skin reaches this far beyond its points
+LEAST_SEEN = 2  # points of the hand that must be seen
+NEAR_HOLE_M, HELD_M = 0.03, 0.05
+ABOVE_M = 0.004
+SHIFTS_PX = 64  # of the noise, along both axes, then of its negative: a live camera never sends the same image twice
+STANDS_M = 0.05  # a part that stands in the tray begins no higher above its floor
+KEPT = 64  # frames that may still be asked about
+NOISE = 2.0  # grey levels
+
+
+class GroundTruthPerception:
+    """Makes frames without images of their own, and answers what they would have shown (HandTracker, HoleReader).
+
+    Args:
+        hand: a person is at the bench.
+        still: the frame whose depths and, but for noise, whose image all frames have.
+
+    Attributes:
+        others: no other hands are seen.
+        spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
+    """
+
+    def __init__(self, world: World, *, hand: bool, still: Frame) -> None:
+        self._world = world
+        self._hand_body = int(world.model.body("hand").id) if hand else -1
+        height, width, channels = still.image.shape
+        noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
+        self._noise, self._still = np.rint(noise).astype(np.int16), still.image.astype(np.int16)
+        self._depth_mm = still.depth_mm
+        self._holes: dict[str, HoleView] = {}
+        self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
+        self._parts: dict[int, tuple[PartDetection, ...]] = {}
+        self.others: tuple[HandSample, ...] = ()
+        self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand
+
+    def take(self, exposure: Exposure) -> Frame:
+        """Look at the world now, as the shutter closes."""
+        self._world.pose_hand()
+        if exposure.camera == "wrist":
+            self._parts = {exposure.sequence: self._parts_seen(exposure)}
+        else:
+            self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
+            self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
+        image = self._image(exposure.sequence)
+        told = exposure.camera, exposure.sequence, exposure.time_s
+        depth_mm = self._depth_mm if exposure.camera == "overhead" else None
+        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
+
+    def _image(self, sequence: int) -> NDArray[np.uint8]:
+        """The still one, with other noise in each frame."""
+        height, width = self._still.shape[:2]
+        turn, shift = divmod(sequence, SHIFTS_PX**2)
+        down, right = divmod(shift, SHIFTS_PX)
+        noise = self._noise[down : down + height, right : right + width] * (-1) ** turn
+        image: NDArray[np.uint8] = np.clip(self._still + noise, 0, 255).astype(np.uint8)
+        return image
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def track(self, frame: Frame) -> HandSample | None:
+        """The hand in a frame of the overhead camera."""
+        return self.spoil(self._seen[frame.camera, frame.sequence][0])
+
+    def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
+        """The holes in a frame."""
+        return self._seen[frame.camera, frame.sequence][1]
+
+    def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
+        """The parts in a frame of the wrist camera."""
+        return self._parts.get(frame.sequence, ())
+
+    def _hand_seen(self, exposure: Exposure) -> HandSample | None:
+        if self._hand_body < 0:
+            return None
+        data, camera = self._world.data, self._world.bench.overhead.model
+        turned = data.xmat[self._hand_body].reshape(3, 3)
+        points = data.xpos[self._hand_body] + SKIN_M @ turned.T
+        pixels = camera.project(exposure.world_from_camera, points)
+        eye = np.array(exposure.world_from_camera.position_m)
+        inside = ((pixels >= 0) & (pixels < (camera.width_px, camera.height_px))).all(axis=1)
+        seen = [index for index in np.flatnonzero(inside) if self._visible(eye, points[index], "hand")]
+        if len(seen) < LEAST_SEEN:
+            return None
+        low = np.clip(pixels[seen].min(axis=0) - SKIN_PX, 0, None)
+        high = np.minimum(pixels[seen].max(axis=0) + SKIN_PX, (camera.width_px, camera.height_px))
+        left, top, right, bottom = (int(value) for value in (*low, *high))
+        tips, palm = points[seen[0]].tolist(), points[PALM if PALM in seen else seen[-1]].tolist()
+        return HandSample(
+            time_s=exposure.time_s,
+            box_px=(left, top, right, bottom),
+            fingertips_m=(tips[0], tips[1]),
+            palm_m=(palm[0], palm[1]),
+            held_part=self._held(points[0]),
+            height_m=palm[2],
+            fingertips_height_m=tips[2],
+        )
+
+    def _held(self, tips_m: Array) -> str | None:
+        """The type between the fingers."""
+        world = self._world
+        away = {name: np.linalg.norm(world.data.body(name).xpos - tips_m) for name in world.parts}
+        nearest = min(away, key=lambda name: away[name], default=None)
+        return world.parts[nearest] if nearest is not None and away[nearest] < HELD_M else None
+
+    def _holes_seen(self, exposure: Exposure) -> Mapping[str, HoleView]:
+        world = self._world
+        eye = np.array(exposure.world_from_camera.position_m)
+        for name, xy in world.product.bracket.holes_m.items():
+            hole = world.bench.bracket.pose.transform(np.array([*xy, 0.0]))
+            near = (one for one in world.parts if _in_hole(world.data.body(one).xpos - hole))
+            part = next(near, None)
+            top_m = 0.0 if part is None else world.product.parts[world.parts[part]].size_m[2]
+            if self._visible(eye, hole + np.array([0.0, 0.0, top_m + ABOVE_M]), part or "bracket"):
+                upright = part is None or float(world.data.body(part).xmat[8]) > math.cos(math.radians(10))
+                self._holes[name] = HoleView(None if part is None else world.parts[part], 1.0, exposure.time_s, upright)
+        return dict(self._holes)
+
+    def _parts_seen(self, exposure: Exposure) -> tuple[PartDetection, ...]:
+        camera, found = self._world.bench.wrist.model, []
+        for one in resting_parts(self._world):
+            if one.part not in self._world.product.parts or one.posture != "upright" or one.on_top:
+                continue
+            size_m = self._world.product.parts[one.part].size_m
+            pixel = camera.project(exposure.world_from_camera, np.array([one.world_from_part.position_m]))[0]
+            if ((pixel > 0) & (pixel < (camera.width_px, camera.height_px))).all() and self._in_tray(one.name):
+                x, y = (int(value) for value in pixel)
+                found.append(PartDetection(one.part, 1.0, one.world_from_part, size_m, (x - 9, y - 9, x + 9, y + 9)))
+        return tuple(found)
+
+    def _in_tray(self, name: str) -> bool:
+        tray, place = self._world.bench.tray, self._world.data.body(name).xpos
+        low = place[2] < tray.centre_m[2] + STANDS_M
+        return low and bool((np.abs(place[:2] - np.array(tray.centre_m[:2])) < np.array(tray.size_m) / 2).all())
+
+    def _visible(self, eye_m: Array, point_m: Array, of: str) -> bool:
+        """Whether nothing but a body of this name hides a point from the camera."""
+        model, data = self._world.model, self._world.data
+        way = point_m - eye_m
+        hit = np.zeros(1, np.int32)
+        groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+        share = mujoco.mj_ray(model, data, eye_m, way, groups, 1, -1, hit)
+        if share < 0 or share >= 1.0 - 1e-3:
+            return True
+        hides: str = model.body(int(model.geom_bodyid[hit[0]])).name
+        return hides.startswith(of)
+
+
+def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> GroundTruthPerception:
+    """One that shows the bench as it is at the beginning in every frame; renders once."""
+    photographer = Photographer(world.model, sensors)
+    exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
+    still = photographer.take(exposure)
+    photographer.close()
+    return GroundTruthPerception(world, hand=hand, still=still)
+
+
+def _in_hole(offset_m: Array) -> bool:
+    return math.hypot(offset_m[0], offset_m[1]) < NEAR_HOLE_M and abs(offset_m[2]) < NEAR_HOLE_M

@@ -1,0 +1,117 @@
+"""Judges an assembly from the simulator's truth; nothing in the controller reads it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.scene.jobs import Job
+from bracket_sim.scene.world import World, WorldPart
+
+NEAR_HOLE_M = 0.03  # a part whose origin is this close to a hole's axis is in or on that hole
+NEAR_HOLE_HEIGHT_M = 0.06
+SEATED_SLACK_M = 0.002  # beyond the hole's clearance
+SEATED_HEIGHT_M = 0.003
+UPRIGHT_RAD = math.radians(5.0)
+
+Hand = Literal["robot", "human"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A part in or on a hole.
+
+    Attributes:
+        seated: it stands upright with its peg in the hole and its body on the plate.
+        by: who touched it last before it was seated.
+    """
+
+    part: str
+    seated: bool
+    by: Hand | None
+
+
+class Score:
+    """Watches who touches which part, and reports how the bracket looks.
+
+    Args:
+        job: the configuration that is to be assembled.
+    """
+
+    def __init__(self, world: World, job: Job) -> None:
+        self._world, self._job = world, job
+        bracket = world.bench.bracket.pose
+        self._holes = {
+            name: bracket.transform(np.array([*xy, 0.0])) for name, xy in world.product.bracket.holes_m.items()
+        }
+        names = [world.model.body(index).name for index in range(world.model.nbody)]
+        self._robot = np.array([name.startswith("finger_") for name in names])
+        self._human = np.array([name.startswith("hand") for name in names])
+        self._handling = self._robot | self._human
+        self._part = {part.body: part for part in world.bodies}
+        self._movable = np.array([index in self._part for index in range(len(names))])
+        self._touched: dict[str, Hand] = {}
+
+    @property
+    def goal(self) -> str:
+        """Name of what is to be assembled."""
+        return self._job.goal
+
+    def begin(self, job: Job) -> None:
+        """Another bracket: nobody has touched its parts yet."""
+        self._job = job
+        self._touched.clear()
+
+    def observe(self, _time_s: float, /) -> None:
+        """Note who touches parts that are not seated; brushing a seated one does not count."""
+        data = self._world.data
+        if not data.ncon or not self._handling[pairs := self._world.model.geom_bodyid[data.contact.geom]].any():
+            return
+        for mine, other in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):
+            self._note("robot", mine[self._movable[mine] & self._robot[other]])
+            self._note("human", mine[self._movable[mine] & self._human[other]])
+
+    def _note(self, hand: Hand, bodies: NDArray[np.int32]) -> None:
+        for body in set(bodies.tolist()):
+            part = self._part[body]
+            if not any(self._seated(part, hole) for hole in self._holes.values()):
+                self._touched[part.name] = hand
+
+    def placements(self) -> dict[str, Placement]:
+        """What is in or on every hole that is not empty."""
+        found = {}
+        for position, hole in self._holes.items():
+            for part in self._world.bodies:
+                if self._near(part, hole):
+                    found[position] = Placement(part.part, self._seated(part, hole), self._touched.get(part.name))
+                    break
+        return found
+
+    def report(self) -> dict[str, object]:
+        """Keys of `cell run --json` that only the truth can give."""
+        wanted = self._job.placements
+        found = self.placements()
+        good = {position for position, one in found.items() if one.seated and one.part == wanted[position]}
+        return {
+            "correct": len(good) == len(wanted),
+            "goal": self._job.goal,
+            "placements": {position: one.part for position, one in found.items()},
+            "wrong_placements": len(found) - len(good),
+            "robot_placements": sum(one.by == "robot" for one in found.values()),
+            "human_placements": sum(one.by == "human" for one in found.values()),
+        }
+
+    def _near(self, part: WorldPart, hole: Array) -> bool:
+        x, y, z = self._world.data.xpos[part.body] - hole
+        return math.hypot(x, y) < NEAR_HOLE_M and abs(z) < NEAR_HOLE_HEIGHT_M
+
+    def _seated(self, part: WorldPart, hole: Array) -> bool:
+        x, y, z = self._world.data.xpos[part.body] - hole
+        cosine = self._world.data.xmat[part.body][8]
+        slack = self._world.product.bracket.hole_clearance_m + SEATED_SLACK_M
+        return bool(math.hypot(x, y) < slack and abs(z) < SEATED_HEIGHT_M and cosine > math.cos(UPRIGHT_RAD))

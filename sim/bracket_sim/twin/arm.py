@@ -1,0 +1,151 @@
+"""The arm behind the twin's controller: joints that follow set points, speeds, moves and stops cycle by cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s
+from bracket_sim.scene.world import World
+
+LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
+HAND_RAD_S, HAND_RAD_S2 = 0.6, 3.0  # of an arm that somebody moves by hand
+SPEED_RAD_S = 3.4  # beyond it the controller stops by itself
+
+Mode = Literal["hold", "servo", "speed", "move", "stop"]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One measurement of the joints, (6,) each."""
+
+    time_s: float
+    positions_rad: Array
+    velocities_rad_s: Array
+    moments_nm: Array
+    targets_rad: Array
+    target_speeds_rad_s: Array
+
+
+class TwinArm:
+    """Interpolates what the controller's program commands, at the controller's cycle.
+
+    Attributes:
+        driven_rad_s: how fast the set points move, (6,).
+        measured: the newest measurement.
+        scale: of all speeds, 0 to 1: slider and safety of the controller.
+        held_back: why the joints could not follow; empty where they could.
+        mode: what is being done.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world, self._lag_s = world, servo_lag_s(world)
+        self._reference = world.data.qpos[world.arm_qpos].copy()
+        self._goal, self._acceleration, self._lookahead_s = self._reference.copy(), 1.0, LOOKAHEAD_S
+        self._moves: list[tuple[Array, float, float]] = []
+        self._late_periods = self._fast_periods = 0
+        self.mode: Mode = "hold"
+        self.driven_rad_s: Array = np.zeros(6)
+        self.scale, self.held_back = 1.0, ""
+        self.measured = self._measurement(0.0)
+
+    def servo(self, goal_rad: Array, lookahead_s: float) -> None:
+        """Follow a set point that is renewed every cycle; the joints trail it by about the lookahead."""
+        self.mode, self._goal, self._lookahead_s = "servo", goal_rad, max(lookahead_s, LOOKAHEAD_S)
+
+    def speed(self, goal_rad_s: Array, acceleration_rad_s2: float) -> None:
+        """Take on these speeds, and keep them."""
+        self.mode, self._goal, self._acceleration = "speed", goal_rad_s, acceleration_rad_s2
+
+    def move(self, moves: list[tuple[Array, float, float]]) -> None:
+        """Go to (joints, speed, acceleration), one after the other, with a rest at each."""
+        self.mode, self._moves = "move", list(moves)
+
+    def stop(self, acceleration_rad_s2: float = 20.0) -> None:
+        """Slow down, all joints alike, and hold."""
+        if self.mode != "hold":
+            self.mode, self._acceleration = "stop", max(acceleration_rad_s2, 0.1)
+
+    def push(self, by_rad: Array) -> None:
+        """Somebody moves the arm by hand, (6,)."""
+        self.move([(self._reference + by_rad, HAND_RAD_S, HAND_RAD_S2)])
+
+    @property
+    def moving(self) -> bool:
+        """Whether the set points move or are about to."""
+        return self.mode in ("speed", "move", "stop") or bool(np.abs(self.driven_rad_s).max() > 1e-4)
+
+    def update(self, _: float, dt_s: float) -> None:
+        """Move the set points by one cycle."""
+        here, velocity = self._reference, self._velocity(dt_s)
+        self._reference = here + velocity * dt_s
+        self.driven_rad_s = velocity
+        self._world.data.ctrl[self._world.arm_ctrl] = here + velocity * (dt_s / 2 + self._lag_s)
+        self._watch()
+
+    def observe(self, time_s: float, /) -> None:
+        """Measure the joints."""
+        self.measured = self._measurement(time_s)
+
+    def _velocity(self, dt_s: float) -> Array:
+        """How fast the set points move in this cycle, (6,)."""
+        now = self.driven_rad_s
+        if self.mode == "servo":
+            chased: Array = (self._goal - self._reference) / (self._lookahead_s + dt_s) * self.scale
+            return chased
+        if self.mode == "speed":
+            return _towards(now, self._goal * self.scale, self._acceleration * dt_s)
+        if self.mode == "move" and self._moves:
+            return self._on_the_move(dt_s)
+        slowed = _towards(now, np.zeros(6), self._acceleration * dt_s)
+        if not slowed.any():
+            self.mode = "hold"
+        return slowed
+
+    def _on_the_move(self, dt_s: float) -> Array:
+        """A trapezoid of the leading joint; the others keep their share of it."""
+        goal, speed, acceleration = self._moves[0]
+        way = goal - self._reference
+        far = float(np.abs(way).max())
+        if far < 1e-5:
+            self._moves.pop(0)
+            if not self._moves:
+                self.mode, self._acceleration = "stop", acceleration
+            return np.zeros(6)
+        now = float(np.abs(self.driven_rad_s).max())
+        fastest = min(speed * self.scale, now + acceleration * dt_s, float(np.sqrt(2 * acceleration * far)), far / dt_s)
+        step: Array = way / far * fastest
+        return step
+
+    def _watch(self) -> None:
+        """Tell when the joints are held back from their set points, or run faster than they may."""
+        apart = float(np.abs(self.measured.positions_rad - self._reference).max())
+        self._late_periods = self._late_periods + 1 if apart > TRACKING_LIMIT_RAD else 0
+        fastest = float(np.abs(self.measured.velocities_rad_s).max())
+        self._fast_periods = self._fast_periods + 1 if fastest > SPEED_RAD_S else 0
+        if self._late_periods >= TRACKING_PERIODS:
+            self.held_back = f"a joint is {apart:.3f} rad from its set point"
+        elif self._fast_periods >= TRACKING_PERIODS:
+            self.held_back = f"a joint turns at {fastest:.2f} rad/s, limit {SPEED_RAD_S} rad/s"
+
+    def freeze(self) -> None:
+        """Hold where the joints are."""
+        self._reference, self.driven_rad_s = self.measured.positions_rad.copy(), np.zeros(6)
+        self.mode, self.held_back, self._late_periods = "hold", "", 0
+
+    def _measurement(self, time_s: float) -> Measured:
+        data, world = self._world.data, self._world
+        joints, speeds = data.qpos[world.arm_qpos].copy(), data.qvel[world.arm_qvel].copy()
+        moments = data.qfrc_actuator[world.arm_qvel].copy()
+        return Measured(time_s, joints, speeds, moments, self._reference.copy(), self.driven_rad_s.copy())
+
+
+def _towards(now: Array, goal: Array, step: float) -> Array:
+    """Closer to the goal, all joints in the same share of their ways."""
+    way = goal - now
+    far = float(np.abs(way).max())
+    nearer: Array = goal.copy() if far <= step else now + way * (step / far)
+    return nearer

@@ -1,0 +1,254 @@
+"""RTDE, protocol version 2, as a controller serves it: recipes of outputs and inputs, one owner for each input.
+
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) guide". A package is its size (u16, with these three bytes),
+its type (u8) and what belongs to the type, all big endian.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.twin.controller import Controller, RobotMode, Runtime, Safety
+from bracket_sim.twin.sockets import Port
+
+PORT = 30004
+MOST_HELD = 1 << 20
+FORMS = {
+    "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
+    "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
+}  # fmt: skip
+SIXES = (
+    "target_qdd", "target_current", "actual_current", "joint_control_output", "actual_TCP_speed", "actual_TCP_force",
+    "target_TCP_speed", "joint_temperatures", "actual_joint_voltage", "ft_raw_wrench", "actual_current_as_torque",
+    "actual_current_window", "payload_inertia",
+)  # fmt: skip
+DOUBLES = (
+    "actual_execution_time", "actual_momentum", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current",
+    "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",
+    "tool_analog_input0", "tool_analog_input1", "tool_output_current", "tcp_force_scalar",
+)  # fmt: skip
+INPUTS = {
+    "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE", "standard_digital_output_mask": "UINT8",
+    "standard_digital_output": "UINT8", "configurable_digital_output_mask": "UINT8",
+    "configurable_digital_output": "UINT8", "tool_digital_output_mask": "UINT8", "tool_digital_output": "UINT8",
+    "standard_analog_output_mask": "UINT8", "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE", "standard_analog_output_1": "DOUBLE",
+    "input_bit_registers0_to_31": "UINT32", "input_bit_registers32_to_63": "UINT32",
+    "external_force_torque": "VECTOR6D",
+}  # fmt: skip
+REGISTER = re.compile(r"(input|output)_(int|double|bit)_register_(\d+)\Z")
+SAFETY_BITS = {Safety.NORMAL: 0, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
+REGISTERS = 48
+Value = float | Sequence[float] | Array
+Read = Callable[[Controller], Value]
+
+
+def _robot_bits(of: Controller) -> int:
+    powered = of.robot_mode in (RobotMode.IDLE, RobotMode.RUNNING)
+    return int(powered) | int(of.runtime is Runtime.PLAYING) << 1
+
+
+def _safety_bits(of: Controller) -> int:
+    stopped = of.safety is not Safety.NORMAL
+    emergency = of.safety is Safety.EMERGENCY
+    return 1 << SAFETY_BITS[of.safety] | int(emergency) << 7 | int(stopped) << 10
+
+
+OUTPUTS: Mapping[str, tuple[str, Read]] = {
+    "timestamp": ("DOUBLE", lambda of: of.arm.measured.time_s - of.cell.now_s() + of.now_s),
+    "actual_q": ("VECTOR6D", lambda of: of.arm.measured.positions_rad + of.turned_rad),
+    "actual_qd": ("VECTOR6D", lambda of: of.arm.measured.velocities_rad_s),
+    "target_q": ("VECTOR6D", lambda of: of.arm.measured.targets_rad + of.turned_rad),
+    "target_qd": ("VECTOR6D", lambda of: of.arm.measured.target_speeds_rad_s),
+    "target_moment": ("VECTOR6D", lambda of: of.arm.measured.moments_nm),
+    "actual_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.positions_rad, of.tcp)),
+    "target_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.targets_rad, of.tcp)),
+    "robot_mode": ("INT32", lambda of: of.robot_mode),
+    "safety_mode": ("INT32", lambda of: of.safety),
+    "safety_status": ("INT32", lambda of: of.safety),
+    "runtime_state": ("UINT32", lambda of: of.runtime),
+    "robot_status_bits": ("UINT32", _robot_bits),
+    "safety_status_bits": ("UINT32", _safety_bits),
+    "speed_scaling": ("DOUBLE", lambda _: 1.0),
+    "target_speed_fraction": ("DOUBLE", lambda of: of.slider),
+    "payload": ("DOUBLE", lambda of: of.payload_kg),
+    "payload_cog": ("VECTOR3D", lambda of: of.payload_cog_m),
+    "tcp_offset": ("VECTOR6D", lambda of: of.tcp),
+    **{one: ("VECTOR6D", lambda _: (0.0,) * 6) for one in SIXES},
+    **{one: ("DOUBLE", lambda _: 0.0) for one in DOUBLES},
+    "joint_mode": ("VECTOR6INT32", lambda _: (255,) * 6),
+    "actual_tool_accelerometer": ("VECTOR3D", lambda _: (0.0,) * 3),
+    "actual_digital_input_bits": ("UINT64", lambda _: 0),
+    "actual_digital_output_bits": ("UINT64", lambda _: 0),
+    "tool_output_voltage": ("INT32", lambda _: 0),
+    "tool_analog_input_types": ("UINT32", lambda _: 0),
+}
+
+
+def output_of(name: str) -> tuple[str, Read] | None:
+    """Type of an output, and what reads it; None for one that there is not."""
+    if name in OUTPUTS:
+        return OUTPUTS[name]
+    found = REGISTER.match(name)
+    if found is None or int(found[3]) >= REGISTERS or found[2] == "bit":
+        return None
+    number, attribute = int(found[3]), f"{found[2]}s_{'out' if found[1] == 'output' else 'in'}"
+
+    def read(of: Controller) -> Value:
+        value: float = getattr(of.registers, attribute)[number]
+        return value
+
+    return "INT32" if found[2] == "int" else "DOUBLE", read
+
+
+@dataclass(eq=False)
+class Client:
+    """One connection: its recipes, and whether it takes data."""
+
+    socket: socket.socket
+    outputs: struct.Struct | None = None
+    reads: list[Read] = field(default_factory=list)
+    every: int = 1
+    started: bool = False
+    inputs: list[tuple[struct.Struct, list[tuple[str, str]]]] = field(default_factory=list)
+    protocol: int = 1
+    held: deque[bytes] = field(default_factory=deque)
+
+
+class RtdeServer(Port):
+    """Serves RTDE clients; `late_until_s` and `silent_until_s` hold packages back for trials (world's time)."""
+
+    def __init__(self, controller: Controller, host: str) -> None:
+        self._of = controller
+        self._known: dict[socket.socket, Client] = {}
+        self._owners: dict[str, Client] = {}
+        self._cycles = 0
+        self.late_until_s = self.silent_until_s = 0.0
+        super().__init__(host, PORT)
+        controller.cell.each_period(self._publish)
+
+    def serve(self, client: socket.socket) -> None:
+        """Answer one client, and take what it sends."""
+        known = self._known[client] = Client(client)
+        try:
+            while True:
+                size, kind = struct.unpack(">HB", _exactly(client, 3))
+                self._package(known, chr(kind), _exactly(client, size - 3))
+        finally:
+            del self._known[client]
+            self._owners = {name: owner for name, owner in self._owners.items() if owner is not known}
+
+    def _package(self, client: Client, kind: str, body: bytes) -> None:
+        if kind == "U":
+            self._take(client, body)
+            return
+        if kind == "V":
+            (client.protocol,) = struct.unpack(">H", body)
+            answer = struct.pack(">B", client.protocol in (1, 2))
+        elif kind == "v":
+            answer = struct.pack(">4I", *self._of.model.version)
+        elif kind == "O":
+            answer = self._output_recipe(client, body)
+        elif kind == "I":
+            answer = self._input_recipe(client, body.decode())
+        elif kind in "SP":
+            client.started = kind == "S"
+            answer = b"\1"
+        else:
+            return
+        client.socket.sendall(_package(kind, answer))
+
+    def _output_recipe(self, client: Client, body: bytes) -> bytes:
+        rate_hz, names = (struct.unpack(">d", body[:8])[0], body[8:]) if client.protocol == 2 else (125.0, body)
+        found = [output_of(name) for name in names.decode().split(",") if name]
+        types = ",".join("NOT_FOUND" if one is None else one[0] for one in found)
+        client.outputs = struct.Struct(">" + "".join(FORMS[one[0]] for one in found if one is not None))
+        client.reads = [one[1] for one in found if one is not None]
+        client.every = max(1, round(self._of.model.rate_hz / max(rate_hz, 1.0)))
+        return (b"\1" if client.protocol == 2 else b"") + types.encode()
+
+    def _input_recipe(self, client: Client, names: str) -> bytes:
+        wanted = [name for name in names.split(",") if name]
+        types = [self._input_type(client, name) for name in wanted]
+        if all(one in FORMS for one in types):
+            self._owners.update(dict.fromkeys(wanted, client))
+            form = struct.Struct(">" + "".join(FORMS[one] for one in types))
+            client.inputs.append((form, list(zip(wanted, types, strict=True))))
+            return bytes([len(client.inputs)]) + ",".join(types).encode()
+        return b"\0" + ",".join(types).encode()
+
+    def _input_type(self, client: Client, name: str) -> str:
+        found = REGISTER.match(name)
+        if found is not None and found[1] == "input" and int(found[3]) < REGISTERS:
+            kind = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}[found[2]]
+        elif name in INPUTS:
+            kind = INPUTS[name]
+        else:
+            return "NOT_FOUND"
+        foreign = self._of.fieldbus and found is not None and int(found[3]) < 24
+        return "IN_USE" if foreign or self._owners.get(name, client) is not client else kind
+
+    def _take(self, client: Client, body: bytes) -> None:
+        """Registers are written at once, as one client may not see half of another's."""
+        form, names = client.inputs[body[0] - 1]
+        values = list(form.unpack(body[1:]))
+        with self._of.cell.lock:
+            for name, kind in names:
+                taken = [values.pop(0) for _ in range(6 if kind == "VECTOR6D" else 1)]
+                if (found := REGISTER.match(name)) is None:
+                    self._of.slider_writes += name == "speed_slider_fraction"
+                elif found[2] == "int":
+                    self._of.registers.ints_in[int(found[3])] = int(taken[0])
+                    self._of.written(int(found[3]))
+                elif found[2] == "double":
+                    self._of.registers.doubles_in[int(found[3])] = float(taken[0])
+
+    def _publish(self, now_s: float) -> None:
+        self._cycles += 1
+        if now_s < self.silent_until_s:
+            return
+        for client in list(self._known.values()):
+            if not client.started or client.outputs is None or self._cycles % client.every:
+                continue
+            values: list[float] = []
+            for read in client.reads:
+                value = read(self._of)
+                values += [value] if isinstance(value, int | float) else list(value)
+            recipe = b"\1" if client.protocol == 2 else b""
+            client.held.append(_package("U", recipe + client.outputs.pack(*values)))
+            if now_s >= self.late_until_s:
+                self._send(client)
+
+    def _send(self, client: Client) -> None:
+        data = b"".join(client.held)
+        client.held.clear()
+        try:
+            data = data[client.socket.send(data, socket.MSG_DONTWAIT) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            client.started = False
+        if len(data) > MOST_HELD:  # it does not read
+            client.started = False
+        elif data:
+            client.held.append(data)
+
+
+def _package(kind: str, body: bytes) -> bytes:
+    return struct.pack(">HB", len(body) + 3, ord(kind)) + body
+
+
+def _exactly(client: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        part = client.recv(count - len(data))
+        if not part:
+            raise EOFError
+        data += part
+    return data

@@ -1,0 +1,78 @@
+"""What goes wrong with the twin's arm on demand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bracket_sim.twin.cell import TwinCell
+from bracket_sim.twin.controller import Controller
+from bracket_sim.twin.rtde import RtdeServer
+from bracket_sim.twin.ur_model import MODELS, Model
+
+BY_HAND_RAD = 0.3
+LATE_S, SILENT_S = 0.2, 2.0
+SLOW_SHARE, HEAVY_KG, CALIBRATION = 0.3, 2.0, 7
+
+
+def offer_faults(cell: TwinCell, of: Controller, rtde: RtdeServer) -> None:
+    """Add the faults of an arm with its controller to those of the cell."""
+
+    def put(name: str, value: object) -> Callable[[], None]:
+        return lambda: setattr(of, name, value)
+
+    def local(on: bool) -> None:
+        of.remote = not on
+        if on:
+            of.stop_program()
+
+    def moved() -> None:
+        of.arm.push(np.array([0.0, 0.0, 0.0, 0.0, 0.0, BY_HAND_RAD]))
+
+    def later(attribute: str, by_s: float) -> None:
+        setattr(rtde, attribute, cell.now_s() + by_s)
+
+    def restarted() -> None:
+        of.restart()
+        rtde.cut()
+
+    def other(model: Model) -> None:
+        of.model = model
+
+    def mended() -> None:
+        of.mend()
+        rtde.late_until_s = rtde.silent_until_s = 0.0
+
+    cell.offer("mended", "nothing is wrong with the arm any more, it stands with its brakes off", mended)
+    cell.offer("protective_stop", "the arm stops by itself", of.protective_stop)
+    cell.offer("safeguard", "the safeguard opens", lambda: of.safeguard(closed=False))
+    cell.offer("safeguard_closed", "the safeguard closes again", lambda: of.safeguard(closed=True))
+    cell.offer("emergency_stop", "an emergency stop is pressed", lambda: of.emergency(pressed=True))
+    cell.offer("emergency_released", "the button is pulled out again", lambda: of.emergency(pressed=False))
+    cell.offer("local", "somebody switches to local control; the program stops", lambda: local(True))
+    cell.offer("remote", "somebody switches back to remote control", lambda: local(False))
+    cell.offer("paused", "somebody pauses the program at the pendant", of.pause)
+    cell.offer("moved_by_hand", f"somebody turns the last wrist by {BY_HAND_RAD} rad", moved)
+    cell.offer("played", "somebody lets the paused program go on", of.play)
+    cell.offer(
+        "slider", f"the pendant's speed slider goes to {SLOW_SHARE:.0%}", lambda: setattr(of, "slider", SLOW_SHARE)
+    )
+    cell.offer("slider_full", "the slider goes to 100 %", put("slider", 1.0))
+    cell.offer("fieldbus", "a fieldbus owns the lower registers", put("fieldbus", True))
+    cell.offer("fieldbus_gone", "no fieldbus owns registers", put("fieldbus", False))
+    cell.offer("rtde_late", f"packages come {LATE_S:g} s late, then all at once", lambda: later("late_until_s", LATE_S))
+    cell.offer("rtde_silent", f"nothing comes for {SILENT_S:g} s", lambda: later("silent_until_s", SILENT_S))
+    cell.offer("rtde_cut", "all RTDE connections are cut", rtde.cut)
+    cell.offer("controller_restarted", "the controller is switched off and on", restarted)
+    cell.offer(
+        "payload_wrong", f"{HEAVY_KG:g} kg more hang on the tool than told", lambda: setattr(of, "extra_kg", HEAVY_KG)
+    )
+    cell.offer("payload_right", "what hangs on the tool is what was told", put("extra_kg", 0.0))
+    cell.offer("turned", "the last wrist tells a whole turn more", lambda: of.turned_rad.__setitem__(5, 2 * np.pi))
+    cell.offer("other_model", "the controller is one of a UR10e", lambda: other(MODELS["ur10e"]))
+    cell.offer(
+        "other_calibration",
+        "the arm is another one of its make",
+        lambda: setattr(of, "model", of.model.corrected(CALIBRATION)),
+    )

@@ -1,0 +1,248 @@
+"""What a hand can do with parts: reach, grasp, carry, insert, let go, screw; generators, each `yield` is a period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.hand import Hand
+from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
+from bracket_sim.scene.person import Person, drawn
+from bracket_sim.worker.gripping import Gripping, fold_yaw, top_m, turn
+from bracket_sim.worker.worker_sight import SeenPart, Sight
+
+Script = Iterator[None]
+
+CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the bracket
+HOVER_M = 0.03  # of the fingertips over a part before they close around it
+RELAXED_GAP_M = 0.025
+BEFORE_PART_M = 0.06  # in front of a part that is held out
+LETS_GO_S = 0.7  # how long a robot takes to notice and to open its fingers
+MOST_YAW_RAD = 1.3
+BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
+PRESS_M = 0.001
+NOT_IN_M = 0.004  # a body this far above its place has not gone in
+SEARCH_M, SEARCH_S, SEARCH_HZ = 0.0025, 1.2, 2.5
+FINGERS_S, LOOK_S = 0.25, 0.12
+BACK_OFF_M = 0.07
+CAREFUL, STEADY = 0.45, 0.7  # haste
+ARCH_M = 0.04
+TOOL_M = 0.068  # from the fingertips to the end of a tool
+TOOL_PRESS_M = 0.001  # how far the hand goes on when the tool meets the part: 8 N
+TAKE_TOOL_S = 0.4
+SCREW_EASE_S = 0.4
+
+
+@dataclass(frozen=True)
+class ScrewMotion:
+    """A small circle of the fingertips with a turn of the wrist."""
+
+    duration_s: float
+    rate_hz: float
+    radius_m: float
+    yaw_rad: float
+
+
+class HandPrimitives:
+    """Runs one hand; owns what is commanded: position, yaw and gap.
+
+    Attributes:
+        position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
+        wrist_rad: tilt, roll and curl (3,), commanded with them.
+        tool_out: there is a tool in the hand.
+        pace: how fast this person is, as a factor.
+        clear_height_m: of a carried body's bottom, at which it passes over everything in the bracket.
+        dt_s: length of a period.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        sight: Sight,
+        product: Product,
+        person: Person,
+        rng: np.random.Generator,
+        chance: np.random.Generator,
+    ) -> None:
+        self._hand = hand
+        self._sight = sight
+        self._product = product
+        self._rng, self._chance = rng, chance
+        self.become(person)
+        kinds = product.parts.values()
+        top_m = max(float(hole[2]) for hole in sight.holes_m.values())
+        self.clear_height_m = (
+            top_m + max(kind.size_m[2] for kind in kinds) + max(kind.peg_length_m for kind in kinds) + CLEAR_M
+        )
+        self.dt_s = 0.0
+        self.position_m = hand.position_m
+        self.yaw_rad = hand.yaw_rad
+        self.gap_m = RELAXED_GAP_M
+        self.wrist_rad = np.zeros(3)
+        self.tool_out = False
+
+    def become(self, person: Person) -> None:
+        """From now on the hand is this person's."""
+        self.pace = drawn(person.pace, self._chance)
+        self._motion = at_pace(person.motion, self.pace)
+        self._gripping = Gripping(self._hand, self._product, person.grip, self._chance)
+
+    def send(self) -> None:
+        """Command the hand."""
+        grasp = self._gripping.style.grasp
+        self._hand.command(self.position_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out, grasp=grasp)
+
+    def wait(self, duration_s: float) -> Script:
+        """Stay for a while."""
+        elapsed_s = 0.0
+        while elapsed_s < duration_s:
+            elapsed_s += self.dt_s
+            yield
+
+    def reach(
+        self,
+        target_m: Array,
+        yaw_rad: float | None = None,
+        gap_m: float | None = None,
+        *,
+        arch_m: float = 0.0,
+        haste: float = 1.0,
+        duration_s: float | None = None,
+        wrist_rad: tuple[float, float, float] | None = None,
+    ) -> Script:
+        """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told."""
+        path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
+        if duration_s is not None:
+            path = replace(path, duration_s=max(duration_s, self.dt_s), skew=0.0)
+        yaw_from, gap_from = self.yaw_rad, self.gap_m
+        yaw_by = 0.0 if yaw_rad is None else yaw_rad - yaw_from
+        gap_by = 0.0 if gap_m is None else gap_m - gap_from
+        wrist_from = self.wrist_rad
+        wrist_by = np.zeros(3) if wrist_rad is None else np.array(wrist_rad) - wrist_from
+        elapsed_s = 0.0
+        while elapsed_s < path.duration_s:
+            elapsed_s += self.dt_s
+            done = min_jerk(min(elapsed_s / path.duration_s, 1.0))
+            self.position_m, self.wrist_rad = path.at(elapsed_s), wrist_from + done * wrist_by
+            self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by
+            yield
+
+    def grasp(self, seen: SeenPart) -> Script:
+        """Reach over a standing part, close the fingers around its end and lift it."""
+        self._gripping.another()
+        yaw_rad = fold_yaw(seen.pose.yaw_rad)
+        grip_m, across_m, top_m = self._gripping.around(seen, yaw_rad)
+        over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
+        style = self._gripping.style
+        wrist_rad = (style.tilt_rad, style.roll_rad, style.curl_rad)
+        yield from self.reach(over_m, yaw_rad, across_m + style.open_m, arch_m=ARCH_M, wrist_rad=wrist_rad)
+        yield from self.reach(grip_m, haste=STEADY)
+        yield from self.pinch(self._gripping.closed_m(seen.part))
+        yield from self.wait(LOOK_S)
+        if self.holds(seen.body):
+            lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
+            yield from self.reach(self.position_m + np.array([0.0, 0.0, lift_m]), haste=STEADY)
+
+    def take_over(self, seen: SeenPart) -> Script:
+        """Take a part that the robot holds out: from the front, and wait until it lets go."""
+        self._gripping.another()
+        yaw_rad = fold_yaw(seen.pose.yaw_rad)
+        grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
+        back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
+        yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._gripping.style.open_m, arch_m=ARCH_M)
+        yield from self.reach(grip_m, haste=STEADY)
+        yield from self.pinch(self._gripping.closed_m(seen.part))
+        yield from self.wait(LETS_GO_S)
+        yield from self.reach(self.position_m + back_m, haste=STEADY)
+
+    def pinches(self, body: str) -> bool:
+        """Whether the fingers are closed around a part."""
+        return self._gripping.closed_around(self._sight.part(body))
+
+    def holds(self, body: str) -> bool:
+        """Whether a part is between the fingers."""
+        return self._gripping.holds(self._sight.part(body))
+
+    def carry(self, body: str, target_m: Array) -> Script:
+        """Bring a held part over its target."""
+        clear_m = np.array([target_m[0], target_m[1], self.clear_height_m])
+        yield from self.reach(*self._hand_for(body, clear_m), arch_m=ARCH_M / 2)
+
+    def insert(self, body: str, target_m: Array) -> Script:
+        """Lower a held part to its target (the body's bottom), search a little where the peg meets no hole."""
+        peg_m = self._product.parts[self._sight.part(body).part].peg_length_m
+        before_m = target_m + np.array([0.0, 0.0, peg_m + BEFORE_HOLE_M])
+        yield from self.reach(*self._hand_for(body, before_m), haste=STEADY)
+        yield from self.wait(LOOK_S)
+        yield from self.reach(*self._hand_for(body, before_m), haste=CAREFUL)
+        yield from self.reach(
+            *self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])),
+            haste=CAREFUL,
+        )
+        if self._sight.part(body).pose.position_m[2] > target_m[2] + NOT_IN_M:
+            yield from self._search()
+
+    def pinch(self, gap_m: float) -> Script:
+        """Move the fingers to a gap."""
+        gap_from, elapsed_s = self.gap_m, 0.0
+        duration_s = FINGERS_S / min(self.pace, 1.0)
+        while elapsed_s < duration_s:
+            elapsed_s += self.dt_s
+            self.gap_m = gap_from + min_jerk(min(elapsed_s / duration_s, 1.0)) * (gap_m - gap_from)
+            yield
+
+    def let_go(self, part: str) -> Script:
+        """Open the fingers."""
+        yield from self.pinch(self._gripping.opened_m(part))
+
+    def back_off(self) -> Script:
+        """Move the fingers up and away towards the person, and put a tool away."""
+        away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
+        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY, wrist_rad=(0.0, 0.0, 0.0))
+        self.tool_out = False
+
+    def reach_over(self, seen: SeenPart, height_m: float, *, tool: bool) -> Script:
+        """Bring the fingertips, or the tool's end, over a placed part, where they screw, or down on it."""
+        part = self._product.parts[seen.part]
+        self._gripping.another()
+        pinch_m = self._gripping.place(seen.part)[0]
+        place_m = np.array(seen.pose.position_m) + np.array([pinch_m[0], pinch_m[1], part.size_m[2] + height_m])
+        if not tool:
+            yield from self.reach(place_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+            return
+        over_m = np.array([place_m[0], place_m[1], self.clear_height_m + TOOL_M])
+        yield from self.reach(over_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+        self.tool_out = True
+        yield from self.wait(TAKE_TOOL_S)
+        place_m[2] = seen.pose.position_m[2] + top_m(part, pinch_m[0]) + TOOL_M - TOOL_PRESS_M
+        yield from self.reach(place_m, haste=CAREFUL)
+
+    def screw(self, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
+        """Circle where the fingertips or the tool are until the time is up or `stop` says so."""
+        centre_m, elapsed_s = self.position_m, 0.0
+        while elapsed_s < motion.duration_s and not stop():
+            elapsed_s += self.dt_s
+            ease = min(1.0, elapsed_s / SCREW_EASE_S, max(motion.duration_s - elapsed_s, 0.0) / SCREW_EASE_S)
+            phase = 2 * math.pi * motion.rate_hz * elapsed_s
+            circle = np.array([math.cos(phase), math.sin(phase), 0.0])
+            self.position_m = centre_m + ease * motion.radius_m * circle
+            self.yaw_rad = ease * motion.yaw_rad * math.sin(phase)
+            yield
+
+    def _hand_for(self, body: str, target_m: Array) -> tuple[Array, float]:
+        return self._gripping.hand_for(self._sight.part(body).pose, target_m)
+
+    def _search(self) -> Script:
+        """Press on and move in a growing circle."""
+        centre_m, elapsed_s = self.position_m, 0.0
+        while elapsed_s < SEARCH_S:
+            elapsed_s += self.dt_s
+            phase = 2 * math.pi * SEARCH_HZ * elapsed_s
+            radius_m = SEARCH_M * min(elapsed_s / SEARCH_S, 1.0)
+            self.position_m = centre_m + radius_m * np.array([math.cos(phase), math.sin(phase), 0.0])
+            yield

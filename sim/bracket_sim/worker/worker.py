@@ -1,0 +1,326 @@
+"""The simulated person at the bench: fetches parts, places and screws them, and waits while the robot works.
+
+The behaviour is a script of generators: each `yield` lets one control period pass. The person knows the goal and sees
+the bench as it is; parts are carried by friction alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.devices import TruthEvent
+from bracket_ground.interfaces.operator import OperatorOrder
+from bracket_ground.interfaces.product import Product
+from bracket_sim.scene.hand import Hand, hand_rest_m
+from bracket_sim.scene.person import Person, drawn, happens
+from bracket_sim.worker.bracket_work import BracketWork, Screwing, Waiting
+from bracket_sim.worker.event_log import ActionEvent, EventLog
+from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
+from bracket_sim.worker.intrusion import Intrusion, Sequel
+from bracket_sim.worker.placing import Placing, positions_in_order
+from bracket_sim.worker.side_tasks import (
+    Replies,
+    SideTasks,
+    choice_answer,
+    goal_answer,
+    help_answer,
+    mend_answer,
+    where_answer,
+)
+from bracket_sim.worker.stock import Stock
+from bracket_sim.worker.worker_sight import Sight, WorkerWorld
+
+AT_REST_M = 0.02
+ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
+SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
+OVER = object()
+
+
+@dataclass(frozen=True)
+class Around:
+    """What happens around the bracket.
+
+    Attributes:
+        change: called when the person has the finished bracket in hand; the part type by position of the next one.
+        goes_on: brackets follow one another: one that nobody asks to be changed is changed after a while.
+        rng: for errands and answers.
+        people: who take turns, a bracket each, the first one first; none: one person makes them all.
+    """
+
+    stock: Stock
+    change: Callable[[], Mapping[str, str]]
+    goes_on: bool
+    rng: np.random.Generator
+    people: Sequence[Person] = ()
+
+
+class Worker:
+    """Moves the hand, and implements `Panel`: a person who sees guidance and help requests.
+
+    Attributes:
+        hand: where it is, for labels.
+        done: nothing is left that the person can do now, and the hand rests.
+        away: the person has not come yet.
+
+    Args:
+        wanted: type of the part by position.
+        rng: for motions and order.
+        chance: for what not every person does; apart, so that it does not change the rest.
+        around: what happens around the bracket; None for a person who does nothing but assemble one.
+    """
+
+    def __init__(
+        self,
+        world: WorkerWorld,
+        product: Product,
+        bench: Bench,
+        person: Person,
+        wanted: Mapping[str, str],
+        rng: np.random.Generator,
+        chance: np.random.Generator | None = None,
+        around: Around | None = None,
+    ) -> None:
+        self._person, self._rng = person, rng
+        self._chance = chance or np.random.default_rng(0)
+        self._sight = Sight(world, product, bench)
+        self.hand = Hand(world.model, world.data)
+        self._events = EventLog()
+        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance)
+        self._events.note("person", pace=self._work.pace)
+        self._rest_m = np.array(hand_rest_m(bench))
+        self._bracket = 0
+        self._request: str | None = None
+        self._answered: str | None = None
+        self._set_habits(person)
+        self._begin(wanted)
+        self._around, self._replies, self._errands = around, None, None
+        if around is not None:
+            self._replies = Replies(person.shift, around.rng)
+            self._errands = SideTasks(
+                self._work,
+                self._sight,
+                bench,
+                around.stock,
+                person.shift,
+                around.rng,
+                self._events,
+                self._change_job,
+                lambda: self._waiting.polite(),
+            )
+        self._intruding: Script | None = None
+        self._script = self._assemble()
+        self.done = self.away = False
+
+    def show(self, display: Display) -> None:
+        """The person reads the panel; a help request that is new gets them going at once."""
+        if self._replies is not None:
+            self._replies.show(display.questions, self._events.time_s)
+        if self._replies is None or not display.questions:  # a question is noticed after a while, see Replies
+            self._request = display.help_request
+        if display.help_request is None:
+            self._request = self._answered = None
+
+    def pressed(self) -> list[OperatorOrder]:
+        """What the person said to the cell since the last call."""
+        return self._replies.pressed() if self._replies is not None else []
+
+    def alarm(self, text: str) -> None:
+        """A trouble that waits for somebody: the person acknowledges it after a while."""
+        if self._replies is not None:
+            self._replies.alarm(text, self._events.time_s)
+
+    def update(self, time_s: float, dt_s: float) -> None:
+        """Let one control period pass."""
+        self._events.time_s, self._work.dt_s = time_s, dt_s
+        if self.away:
+            return
+        if self._occupied:
+            self._idle_since_s = time_s
+        if self._intruding is None and self._tempted(dt_s):
+            self.intrude()
+        if self._intruding is None or next(self._intruding, OVER) is OVER:
+            self._intruding = None
+            next(self._script, None)
+            if self._replies is not None:
+                self._replies.acknowledge(time_s)
+        self._work.send()
+
+    def intrude(self, sequel: Sequel | None = None, speed_m_s: float | None = None) -> None:
+        """Go into the arm's way now, whatever the hand was doing; what is not given is drawn from the habits."""
+        if self._intruding is None and self._sight.has_arm:
+            self._intruding = self._intrusion.script(sequel, speed_m_s)
+
+    @property
+    def intruding(self) -> bool:
+        """Whether the hand is in the arm's way on purpose, or on its way there or back."""
+        return self._intruding is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether the hand is occupied with a part."""
+        return self._events.doing is None or self._events.doing[0] == "assembly"
+
+    @property
+    def events(self) -> list[ActionEvent]:
+        """What the hand did so far, in order."""
+        return self._events.actions
+
+    @property
+    def acts(self) -> list[TruthEvent]:
+        """What the person did besides, mistakes and bad habits among it, in order."""
+        return self._events.acts
+
+    def news(self) -> list[TruthEvent]:
+        """Actions and acts since the last call, in order."""
+        return self._events.news()
+
+    def _tempted(self, dt_s: float) -> bool:
+        """Whether the hand goes into the arm's way in this period: the arm moves, and the hand is free."""
+        often = self._person.robot.intrusions_per_min
+        if not often or not self._sight.arm_moving or self.busy:
+            return False
+        return self._chance.random() < often / 60 * dt_s
+
+    def _assemble(self) -> Script:
+        self._events.begin("idle")
+        while True:
+            yield from self._pause()
+            yield from self._answer()
+            if self._errands is not None:
+                yield from self._errands.tidy_up()
+            yield from self._let_robot_work()
+            for misplaced in self._job.misplaced():
+                self.done = False
+                yield from self._job.take_away(misplaced)
+            self._answered = self._request
+            position = self._job.next_position(self._request)
+            if position is None:
+                yield from self._go_to_rest()
+                self.done = True
+                yield from self._go_on()
+                yield
+                continue
+            self.done = False
+            placed = yield from self._job.placing.fill(position)
+            if placed and self._screwing.wanted():
+                yield from self._screwing.screw(position)
+                yield from self._go_to_rest()
+                yield from self._waiting.begins()
+
+    def _begin(self, wanted: Mapping[str, str]) -> None:
+        """From now on, this is to be built."""
+        order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
+        placing = Placing(
+            self._work, self._sight, self._person, wanted, self._chance, self._events, self._waiting.polite
+        )
+        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest)
+        self._idle_since_s = self._events.time_s
+
+    @property
+    def _occupied(self) -> bool:
+        """Whether the person has something to do, or waits for the arm, or is asked for help."""
+        asked = self._replies is not None and self._replies.stands("help")
+        return not self.done or asked or not self._sight.arm_parked
+
+    def _change_job(self) -> None:
+        assert self._around is not None
+        if self._around.people:
+            self._bracket += 1
+            self._become(self._around.people[self._bracket % len(self._around.people)])
+        self._begin(self._around.change())
+
+    def _become(self, person: Person) -> None:
+        """Somebody else takes over the bench; where the parts are kept stays as it is."""
+        self._person = person
+        self._work.become(person)
+        self._events.note("person", pace=self._work.pace)
+        self._set_habits(person)
+
+    def _set_habits(self, person: Person) -> None:
+        """What this person does in their own way."""
+        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._events, lambda: self._asked)
+        self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._events)
+        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._events.note)
+
+    def _answer(self) -> Script:
+        """Answer what was noticed: words at once, help with a part by hand."""
+        if self._replies is None or self._errands is None:
+            return
+        for question in list(self._replies.noticed(self._events.time_s)):
+            if question.kind == "goal":
+                self._replies.answer(question, goal_answer(question, self._job.wanted))
+            elif question.kind == "where":
+                empty = [] if self._job.can_place(question.part) else list(self._job.empty())
+                self._replies.answer(question, where_answer(question, self._job.wanted, empty))
+            elif question.kind == "help":
+                by_hand = self._job.can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
+                if by_hand:
+                    self._request = question.part
+                else:
+                    yield from self._errands.help(question.part) if question.part else self._errands.take_held()
+                    yield from self._go_to_rest()
+                self._replies.answer(question, help_answer(by_hand))
+            elif question.kind == "mend":
+                yield from self._let_robot_work()
+                mended = yield from self._job.mend(question.positions)
+                self._replies.answer(question, mend_answer(question, mended))
+            elif question.kind == "choice":
+                brought = yield from self._job.take_brought()
+                self._replies.answer(question, choice_answer(question, brought))
+
+    def _go_on(self) -> Script:
+        """Nothing is left to be placed: fill the bins where a part lacks, or change the bracket when it is time."""
+        if self._errands is None or self._replies is None or self._around is None:
+            return
+        complete = self._job.placing.complete()
+        if not complete and "bins" in self._errands.due:
+            yield from self._errands.fill("bins")
+            return
+        idle_s = self._events.time_s - self._idle_since_s
+        if not complete and idle_s > ASKS_AGAIN_S:
+            yield from self._ask_for_part()
+            self._idle_since_s = self._events.time_s
+            return
+        asked = self._replies.asks_for_bracket(self._events.time_s)
+        if asked or (self._around.goes_on and idle_s > self._person.shift.gives_up_s):
+            yield from self._errands.change_bracket()
+            yield from self._go_to_rest()
+            replies = self._replies
+            yield from self._waiting.while_true(lambda: replies.stands("bracket"), SEEN_S)
+
+    def _ask_for_part(self) -> Script:
+        """A part is missing that only the robot can bring: screw once more, which is how it is asked for one."""
+        if placed := self._job.filled():
+            yield from self._screwing.screw(placed[int(self._chance.integers(len(placed)))])
+            yield from self._go_to_rest()
+            yield from self._waiting.begins()
+
+    def has(self, body: str) -> bool:
+        """Whether a part is between the closed fingers."""
+        return self._work.pinches(body)
+
+    def _go_to_rest(self) -> Script:
+        if float(np.linalg.norm(self._work.position_m - self._rest_m)) > AT_REST_M:
+            self._events.begin("transit")
+            yield from self._work.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
+        self._events.begin("idle")
+
+    def _pause(self) -> Script:
+        yield from self._work.wait(drawn(self._person.pause_s, self._rng))
+
+    def _let_robot_work(self) -> Script:
+        """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""
+        if self._sight.arm_parked or not self._waiting.polite():
+            return
+        yield from self._go_to_rest()
+        yield from self._waiting.works(lambda: self._job.handed())
+
+    @property
+    def _asked(self) -> bool:
+        """A help request stands that the person has not acted on."""
+        return self._request is not None and self._request != self._answered

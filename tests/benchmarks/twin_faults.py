@@ -81,7 +81,7 @@ CASES = {
     "slider": Case(("slider",), RECOVERS, ("slider_full",)),
     "fieldbus": Case(("fieldbus",), RECOVERS, ("fieldbus_gone",)),
     "rtde_late": Case(("rtde_late",), EITHER),  # as long as the table waits for it
-    "rtde_silent": Case(("rtde_silent",), STOPS),
+    "rtde_silent": Case(("rtde_silent",), RECOVERS),
     "rtde_cut": Case(("rtde_cut",), RECOVERS),
     "controller_restarted": Case(("controller_restarted",), RECOVERS),
     "payload_wrong": Case(("payload_wrong",), RECOVERS, ("payload_right",)),

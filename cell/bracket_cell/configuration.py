@@ -37,7 +37,7 @@ from bracket_ground.interfaces.robot import NamedRobot, default_robot
 DEFAULT_CONFIGURATION = shipped("bracket_cell.config", "cell.yaml")
 SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
-CALIBRATION = "calibration.yaml"  # what `cell calibrate` writes beside a configuration
+CALIBRATION = "calibration.yaml"  # what `cell setup calibrate` writes beside a configuration
 DEFAULT_TREE = shipped("bracket_cell.trees", "ahead.xml")
 
 
@@ -46,7 +46,7 @@ class Configuration(Model):
 
     Attributes:
         product: the product file, relative to this file.
-        calibration: file of `cell calibrate`, relative to this file: it takes over what the bench says of the cameras.
+        calibration: file of `cell setup calibrate`, relative to this file, in place of the bench's cameras.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
         robot: the arm: ur10, ur10e, or a robot file, relative to this file.

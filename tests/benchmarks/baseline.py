@@ -1,7 +1,7 @@
 """Whole assemblies by `cell run` under every look and beside every person, with each perception, as a table.
 
-The cameras are calibrated in each look first, by `cell calibrate`, as an operator does it: some hang so far off that a
-run would refuse to begin. Runs that the file has already are not run again: a command that was ended goes on where it
+The cameras are calibrated in each look first, by `cell setup calibrate`, as operators do: some hang so far off that
+a run would refuse to begin. Runs that the file has already are not run again: a command that was ended goes on where it
 stopped.
 
 python -m tests.benchmarks.baseline --runs 6 --first-seed 700 --out runs/baseline.jsonl --minutes 60
@@ -90,10 +90,20 @@ def main() -> None:
 
 
 def calibrated(config: Path, look: str, seed: int) -> Path:
-    """The file of `cell calibrate` for a look, made once; raises CalledProcessError where it finds no good fit."""
+    """The file of `cell setup calibrate` for a look, made once; raises CalledProcessError where nothing fits."""
     out = config.with_name(f"{look}-{seed}.yaml")
     if not out.exists():
-        command = [sys.executable, "-m", "bracket_cell", "calibrate", "--config", str(config), "--look", look]
+        command = [
+            sys.executable,
+            "-m",
+            "bracket_cell",
+            "setup",
+            "calibrate",
+            "--config",
+            str(config),
+            "--look",
+            look,
+        ]
         subprocess.run([*command, "--seed", str(seed), "--out", str(out)], check=True, capture_output=True)
     return out
 

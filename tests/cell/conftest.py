@@ -74,7 +74,7 @@ def shared(factory: pytest.TempPathFactory, name: str, tree: Path, duration_s: f
 
 @pytest.fixture(scope="session")
 def commission_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    return shared(tmp_path_factory, "commission", COMMISSION, 60.0)
+    return shared(tmp_path_factory, "setup", COMMISSION, 60.0)
 
 
 @pytest.fixture(scope="session")

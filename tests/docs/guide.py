@@ -19,7 +19,7 @@ from tests import ROOT
 
 _BLOCK = re.compile(r"```(yaml|python|xml|diff|console)\n(.*?)```", re.DOTALL)
 _FILE = re.compile(r"^(?:# |<!-- |--- )| -->$")
-LONG = ("cell run", "cell train", "cell calibrate")
+LONG = ("cell run", "cell train", "cell setup calibrate")
 
 
 @dataclass(frozen=True)

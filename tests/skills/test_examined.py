@@ -152,7 +152,7 @@ def test_what_is_wrong_with_a_gripper_is_told(gripper: Gripper) -> None:
 def test_fingers_that_end_elsewhere_than_configured_are_told(gripper: Gripper) -> None:
     closed(gripper)
     assert of_gripper(gripper) == []
-    assert "`cell teach gripper` measures" in of_gripper(gripper, closed_count=255)[0]
+    assert "`cell setup teach gripper` measures" in of_gripper(gripper, closed_count=255)[0]
 
 
 @pytest.fixture
@@ -180,7 +180,7 @@ WRONG: dict[str, tuple[Break, Change, str]] = {
     "rate": (lambda _: None, {"rate_hz": 90.0}, "rate_hz says 90"),
     "frozen": (lambda one: setattr(one.server, "frozen", True), {}, "the camera is frozen"),
     "black": (lambda one: setattr(one.server, "black", True), {}, "take the cover off"),
-    "delay": (lambda _: None, {"delay_s": None}, "`cell calibrate` measures it"),
+    "delay": (lambda _: None, {"delay_s": None}, "`cell setup calibrate` measures it"),
     "nobody": (lambda _: None, {"url": "http://127.0.0.1:1/"}, "check cable and address"),
 }
 

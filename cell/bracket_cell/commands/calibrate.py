@@ -1,4 +1,4 @@
-"""`cell calibrate`: where the cameras really hang, into a file that the configuration names."""
+"""`cell setup calibrate`: where the cameras really hang, into a file that the configuration names."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _words(one: Calibrated) -> str:
 def _write(found: Calibration, path: Path) -> None:
 
     told = found.model_dump(mode="json", exclude_none=True)
-    text = "# Where the cameras hang and how they see; made by: cell calibrate\n" + yaml.safe_dump(
+    text = "# Where the cameras hang and how they see; made by: cell setup calibrate\n" + yaml.safe_dump(
         told, sort_keys=False
     )
     try:

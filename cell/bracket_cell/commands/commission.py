@@ -1,4 +1,4 @@
-"""`cell teach`, `cell bench` and `cell move`: what a person does at a new cell before its first run."""
+"""`cell setup`: what a person does at a new cell before its first run."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import typer
 import yaml
 
+from bracket_cell.commands.calibrate import calibrate
 from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located
@@ -26,8 +27,13 @@ from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import DEFAULT, FOLDER, shipped_robots
 
 GRIPPER, ROBOT, ACTIVATION_S = "gripper", "robot", 20.0
+JOB = "job"
+
+setup_app = typer.Typer(no_args_is_help=True, help="Make a real cell ready: teach, calibrate, try.")
+setup_app.command()(calibrate)
 
 
+@setup_app.command()
 def teach(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="park, look, bracket, tray, gripper, robot, or a part type: its bin.")
@@ -54,14 +60,22 @@ def teach(
     return 0
 
 
+@setup_app.command()
 def move(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="park or look.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="park or look; or job: above tray and bracket, touching nothing.")
+    ],
     config: ConfigOption = CONFIGURATION,
     share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
     slower: SlowerOption = 1.0,
 ) -> int:
     """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
     configuration, product = _read(config)
+    if name == JOB:
+        _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
+        with located(config, configuration), opened(configuration, product, slower=slower) as devices:
+            missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
+        return 1 if missed else 0
     goal_of(name, configuration.bench)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with located(config, configuration), opened(configuration, product, slower=slower) as devices:
@@ -71,6 +85,7 @@ def move(
     return 0
 
 
+@setup_app.command()
 def bench(
     config: ConfigOption = CONFIGURATION,
     out: Annotated[Path, typer.Option("--out", "-o", help="The drawing, an SVG file.")] = Path("bench.svg"),
@@ -89,15 +104,6 @@ def bench(
     if as_json:
         print_json({"file": str(out), "problems": view.problems})
     return 1 if view.problems else 0
-
-
-def dry(config: Path, slower: float = 1.0) -> int:
-    """`cell run --dry`: the job's ways above the bench, nothing is touched."""
-    configuration, product = _read(config)
-    _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
-    with located(config, configuration), opened(configuration, product, slower=slower) as devices:
-        missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
-    return 1 if missed else 0
 
 
 def _read(config: Path) -> tuple[Configuration, Product]:

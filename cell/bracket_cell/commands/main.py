@@ -16,43 +16,6 @@ from bracket_cell.packages import LABORATORY, SIMULATOR, offers
 from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from btxml.engine.errors import TreeError
 
-OLD_COMMANDS = {
-    "eval": "lab eval",
-    "data": "lab data",
-    "see": "lab see",
-    "looks": "lab looks",
-    "sweep": "lab sweep",
-    "world": "lab world",
-    "lab schema": "schema",
-    "hands": "lab hands",
-    "hands fetch": "lab hands",
-    "train all": "train --all",
-    **{f"log {name}": f"lab {name}" for name in ("files", "sheet", "snapshots")},
-}
-_OWN = {"--nodes": "--with", "--also": "--with", "--beside": "--with"}
-_LAB_RUN = "`cell lab run {}`"
-OLD_OPTIONS: dict[str, dict[str, str]] = {
-    "run": {
-        **_OWN,
-        "--tree": "the file alone, as in `cell run trees/mine.xml`",
-        "--brackets": "--shift",
-        "--pace": "--real-time",
-        "--monitor-hooks": "--breakpoints",
-        "--monitor-port": "--monitor PORT",
-        "--live-port": "--live PORT",
-        "--page-port": "--page [HOST:]PORT",
-        **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
-    },
-    "init": {"--schemas": "`cell schema`"},
-    **dict.fromkeys(("check", "show", "replay"), _OWN),
-    "nodes": {**_OWN, "--groot": "`--format groot > FILE`"},
-    "lab eval": {
-        **dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
-        "--faults": "--drawn N beside --assemblies",
-    },
-    "lab data": dict.fromkeys(("--first-seed", "--recordings"), "--seeds FIRST:END"),
-}
-OLD_OPTIONS["lab run"] = {name: now for name, now in OLD_OPTIONS["run"].items() if "`cell lab run" not in now}
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
 LAB = "lab"
@@ -61,14 +24,9 @@ COMMANDS: Table = {
     "doctor": Command("bracket_cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
     "docs": Command("bracket_cell.commands.docs:docs", "Read the guides: all of them by their titles, or one.", START),
     "run": Command("bracket_cell.commands.run:run", "Run the cell: assemble one bracket, or a shift of them.", START),
-    "calibrate": Command(
-        "bracket_cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
+    "setup": Command(
+        "bracket_cell.commands.commission:setup_app", "Make a real cell ready: teach, calibrate, try.", START
     ),
-    "teach": Command(
-        "bracket_cell.commands.commission:teach", "Lead the arm by hand (free drive) and press Enter.", START
-    ),
-    "bench": Command("bracket_cell.commands.commission:bench", "Draw what the cameras see and the arm reaches.", START),
-    "move": Command("bracket_cell.commands.commission:move", "Move the arm once, to a pose, after Enter.", START),
     "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with=SIMULATOR),
     "safety": Command("bracket_cell.commands.safety:safety_app", "Show and sign what decides on people.", START),
     "new": Command(
@@ -101,33 +59,14 @@ COMMANDS: Table = {
 }
 
 
-def refuse_old(words: Sequence[str]) -> None:
-    """Check that a command line has no command of before.
-
-    Raises:
-        InputError: it has one; the message says the name of today.
-    """
-    for length in (2, 1):
-        typed = " ".join(words[:length])
-        if typed in OLD_COMMANDS:
-            raise InputError(f"`cell {typed}` is now `cell {OLD_COMMANDS[typed]}`")
-
-
-def name_of_today(words: Sequence[str]) -> str:
-    """What an option is now that a command line has and its command has not; empty where it is none of before."""
-    for path, names in OLD_OPTIONS.items():
-        if list(words[: len(path.split())]) == path.split():
-            for name in (word.partition("=")[0] for word in words):
-                if name in names:
-                    return f"{name} of `cell {path}` is now {names[name]}"
-    return ""
-
-
 def _say_version(asked: bool) -> None:
     if asked:
         from bracket_cell.packages import version
+        from bracket_cell.recording.identity import UNKNOWN, code_version
 
-        sys.stdout.write(f"cell {version()}\n")
+        commit, clean = code_version().values()
+        of_commit = "" if commit == UNKNOWN else f" (commit {commit[:8]}{'' if clean == 'true' else ', changed'})"
+        sys.stdout.write(f"cell {version()}{of_commit}\n")
         raise typer.Exit
 
 
@@ -176,7 +115,6 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         words = _typed(arguments)
-        refuse_old(words)
         if "run" in words[:2]:
             words = with_ports(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)
@@ -198,8 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return _complain(message, BAD_INPUT)
     except typer.TyperException as error:
-        now = name_of_today(words) if type(error).__name__ == "NoSuchOption" else ""
-        return _complain(now or error.format_message() + _usage(error), BAD_INPUT)
+        return _complain(error.format_message() + _usage(error), BAD_INPUT)
     if status == INTERRUPTED:
         return _interrupted()
     return status if isinstance(status, int) else 0

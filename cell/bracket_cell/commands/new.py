@@ -113,7 +113,10 @@ def cell(
     head = "devices: # `cell doctor` tries each without motion, and says what to do (`cell docs real_cell`)\n"
     text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
     write_new(folder, {**files, "config/cell.yaml": text.encode()})
-    tries = ("teach bracket", "calibrate", "bench", "move park", "run --dry", "safety sign --by NAME")
+    tries = (
+        *(f"setup {way}" for way in ("teach bracket", "calibrate", "bench", "move park", "move job")),
+        "safety sign --by NAME",
+    )
     steps = "; ".join(f"cell {words}" for words in ("doctor", *tries))
     console().print(
         f"{folder}: write hosts, ports and devices into config/cell.yaml, then, in this folder: {steps}",

@@ -45,19 +45,12 @@ RealTimeOption = Annotated[
 def run(
     options: RunOptions,
     tree: TreeArgument = None,
-    dry: Annotated[
-        bool, typer.Option("--dry", help="Only go above tray and bracket, at a tenth of the speed; touch nothing.")
-    ] = False,
     real_time: RealTimeOption = False,
     entries: SetOption = None,
     own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run the cell: assemble one bracket, or a shift of them."""
-    if dry:
-        from bracket_cell.commands.commission import dry as dry_run
-
-        return dry_run(options.configuration, options.slower)
     return assemble(chosen(options, tree, real_time, entries, own), as_json)
 
 

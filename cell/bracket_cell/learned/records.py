@@ -60,7 +60,7 @@ class PoseRow(Model):
 
 
 class CameraRow(PoseRow):
-    """Where a camera truly is, and its true lens: what `cell calibrate` finds."""
+    """Where a camera truly is, and its true lens: what `cell setup calibrate` finds."""
 
     focal_px: float = Field(gt=0)
     distortion_k1: float = 0.0

@@ -96,7 +96,7 @@ class BenchView:
         where = ", ".join(sides) or "middle"
         self.problems.append(
             f"the wrist camera does not see the tray's {where} side: about {share:.0%} of the tray is cut off; "
-            "`cell teach look` from higher up, or move the tray"
+            "`cell setup teach look` from higher up, or move the tray"
         )
 
     @cached_property

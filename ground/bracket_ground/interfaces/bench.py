@@ -58,7 +58,7 @@ class CameraCalibration(Model):
 
 
 class Calibration(Model):
-    """The file of `cell calibrate`: it takes over what the bench says of the cameras.
+    """The file of `cell setup calibrate`: it takes over what the bench says of the cameras.
 
     Attributes:
         overhead, wrist: the cameras that were calibrated.

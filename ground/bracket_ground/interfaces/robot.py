@@ -33,7 +33,7 @@ SixOffsets = tuple[float, float, float, float, float, float]
 
 
 class Calibration(Model):
-    """Denavit-Hartenberg rows of one arm, with its own corrections: `cell teach robot` writes them.
+    """Denavit-Hartenberg rows of one arm, with its own corrections: `cell setup teach robot` writes them.
 
     Attributes:
         theta_rad: what is added to each joint's angle.

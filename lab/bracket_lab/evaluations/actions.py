@@ -173,8 +173,8 @@ def evaluate_actions(
         kinds: of action detectors; all of them see the same frames. "classical" has classical hands and holes, too.
         true_track: a tracker without error instead of the configured one.
         weights: files by kind, instead of the shipped ones.
-        calibrated: the cameras were calibrated in each look, as `cell calibrate` does it; else they hang elsewhere than
-            the bench file says, as the look has it.
+        calibrated: the cameras were calibrated in each look, as by `cell setup calibrate`; else they hang elsewhere
+            than the bench file says, as the look has it.
     """
     classes = Classes.of(product)
     tallies = {kind: Tally() for kind in kinds}

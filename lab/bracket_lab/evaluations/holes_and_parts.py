@@ -163,7 +163,7 @@ def _world(configuration: Configuration, product: Product, seed: int) -> World:
 
 
 def calibrated_bench(configuration: Configuration, product: Product, seed: int, world: World | None = None) -> Bench:
-    """The bench as `cell calibrate` would leave it in the look of a seed, from the same images."""
+    """The bench as `cell setup calibrate` would leave it in the look of a seed, from the same images."""
     bench = configuration.bench
     world = world or _world(configuration, product, seed)
     camera, rng = world.look.camera, np.random.default_rng([seed, 9])

@@ -80,7 +80,7 @@ def evaluate_system(
     Args:
         path: the configuration's file.
         count: how many goals are possible.
-        calibrated: the cameras were calibrated in this look, as `cell calibrate` does it; else they hang elsewhere
+        calibrated: the cameras were calibrated in it, as `cell setup calibrate` does; else they hang elsewhere
             than the bench file says, as the look has it.
     """
     product = load_product(configuration, path)

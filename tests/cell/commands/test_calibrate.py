@@ -1,4 +1,4 @@
-"""`cell calibrate` writes a file that a configuration can name, and nothing over a user's."""
+"""`cell setup calibrate` writes a file that a configuration can name, and nothing over a user's."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     look = tmp_path / "pushed.yaml"
     look.write_text("mounts: {overhead: {shift_m: 0.01}}\n")
     out = tmp_path / "calibration.yaml"
-    command = ["calibrate", "--overhead-only", "--look", str(look), "--out", str(out), "--json"]
+    command = ["setup", "calibrate", "--overhead-only", "--look", str(look), "--out", str(out), "--json"]
     assert main(command) == 0
     said = capsys.readouterr()
     assert "".join(said.err.split()).endswith(f"calibration:{told_in(CONFIGURATION, out)}")
@@ -48,7 +48,7 @@ def test_the_overhead_camera_alone_leaves_the_wrist_camera_in_the_file(tmp_path:
     mount = BENCH.wrist.mount
     wrist = CameraCalibration(mount=mount, focal_px=BENCH.wrist.focal_px, rms_px=0.4)
     out.write_text(yaml.safe_dump({"wrist": wrist.model_dump(mode="json", exclude_none=True)}))
-    assert main(["calibrate", "--overhead-only", "--overwrite", "--look", "nominal", "--out", str(out)]) == 0
+    assert main(["setup", "calibrate", "--overhead-only", "--overwrite", "--look", "nominal", "--out", str(out)]) == 0
     found = load_yaml(out, Calibration)
     assert found.overhead is not None
     assert found.wrist == wrist
@@ -58,7 +58,7 @@ def test_a_file_that_cannot_be_written_is_told_before_anything_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    assert main(["calibrate", "--out", str(tmp_path / "file" / "calibration.yaml")]) == 2
+    assert main(["setup", "calibrate", "--out", str(tmp_path / "file" / "calibration.yaml")]) == 2
     said = capsys.readouterr().err
     assert "cannot be written" in said
     assert "keep away" not in said

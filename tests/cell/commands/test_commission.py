@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import yaml
 
-from bracket_cell.commands import commission
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.runs.bench_view import BenchView
@@ -94,7 +93,7 @@ def test_a_pose_that_the_arm_was_led_to_is_stored_beside_the_comments(
 ) -> None:
     pressed(monkeypatch)
     before = real.read_text()
-    assert main(["teach", "park", "--config", str(real)]) == 0
+    assert main(["setup", "teach", "park", "--config", str(real)]) == 0
     after = real.read_text()
     with twin.lock:
         joints = twin.arm.measured.positions_rad
@@ -110,7 +109,7 @@ def test_the_gripper_s_ends_are_measured_and_stored(
 ) -> None:
     pressed(monkeypatch)
     wires = ModbusTwin(Registers(twin.sim.gripper_node, twin.lock), real.parent / "adapter")
-    assert main(["teach", "gripper", "--config", str(real)]) == 0
+    assert main(["setup", "teach", "gripper", "--config", str(real)]) == 0
     wires.close()
     gripper = load_configuration(real).devices.gripper
     assert (getattr(gripper, "open_count", 0), getattr(gripper, "closed_count", 0)) == (3, 228)
@@ -121,16 +120,16 @@ def test_the_arm_s_own_calibration_is_read_and_used(
 ) -> None:
     twin.fault("other_calibration")
     try:
-        assert main(["teach", "robot", "--config", str(real)]) == 0
+        assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
         assert "mm elsewhere in the pose look" in capsys.readouterr().err
         robot = load_configuration(real).robot
         assert robot.name == "ur10"
         assert robot.calibration is not None
-        assert main(["teach", "robot", "--config", str(real)]) == 0
+        assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
         assert load_configuration(real).robot == robot
     finally:
         twin.fault("mended")
-    assert main(["teach", "robot", "--config", str(real)]) == 0
+    assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
     told = load_configuration(real).robot.calibration
     assert told is not None
     assert told.a_m == (0, -0.612, -0.5723, 0, 0, 0)
@@ -141,16 +140,16 @@ def test_nothing_is_stored_unless_somebody_presses_enter(
 ) -> None:
     pressed(monkeypatch, times=0)
     before = real.read_text()
-    assert main(["teach", "bracket", "--config", str(real)]) == 2
+    assert main(["setup", "teach", "bracket", "--config", str(real)]) == 2
     assert "nobody pressed Enter" in capsys.readouterr().err
     assert real.read_text() == before
     assert twin.lost_s >= 0
 
 
 def test_what_cannot_be_taught_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["teach", "o9"]) == 2
+    assert main(["setup", "teach", "o9"]) == 2
     assert "legal: park, look, bracket, tray, o1, o2, o3, gripper" in capsys.readouterr().err
-    assert main(["teach", "gripper"]) == 2
+    assert main(["setup", "teach", "gripper"]) == 2
 
 
 def joints_at(motion: MotionPlanner, place_m: Array) -> Array:
@@ -221,7 +220,7 @@ def test_a_tray_that_is_cut_off_is_told_and_drawn(
     motion: MotionPlanner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "bench.svg"
-    assert main(["bench", "--out", str(out)]) == 0
+    assert main(["setup", "bench", "--out", str(out)]) == 0
     assert out.read_text().startswith("<svg")
     capsys.readouterr()
     tray = BENCH.tray.model_copy(update={"centre_m": (0.56, -0.60, 0.004)})
@@ -235,11 +234,11 @@ def test_a_tray_that_is_cut_off_is_told_and_drawn(
 
 def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pressed(monkeypatch)
-    assert main(["move", "look", "--share", "1"]) == 0
+    assert main(["setup", "move", "look", "--share", "1"]) == 0
     said = "".join(capsys.readouterr().err.split())
     assert "thenpressEnter" in said
     assert "thearmstandsatlook" in said
-    assert main(["move", "there"]) == 2
+    assert main(["setup", "move", "there"]) == 2
 
 
 class StoppingArm:
@@ -274,7 +273,7 @@ def test_a_dry_run_goes_above_parts_and_holes(
 ) -> None:
     pressed(monkeypatch)
     monkeypatch.setattr("bracket_cell.runs.commissioning.DRY_SHARE", 1.0)
-    assert commission.dry(Path("config/cell.yaml")) == 0
+    assert main(["setup", "move", "job"]) == 0
     said = capsys.readouterr().err
     for hole in PRODUCT.bracket.holes_m:
         assert f"above hole {hole}" in said

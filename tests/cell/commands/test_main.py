@@ -217,7 +217,7 @@ def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert re.fullmatch(r"cell \d+\.\d+\.\d+\n", capsys.readouterr().out)
+    assert re.fullmatch(r"cell \d+\.\d+\.\d+ \(commit [0-9a-f]{8}(, changed)?\)\n", capsys.readouterr().out)
 
 
 def test_a_shell_completes_commands() -> None:

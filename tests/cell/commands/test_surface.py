@@ -22,7 +22,7 @@ from tests import ROOT
 
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
-    "Start": ["init", "doctor", "docs", "run", "calibrate", "teach", "bench", "move", "safety"],
+    "Start": ["init", "doctor", "docs", "run", "setup", "safety"],
     "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],
@@ -30,7 +30,7 @@ PANELS = {
 RUN = {
     *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
     *("--resume", "--page", "--work-orders", "--opcua", "--monitor", "--breakpoints", "--live", "--json"),
-    *("--dry", "--share", "--slower"),
+    *("--share", "--slower"),
 }
 
 
@@ -90,26 +90,6 @@ def test_evaluations_share_their_options() -> None:
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
     assert len(evaluations) == 16
     assert len(names) <= 55
-
-
-@pytest.mark.parametrize("name", commands.OLD_COMMANDS)
-def test_a_command_of_before_says_its_name_of_today(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(name.split()) == 2
-    told = capsys.readouterr().err
-    assert told == f"cell: `cell {name}` is now `cell {commands.OLD_COMMANDS[name]}`\n"
-    command(*[word for word in commands.OLD_COMMANDS[name].partition("`")[0].split() if not word.startswith("--")])
-
-
-@pytest.mark.parametrize(
-    ("path", "name"), [(path, name) for path, some in commands.OLD_OPTIONS.items() for name in some]
-)
-def test_an_option_of_before_says_its_name_of_today(path: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    now = commands.OLD_OPTIONS[path][name]
-    for words in ([name, "1"], [f"{name}=1"]):
-        assert main([*path.split(), *words]) == 2
-        assert capsys.readouterr().err == f"cell: {name} of `cell {path}` is now {now}\n"
-    if now.startswith("--") and path not in ("lab eval", "lab data"):
-        assert now.split()[0] in options(*path.split())
 
 
 def test_a_port_may_be_left_out() -> None:

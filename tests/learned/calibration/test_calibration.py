@@ -162,7 +162,7 @@ def test_a_camera_that_is_pushed_during_the_run_is_noticed_within_a_minute_and_n
     for number in range(20):
         assert check.judge(at(pushed, EVERY_S + 2 + number), OVER_PLATE) == ""
     told = [check.judge(at(pushed, EVERY_S + 30 + number), None) for number in range(5)]
-    assert "run `cell calibrate`" in told[-1]
+    assert "run `cell setup calibrate`" in told[-1]
 
 
 def test_a_plate_that_is_nearly_full_is_not_taken_for_a_pushed_camera() -> None:
@@ -194,7 +194,7 @@ def test_the_wrist_camera_is_judged_by_the_rim_of_the_tray(shift_m: float, azimu
     assert off is not None
     assert float(np.linalg.norm(off)) == pytest.approx(shift_m, abs=0.001)
     assert told[:-1] == [""] * (LOOKS - 1)
-    assert ("run `cell calibrate`" in told[-1]) == (shift_m > 0.01)
+    assert ("run `cell setup calibrate`" in told[-1]) == (shift_m > 0.01)
 
 
 OVER_PLATE = HandSample(0.0, (240, 100, 330, 260), (0.72, 0.1), (0.8, 0.1))

@@ -72,7 +72,7 @@ class CalibrationCheck:
         over = len(self._off_m) >= LOOKS
         if over and min(self._off_m) > MOST_OFF_M:
             off_mm = 1e3 * sorted(self._off_m)[LOOKS // 2]
-            self._words = f"the overhead camera sees the holes {off_mm:.0f} mm off; run `cell calibrate`"
+            self._words = f"the overhead camera sees the holes {off_mm:.0f} mm off; run `cell setup calibrate`"
         if over or self._looks >= MOST_LOOKS:
             self._due_s, self._off_m, self._looks = frame.time_s + EVERY_S, [], 0
         else:
@@ -115,7 +115,7 @@ class TrayCheck:
         if len(self._off_m) == LOOKS:
             if min(self._off_m) > MOST_OFF_M:
                 off_mm = 1e3 * sorted(self._off_m)[LOOKS // 2]
-                self._words = f"the wrist camera sees the tray {off_mm:.0f} mm off; run `cell calibrate`"
+                self._words = f"the wrist camera sees the tray {off_mm:.0f} mm off; run `cell setup calibrate`"
             self._due_s, self._off_m = frame.time_s + EVERY_S, []
         return self._words
 

@@ -324,7 +324,7 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     told = f"{what}: stamps {1e3 * (settings.delay_s or 0.0):.0f} ms after the exposure"
     yield DeviceCheck(
         told if settings.delay_s is not None else f"{what}: how late its stamps are",
-        "" if settings.delay_s is not None else "not known: `cell calibrate` measures it: delay_s",
+        "" if settings.delay_s is not None else "not known: `cell setup calibrate` measures it: delay_s",
     )
 
 

@@ -440,7 +440,9 @@ def _stroke(settings: FingerSettings, status: Status) -> DeviceCheck:
     rests = status.going and status.object_status is not ObjectStatus.MOVING
     end = ends[0] if status.echo <= ends[0] else ends[1] if status.echo >= min(ends[1], 250) else None
     if beyond or (rests and end is not None and abs(status.position - end) > END_COUNTS):
-        return DeviceCheck(what, "take a part out of them; if none is there: `cell teach gripper` measures their ends")
+        return DeviceCheck(
+            what, "take a part out of them; if none is there: `cell setup teach gripper` measures their ends"
+        )
     return DeviceCheck(what)
 
 

@@ -104,7 +104,7 @@ class CameraDriverSettings(Model):
     """What every camera's driver needs to know; size and rate of its images stand in the bench section.
 
     Attributes:
-        delay_s: from the middle of the exposure to the stamp; unknown until `cell calibrate` has measured it.
+        delay_s: from the middle of the exposure to the stamp; unknown until `cell setup calibrate` has measured it.
         lost_s: no new frame for this long is a fault.
     """
 
@@ -256,10 +256,10 @@ channel: can0
 bitrate: 500000""",
     "robotiq_modbus": """port: /dev/serial/by-id/CHANGE-ME # ls /dev/serial/by-id
 node_id: 9
-open_count: 3 # where the fingers end: cell teach gripper
+open_count: 3 # where the fingers end: cell setup teach gripper
 closed_count: 228""",
     "robotiq_urcap": """host: 192.168.56.101 # of the arm's controller, where the gripper's URCap is installed
-open_count: 3 # where the fingers end: cell teach gripper
+open_count: 3 # where the fingers end: cell setup teach gripper
 closed_count: 228""",
     "v4l2": """device: /dev/v4l/by-id/CHANGE-ME-index0 # ls /dev/v4l/by-id
 exposure: 100 # fixed, in 0.1 ms as a rule

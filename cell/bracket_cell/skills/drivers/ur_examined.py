@@ -30,7 +30,7 @@ PRIMARY_PORT, ROBOT_STATE, KINEMATICS = 30001, 16, 5  # types of a message, and 
 ROWS = struct.Struct(">24d")  # theta, a, d and alpha of the six joints
 CHECKSUMS_BYTES, READS_S = 6 * 4, 2.0
 ALIKE = 1e-9  # of values that were written and read again
-TEACH = "`cell teach robot` writes this arm's own calibration down; then calibrate the cameras again"
+TEACH = "`cell setup teach robot` writes this arm's own calibration down; then calibrate the cameras again"
 ASKED: Mapping[str, int] = {
     "actual_q": 6, "actual_TCP_pose": 6, "robot_mode": 1, "safety_mode": 1, "runtime_state": 1
 }  # fmt: skip
@@ -260,7 +260,8 @@ def _turns(bench: Bench, joints_rad: Array) -> DeviceCheck:
         return DeviceCheck("arm: no joint is a turn away from the pose park")
     told = ", ".join(f"{name} by {math.degrees(angle):+.0f} degrees" for name, angle in away.items())
     return DeviceCheck(
-        f"arm: away from the pose park: {told}", "turn it back by hand in free drive, or `cell teach park` anew"
+        f"arm: away from the pose park: {told}",
+        "turn it back by hand in free drive, or `cell setup teach park` anew",
     )
 
 

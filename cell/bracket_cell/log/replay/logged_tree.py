@@ -151,14 +151,18 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
     """Put attachments of a log into a folder, in folders of their own as their names say; see also `upgrade`.
 
     Raises:
-        LogError: a name leads out of the folder, or the configuration is none.
+        LogError: a name leads out of the folder or is none of a file, or the configuration is none.
     """
     for name, content in files.items():
-        target = (folder / name).resolve()
-        if not target.is_relative_to(folder.resolve()):
-            raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
+        try:
+            target = (folder / name).resolve()
+            if not target.is_relative_to(folder.resolve()):
+                raise LogError(log.path, f"has an attachment that leads out of its folder: {name!r:.99}")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(content)
+        except (OSError, ValueError) as error:  # a folder of that name, too long, with a NUL
+            why = getattr(error, "strerror", None) or error
+            raise LogError(log.path, f"has an attachment that can be no file: {name!r:.99}: {why}") from None
     if CONFIGURATION in files:
         try:
             upgrade(log, folder)

@@ -1,0 +1,114 @@
+"""Whatever attachments and metadata of a log say: each command ends in a line, and nothing of the log runs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from mcap.records import Attachment
+
+from bracket_cell.commands.main import main
+from tests.cell.log.hostile import EDITS
+from tests.cell.log.hostile_files import NAMES, Contents, beginning, lying, write
+
+CASE = Path(__file__).parents[2] / "cases" / "assembly-g0-seed5.mcap"
+TICKS = 21
+MANY = int(os.environ.get("HOSTILE_LOGS", "1500"))
+WAYS = ("data", "name", "cut", "evil", "gone")
+LOG, FOLDER, SOUND = "LOG", "FOLDER", "SOUND"
+COMMANDS = (
+    ("log", "info", LOG),
+    ("log", "why", LOG),
+    ("log", "ticks", "--all", LOG),
+    ("log", "nodes", LOG),
+    ("log", "query", "--key", "x", LOG),
+    ("log", "diff", LOG, SOUND),
+    ("log", "list", FOLDER),
+    ("log", "export", LOG, "--to", "csv", "--out", "made/csv"),
+    ("log", "export", LOG, "--to", "training", "--out", "made/training"),
+    ("log", "export", LOG, "--to", "rosbag2", "--out", "made/bag"),
+    ("log", "recover", LOG, "--out", "made/recovered.mcap"),
+    ("log", "to-test", LOG, "-o", "made"),
+    ("report", LOG, "--out", "made/report.html"),
+    ("replay", LOG),
+    ("show", LOG),
+)
+
+
+class Folder:
+    """A folder with a sound log and one that lies, in which commands are called."""
+
+    def __init__(self, path: Path, sound: Contents) -> None:
+        self.sound, self.log, self.mark = sound, path / "logs" / "run.mcap", path / "mark"
+        self._made, self._beside = path / "made", path / "sound.mcap"
+        self.log.parent.mkdir()
+        write(self._beside, sound)
+
+    def call(self, command: tuple[str, ...]) -> int:
+        """Its status; what it made is removed."""
+        places = {LOG: self.log, FOLDER: self.log.parent, SOUND: self._beside}
+        self._made.mkdir(exist_ok=True)
+        try:
+            return main([str(places.get(word, word)) for word in command])
+        finally:
+            shutil.rmtree(self._made)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
+    monkeypatch.chdir(tmp_path)
+    return Folder(tmp_path, beginning(CASE, TICKS))
+
+
+def try_files(folder: Folder, examples: int) -> None:
+    statuses = {0: 0, 1: 0, 2: 0, 3: 0}
+
+    @settings(
+        max_examples=examples,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        database=None,
+        phases=(Phase.explicit, Phase.generate),
+    )
+    @given(place=st.integers(0, 10**5), way=st.sampled_from(WAYS), edits=EDITS, command=st.sampled_from(COMMANDS))
+    def tried(place: int, way: str, edits: Any, command: tuple[str, ...]) -> None:
+        write(folder.log, lying(folder.sound, place, way, edits, folder.mark))
+        statuses[folder.call(command)] += 1
+        assert not folder.mark.exists(), "code of the log ran"
+
+    tried()
+    assert statuses[0] > examples // 10, statuses
+    assert statuses[2] > examples // 50, statuses
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: "-".join(command[:2]))
+def test_the_sound_beginning_is_taken(folder: Folder, command: tuple[str, ...]) -> None:
+    """Else the tests below would try nothing. A replay differs at the end, as the log was cut."""
+    write(folder.log, folder.sound)
+    assert folder.call(command) == (1 if command[0] == "replay" else 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_attachment_of_any_name_ends_in_a_line(
+    folder: Folder, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    beside = folder.sound.attachments[0]
+    named = Attachment(beside.create_time, beside.log_time, name, beside.media_type, beside.data)
+    write(folder.log, Contents([*folder.sound.attachments, named], folder.sound.metadata, folder.sound.messages))
+    assert folder.call(("replay", LOG)) in (1, 2)  # a file beside that nothing reads is harmless
+    *_, last = capsys.readouterr().err.strip().splitlines()
+    assert last.startswith(("cell: ", "identical", "differs"))
+
+
+def test_files_that_lie_are_refused_or_harmless(folder: Folder) -> None:
+    try_files(folder, 25)
+
+
+@pytest.mark.slow
+def test_many_files_that_lie_are_refused_or_harmless(folder: Folder) -> None:
+    try_files(folder, MANY)

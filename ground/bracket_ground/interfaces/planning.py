@@ -94,12 +94,14 @@ class AssemblyPlan:
         next_part: the type to fetch next, None where nothing remains.
         guidance: by part type, the plan decoded for it: the positions where it is still to be put, in order;
             of the next type that is `[o, p...]` of Alg. 1.
+        inference: how the belief was found: "exact", or what of it is approximate; empty where the planner cannot tell.
     """
 
     goal_belief: Mapping[str, float]
     next_belief: Mapping[Placement, float]
     next_part: str | None
     guidance: Mapping[str, tuple[str, ...]]
+    inference: str = ""
 
     @property
     def goal(self) -> str:
@@ -149,13 +151,14 @@ class AssemblyPlan:
         if state.told_goal is not None or variant not in product.goals or total <= 0.0:
             return self
         belief = {goal: share / total for goal, share in joint.items()}
-        wanted = {goal: product.goal_placements(goal) for goal in product.goals if goal in belief}
+        wanted = {goal: product.goal_placements(goal, state.placed) for goal in product.goals if goal in belief}
+        accepted = {goal: product.accepted(goal) for goal in wanted}
         known, before = (sum(shares[goal] for goal in wanted) for shares in (belief, self.goal_belief))
         rest = (1.0 - known) / (1.0 - before) if before < 1.0 - 1e-9 else 0.0  # of what is no goal of the product
         nexts: dict[Placement, float] = {}
         for position in product.positions:
             for part in product.parts if position not in state.placed else ():
-                of = [goal for goal in wanted if wanted[goal][position] == part]
+                of = [goal for goal in wanted if part in accepted[goal].get(position, ())]
                 other = self.next_belief.get((part, position), 0.0) - sum(self.goal_belief[goal] for goal in of)
                 nexts[part, position] = min(1.0, sum(belief[goal] for goal in of) + rest * max(other, 0.0))
         likeliest = max(belief, key=lambda goal: belief[goal])
@@ -164,7 +167,7 @@ class AssemblyPlan:
         left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
         guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
         most = max(guidance, key=lambda part: len(guidance[part])) if left else None
-        return AssemblyPlan(belief, nexts, most, guidance)
+        return replace(self, goal_belief=belief, next_belief=nexts, next_part=most, guidance=guidance)
 
 
 class SemanticPlanner(Protocol):

@@ -1,16 +1,20 @@
-"""The product: part types, positions of the bracket and goal configurations (config/products.yaml)."""
+"""The product: part types, slots of the bracket, goals, and their order (config/products.yaml)."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Mapping
 from functools import cached_property
-from typing import Literal
+from types import MappingProxyType
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Coordinate, Length, Rgb
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
+from bracket_ground.interfaces.steps import Fastening, in_order
+from bracket_ground.interfaces.variants import EMPTY, Choice, completed, types_of, with_listed_goals, with_quantities
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 BOX = "box"
@@ -22,7 +26,7 @@ class PartType(Model):
 
     Attributes:
         title: its name for people.
-        quantity: how many one product needs.
+        quantity: how many lie ready for one product; by default what the goal that takes most takes.
         size_m: (length, width, height) of the body; the gripper closes across the width.
         peg_diameter_m: diameter of the peg below the body, which goes into a hole.
         peg_length_m: length of that peg.
@@ -33,7 +37,7 @@ class PartType(Model):
     """
 
     title: str
-    quantity: int = Field(ge=1, le=100)
+    quantity: int = Field(default=1, ge=1, le=100)
     size_m: tuple[Length, Length, Length]
     peg_diameter_m: Length
     peg_length_m: Length
@@ -100,21 +104,32 @@ class Bracket(Model):
 
 
 class Product(Model):
-    """Part types, positions and goals of one product; the valve bracket has 3, 6 and 3.
+    """A family of products: part types, slots (the bracket's holes), goals, and what comes before what.
+
+    The valve bracket has 3 part types, 6 slots and 3 goals.
 
     Attributes:
         name: its name for people.
         parts: part types by name, in the order that planners index them.
         bracket: what the parts are put into.
-        goals: by goal name, the part type at every position, in the order of `bracket.holes_m`.
+        goals: by goal name, what every slot takes, in the order of `bracket.holes_m`: a part type, `empty`, or a list
+            of part types of which any one is right. Or by slot name; slots that are not named stay empty.
         goal_titles: names of goals for people; a goal without one goes by its own.
+        goal_quantities: by goal name, at most how many parts of a type it takes, where lists leave that open.
+        accepts: by slot, the part types that fit into it; without an entry all do.
+        fastenings: steps that fasten what is placed, by name.
+        before: pairs of steps of which the first comes before the second: slots, and names of fastenings.
     """
 
     name: str
     parts: dict[str, PartType] = Field(min_length=1)
     bracket: Bracket
-    goals: dict[str, tuple[str, ...]] = Field(min_length=1)
+    goals: dict[str, tuple[Choice, ...]] = Field(min_length=1)
     goal_titles: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
+    goal_quantities: dict[str, dict[str, int]] = {}  # noqa: RUF012
+    accepts: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
+    fastenings: dict[str, Fastening] = {}  # noqa: RUF012
+    before: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -134,39 +149,160 @@ class Product(Model):
         """Its name for people."""
         return self.goal_titles.get(goal, goal)
 
-    def goal_placements(self, goal: str) -> dict[str, str]:
-        """Part type by position in one goal."""
-        return dict(zip(self.positions, self.goals[goal], strict=True))
+    def accepted(self, goal: str) -> dict[str, tuple[str, ...]]:
+        """By slot that a goal fills, the part types that are right there."""
+        return dict(self._accepted[goal])
+
+    def goal_placements(self, goal: str, placed: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+        """Part type by position in one goal, of the positions that it fills.
+
+        Args:
+            placed: part type by position; of several types that are right the one that is there already counts.
+        """
+        found = completed(self._accepted[goal], self.goal_quantities.get(goal, {}), placed)
+        assert found is not None  # checked when the file was read
+        return found
+
+    def fits(self, goal: str, placed: Mapping[str, str]) -> bool:
+        """Whether everything that is placed can stay in this goal."""
+        return placed.items() <= self.goal_placements(goal, placed).items()
+
+    def goal_of(self, placed: Mapping[str, str]) -> str | None:
+        """The goal that these parts, by position, make; None where they make none, or none that is whole."""
+        return next((goal for goal in self.goals if self.goal_placements(goal, placed) == placed), None)
+
+    @cached_property
+    def varies(self) -> bool:
+        """Whether goals differ in more than the arrangement of the same parts over all slots."""
+        counts = {frozenset(Counter(choices).items()) for choices in self.goals.values()}
+        return len(counts) > 1 or any(len(types_of(one)) != 1 for one in next(iter(self.goals.values())))
+
+    @cached_property
+    def most(self) -> Counter[str]:
+        """By part type, how many of it the goal takes that may take most."""
+        return Counter({part: max(self._wanted(goal, {})[part] for goal in self.goals) for part in self.parts})
+
+    def remaining(self, goal: str, placed: Mapping[str, str]) -> Counter[str]:
+        """By part type, in how many open slots of a goal it is right; of alternatives each counts."""
+        return self._wanted(goal, placed)
+
+    def _wanted(self, goal: str, placed: Mapping[str, str]) -> Counter[str]:
+        limits, there = self.goal_quantities.get(goal, {}), Counter(placed.values())
+        slots = Counter(part for slot, parts in self._accepted[goal].items() if slot not in placed for part in parts)
+        return Counter({part: min(n, limits.get(part, n + there[part]) - there[part]) for part, n in slots.items()})
+
+    @cached_property
+    def predecessors(self) -> dict[str, frozenset[str]]:
+        """By step, the steps that come right before it."""
+        found: dict[str, set[str]] = {step: set() for step in (*self.positions, *self.fastenings)}
+        for first, then in self.before:
+            found[then].add(first)
+        for name, fastening in self.fastenings.items():
+            found[name] |= set(fastening.at)
+        return {step: frozenset(steps) for step, steps in found.items()}
+
+    def missing_before(self, step: str, done: Collection[str], goal: str | None = None) -> list[str]:
+        """What must be done before a step can be.
+
+        Args:
+            done: filled slots and finished fastenings.
+            goal: whose empty slots are left out, and the fastenings at them: what precedes these counts instead.
+        """
+        steps = None if goal is None else self.steps(goal)
+        found: list[str] = []
+        look = sorted(self.predecessors[step], reverse=True)
+        seen = set(look)
+        while look:
+            one = look.pop()
+            if steps is None or one in steps:
+                found += [one] if one not in done else []
+                continue
+            fresh = sorted(self.predecessors[one] - seen, reverse=True)
+            seen |= set(fresh)
+            look += fresh
+        return found
+
+    def steps(self, goal: str) -> list[str]:
+        """Placements and fastenings of a goal, in an order that precedence allows."""
+        filled = self._accepted[goal]
+        fastened = [name for name, one in self.fastenings.items() if any(slot in filled for slot in one.at)]
+        return in_order([*(slot for slot in self.positions if slot in filled), *fastened], self.predecessors)
+
+    @cached_property
+    def _accepted(self) -> dict[str, dict[str, tuple[str, ...]]]:
+        return {
+            goal: {slot: types_of(one) for slot, one in zip(self.positions, choices, strict=True) if types_of(one)}
+            for goal, choices in self.goals.items()
+        }
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthands(cls, value: Any) -> Any:
+        """Goals by slot name become lists, and quantities that are left out what the goals take."""
+        return with_quantities(with_listed_goals(value)) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:
         problems: list[tuple[Location, str]] = []
-        seen: dict[tuple[str, ...], str] = {}
-        for goal, types in self.goals.items():
-            if what := self._misfit(goal, types):
+        seen: dict[tuple[Choice, ...], str] = {}
+        for goal, choices in self.goals.items():
+            if what := self._misfit(goal, choices):
                 problems.append((("goals", goal), what))
-            elif types in seen:
-                problems.append((("goals", goal), f"goal {goal} is the same configuration as {seen[types]}"))
-            seen.setdefault(types, goal)
-        unknown = sorted(set(self.goal_titles) - set(self.goals))
-        problems += [(("goal_titles", goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
+            elif choices in seen and self.goal_quantities.get(goal) == self.goal_quantities.get(seen[choices]):
+                problems.append((("goals", goal), f"goal {goal} is the same configuration as {seen[choices]}"))
+            seen.setdefault(choices, goal)
+        for key in ("goal_titles", "goal_quantities"):
+            unknown = sorted(set(getattr(self, key)) - set(self.goals))
+            problems += [((key, goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
+        problems = problems or self._unused() or self._unordered()
         if problems:
             raise Disagreement(problems)
         return self
 
-    def _misfit(self, goal: str, types: tuple[str, ...]) -> str | None:
+    def _misfit(self, goal: str, choices: tuple[Choice, ...]) -> str | None:
         """Why a goal does not fit parts and positions, or None where it does."""
         if goal in RESERVED:
             return f"{goal!r} cannot be the name of a goal: the cell itself uses it"
-        if unknown := sorted(set(types) - set(self.parts)):
-            return f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}"
-        if len(types) != len(self.positions):
-            return f"goal {goal} lists {len(types)} parts for {len(self.positions)} positions"
-        needed = Counter({name: part.quantity for name, part in self.parts.items()})
-        if (counts := Counter(types)) != needed:
-            return f"goal {goal} needs {_quantities(counts)}, but the quantities are {_quantities(needed)}"
+        named = {part for choice in choices for part in types_of(choice)}
+        if unknown := sorted((named | set(self.goal_quantities.get(goal, {}))) - set(self.parts)):
+            return f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}, or {EMPTY}"
+        if len(choices) != len(self.positions):
+            return f"goal {goal} lists {len(choices)} parts for {len(self.positions)} positions"
+        if not named:
+            return f"goal {goal} leaves every slot empty"
+        for slot, choice in zip(self.positions, choices, strict=True):
+            if barred := [part for part in types_of(choice) if part not in self.accepts.get(slot, (part,))]:
+                return f"goal {goal} puts {barred[0]} into {slot}, which accepts {', '.join(self.accepts[slot])}"
+        if completed(self._accepted[goal], self.goal_quantities.get(goal, {}), {}) is None:
+            return f"goal {goal} has more slots than goal_quantities.{goal} has parts for"
+        sure = Counter(part for choice in choices for part in types_of(choice) if len(types_of(choice)) == 1)
+        if over := [part for part in sure if sure[part] > self.parts[part].quantity]:
+            needed = ", ".join(f"{sure[name]} x {name}" for name in sorted(over))
+            there = ", ".join(f"{self.parts[name].quantity} x {name}" for name in sorted(over))
+            return f"goal {goal} needs {needed}, but the quantities are {there}"
         return None
 
+    def _unused(self) -> list[tuple[Location, str]]:
+        """Part types that no goal takes."""
+        return [(("parts", name), f"no goal takes a part of type {name}") for name in self.parts if not self.most[name]]
 
-def _quantities(counts: Counter[str]) -> str:
-    return ", ".join(f"{count} x {name}" for name, count in sorted(counts.items()))
+    def _unordered(self) -> list[tuple[Location, str]]:
+        """Steps that nothing has the name of, and such as precede each other."""
+        steps = {*self.positions, *self.fastenings}
+        problems: list[tuple[Location, str]] = [
+            (("fastenings", name), f"{name} is a slot; give the fastening another name")
+            for name in self.fastenings
+            if name in self.positions
+        ]
+        named = [(("accepts", slot), slot) for slot in self.accepts]
+        named += [(("fastenings", name, "at"), slot) for name, one in self.fastenings.items() for slot in one.at]
+        slots, listed = ", ".join(self.positions), ", ".join(sorted(steps))
+        problems += [(at, f"no slot {slot}; slots: {slots}") for at, slot in named if slot not in self.positions]
+        for number, pair in enumerate(self.before):
+            problems += [(("before", number), f"no step {one}; steps: {listed}") for one in pair if one not in steps]
+        if not problems:
+            try:
+                in_order(sorted(steps), self.predecessors)
+            except ValueError as error:
+                problems.append((("before",), f"no step can be the first of these: {error}"))
+        return problems

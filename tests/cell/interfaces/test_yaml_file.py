@@ -122,7 +122,7 @@ def test_goals_that_disagree_with_quantities_are_named_by_line(tmp_path: Path) -
     row = next(i for i, line in enumerate(lines) if line.strip().startswith("g1:"))
     lines[row] = lines[row].replace("o3", "o1")
     [found] = problems(tmp_path, "\n".join(lines), Product)
-    assert found.startswith(f"{row + 1}:7: goal g1 needs 4 x o1, 2 x o2, but the quantities are 3 x o1, 2 x o2, 1 x o3")
+    assert found.startswith(f"{row + 1}:7: goal g1 needs 4 x o1, but the quantities are 3 x o1")
 
 
 def test_the_shipped_configuration_and_product_load() -> None:

@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
+from bracket_cell.learned.semantic.confusions import (
+    PATTERNS,
+    ConfusionLikelihood,
+    Confusions,
+    Reports,
+    confirmed_reports,
+)
 from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
 from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
@@ -57,9 +63,8 @@ def test_the_likelihood_is_that_of_listing_all_ways(pattern: str) -> None:
         edges = np.zeros((3, 6), np.float32)
         edges[tuple(zip(*seen, strict=True))] = 1.0
         found, still_open = likelihood(edges)
-        chance = likelihood._chances(
-            tuple((p, *edges[:, p].tolist()) for p in np.flatnonzero(edges.any(axis=0)).tolist())
-        )
+        _, chances = Reports(confusions, 6).chances(edges)
+        chance = chances.reshape(len(seen), 3, 6)[:, LAYOUT.types, np.arange(6)]
         total, opened = np.zeros(3), np.zeros((3, 6))
         for slots in permutations(range(6), len(seen)):
             share = np.prod([chance[r, :, slot] for r, slot in enumerate(slots)], axis=0) / comb(6, len(seen))

@@ -25,7 +25,6 @@ from bracket_ground.files.model import Model
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
-MOST_POSITIONS = 10  # of a product whose confusions are counted exactly: all subsets of its positions are listed
 KINDS_PSEUDO_N, ROW_PSEUDO_N = 4.0, 20.0  # imagined mistakes of every kind, and imagined reports of every action
 CACHED = 4096
 
@@ -156,19 +155,55 @@ class Confusions:
         return Confusions(_with_diagonal(wrong))
 
 
+class Reports:
+    """Reports as chances: how probable each action is reported as each of them."""
+
+    def __init__(self, confusions: Confusions, positions: int) -> None:
+        self._m, self._right = positions, np.diag(confusions.matrix)
+        self._wrong = confusions.matrix - np.diag(self._right)
+        actions = len(self._wrong)
+        self._places = np.arange(actions) % positions
+        self._at = self._wrong.reshape(actions, -1, positions).sum(axis=1)  # (actions, m) reported at a position
+        self._sums = self._wrong.sum(axis=1)
+
+    def chances(self, seen: Floats) -> tuple[Ints, Floats]:
+        """Positions (k,) of the reports, and (k, actions) how probable each action is reported so.
+
+        A position that is taken by another report is not reported again.
+
+        Args:
+            seen: (n, m) 1 for what was reported; where the detector was in doubt, the shares of the parts there: their
+                mean counts.
+        """
+        places = np.flatnonzero(seen.sum(axis=0))
+        open_ones = np.ones(self._m, dtype=bool)
+        open_ones[places] = False
+        still = self._at[:, open_ones].sum(axis=1)
+        found = np.zeros((len(places), len(self._places)))
+        for number, place in enumerate(places.tolist()):
+            total = still + self._at[:, place]
+            for part in np.flatnonzero(seen[:, place]):
+                report = int(part) * self._m + place
+                column = self._sums * self._wrong[:, report] / np.maximum(total, 1e-12)
+                column[report] = self._right[report] if total[report] > 1e-12 else 1.0
+                found[number] += seen[part, place] * column
+        return places, found
+
+
 class ConfusionLikelihood:
-    """P(reports | goal) under confusions, for people without habits: any k of the m slots are done, all choices alike.
+    """P(reports | goal) under confusions, for people without habits: any k of the slots are done, all choices alike.
 
     Summed over all ways in which the k reports may stem from k slots: a recursion over the reports whose states are the
     sets of slots that were used.
     """
 
+    approximate = ""
+
     def __init__(self, layout: Layout, confusions: Confusions) -> None:
         m = len(layout.positions)
-        self._m = m
-        self._actions: Ints = layout.types * m + np.arange(m)
-        self._right = np.diag(confusions.matrix)
-        self._wrong = confusions.matrix - np.diag(self._right)
+        self._some = layout.hypotheses
+        self._reports = Reports(confusions, m)
+        self._choices = np.array([[comb(int(slots), k) for k in range(m + 1)] for slots in self._some.slots], float)
         masks = np.arange(2**m)[:, None]
         bits = 1 << np.arange(m)
         self._before = np.where(masks & bits, masks ^ bits, 2**m)  # where the recursion comes from; 2^m: nowhere
@@ -181,38 +216,18 @@ class ConfusionLikelihood:
         Args:
             edges: 1 for what was reported; where the detector was in doubt, the shares of the parts at that position.
         """
-        places = np.flatnonzero(edges.sum(axis=0))
-        return self.likelihoods(tuple((int(p), *(round(float(share), 3) for share in edges[:, p])) for p in places))
+        return self.likelihoods(tuple(tuple(row) for row in np.round(edges.astype(float), 3).tolist()))
 
-    def _likelihoods(self, reports: tuple[tuple[float, ...], ...]) -> tuple[Floats, Floats]:
-        goals, m = self._actions.shape
-        state = np.zeros((goals, 2**m + 1))
+    def _likelihoods(self, seen: tuple[tuple[float, ...], ...]) -> tuple[Floats, Floats]:
+        some, m = self._some, len(seen[0])
+        _, found = self._reports.chances(np.array(seen))
+        chances = np.einsum("knm,gnm->kgm", found.reshape(len(found), *some.wanted.shape[1:]), some.wanted)
+        state = np.zeros((len(some.goal), 2**m + 1))
         state[:, 0] = 1.0
-        for chance in self._chances(reports):
+        for chance in chances:
             state[:, :-1] = np.einsum("gsp,gp->gs", state[:, self._before], chance)
-        every: Floats = state[:, :-1] / comb(m, len(reports))
+        every: Floats = state[:, :-1] / np.maximum(self._choices[:, [len(found)]], 1.0)
         return every.sum(axis=1), every @ self._still
-
-    def _chances(self, reports: tuple[tuple[float, ...], ...]) -> Floats:
-        """(k, z, m) probability that a slot is reported as each of the k reports, the others' positions being taken.
-
-        Each report is its position, and how probable the detector found each part there: the mean of their chances.
-        """
-        places = np.arange(self._wrong.shape[1]) % self._m
-        found = []
-        for number, (place, *shares) in enumerate(reports):
-            free = np.ones(self._m, dtype=bool)
-            free[[int(other[0]) for index, other in enumerate(reports) if index != number]] = False
-            possible = self._wrong * free[places]
-            total = np.maximum(possible.sum(axis=1), 1e-12)
-            mean = np.zeros(len(places))
-            for part, share in enumerate(shares):
-                report = part * self._m + int(place)
-                column = self._wrong.sum(axis=1) * possible[:, report] / total
-                column[report] = self._right[report] if total[report] > 1e-12 else 1.0
-                mean += share * column
-            found.append(mean[self._actions])
-        return np.array(found)
 
 
 def _with_diagonal(wrong: Floats) -> Floats:

@@ -7,19 +7,19 @@ aggregation and the direction that the paper prints (object to position) the obj
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bracket_cell.learned.semantic.hypotheses import Floats, Hypotheses, Ints
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.variants import Choice, written
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.floating[Any]]
 Bools = NDArray[np.bool_]
 
 EMPTY = -1  # stands where a position holds nothing
@@ -30,8 +30,10 @@ class Layout:
     """A product's names and goals by index; n part types, m positions, z goals.
 
     Attributes:
-        types: (z, m) part type at every position of every goal.
-        quantities: (n,) how many of each type one product needs.
+        types: (z, m) part type at every position of every goal; of alternatives one, EMPTY where nothing goes.
+        quantities: (n,) how many of each type the goal needs that needs most.
+        choices: (z, m) what the product file says of every position of every goal.
+        limits: by goal name, how many parts of a type it takes at most.
     """
 
     parts: tuple[str, ...]
@@ -39,19 +41,30 @@ class Layout:
     goals: tuple[str, ...]
     types: Ints
     quantities: Ints
+    choices: tuple[tuple[Choice, ...], ...] = ()
+    limits: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     @staticmethod
     def of(product: Product) -> Layout:
         """The layout of a product."""
         parts = tuple(product.parts)
-        types = [[parts.index(part) for part in goal] for goal in product.goals.values()]
-        quantities = [part.quantity for part in product.parts.values()]
-        return Layout(parts, product.positions, tuple(product.goals), np.array(types), np.array(quantities))
+        placed = [product.goal_placements(goal) for goal in product.goals]
+        types = [[parts.index(one[at]) if at in one else EMPTY for at in product.positions] for one in placed]
+        most = [product.most[part] for part in parts]
+        choices, limits = tuple(product.goals.values()), product.goal_quantities
+        return Layout(parts, product.positions, tuple(product.goals), np.array(types), np.array(most), choices, limits)
+
+    @cached_property
+    def hypotheses(self) -> Hypotheses:
+        """The goals' arrangements."""
+        return Hypotheses.of(self.parts, dict(zip(self.goals, self.choices, strict=True)), self.limits)
 
     @cached_property
     def wanted(self) -> Floats:
-        """(z, n, m) one where a goal wants a type at a position."""
-        return one_hot(self.types, len(self.parts))
+        """(z, n, m) one where a type is right for a goal at a position."""
+        right = np.zeros((len(self.goals), len(self.parts), len(self.positions)), np.float32)
+        np.maximum.at(right, self.hypotheses.goal, self.hypotheses.accepted.astype(np.float32))
+        return right
 
     @cached_property
     def words(self) -> tuple[str, ...]:
@@ -61,9 +74,7 @@ class Layout:
     @property
     def vocabulary(self) -> dict[str, tuple[str, ...]]:
         """What weights are trained for, in the words of the product file."""
-        goals = (
-            f"{goal}: {' '.join(self.parts[i] for i in row)}" for goal, row in zip(self.goals, self.types, strict=True)
-        )
+        goals = (f"{goal}: {' '.join(map(written, row))}" for goal, row in zip(self.goals, self.choices, strict=True))
         return {"parts": self.parts, "positions": self.positions, "goals": tuple(goals)}
 
     @property
@@ -110,5 +121,4 @@ def one_hot(seen: Ints, parts: int) -> Floats:
 
 def action_pairs(layout: Layout) -> list[tuple[int, int]]:
     """The assembly actions that a detector knows: every (part type, position) of some goal, sorted."""
-    positions = range(len(layout.positions))
-    return sorted({(int(row[position]), position) for row in layout.types for position in positions})
+    return [(int(part), int(position)) for part, position in np.argwhere(layout.wanted.any(axis=0))]

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from bracket_cell.learned.inference.onnx_model import ModelCard, Network, OnnxModel
-from bracket_cell.learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
+from bracket_cell.learned.semantic.confusions import Confusions
+from bracket_cell.learned.semantic.factored_confusions import confusion_likelihood
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import Floats, Layout
 from bracket_cell.learned.semantic.posterior import (
@@ -19,6 +20,7 @@ from bracket_cell.learned.semantic.posterior import (
     Posterior,
     UniformLikelihood,
     UnknownGoal,
+    approximations,
     posterior,
 )
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR
@@ -59,7 +61,7 @@ def load_semantic_planner(
 
     Args:
         kind: "factored", or "auto": that where the weights are of this product, else `BayesPlanner`, which is as good
-            where nobody's habits were recorded.
+            where nobody's habits were recorded, and knows families.
         weights: from `cell train --only semantic`.
         goals: learned beside the product's own.
         confusions: what the action detector takes for what.
@@ -68,7 +70,7 @@ def load_semantic_planner(
         ModelError: the weights are missing, damaged, of another kind, trained for another product, or cannot answer.
     """
     model, wanted = OnnxModel.load(weights, "semantic.factored"), Layout.of(product).vocabulary
-    if kind == "auto" and model.card.vocabulary != wanted:
+    if kind == "auto" and (product.varies or model.card.vocabulary != wanted):
         return BayesPlanner(product, goals, confusions)
     for use, words in wanted.items():
         model.require_vocabulary(use, words)
@@ -96,7 +98,18 @@ class BayesPlanner:
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         layout, edges = self.layout, self.layout.encode(state)
         found = as_told(self._posterior(edges, layout.doubted(state)), layout, edges, state.told_goal)
-        return assembly_plan(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
+        plan = assembly_plan(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
+        return replace(plan, inference=self.inference)
+
+    @property
+    def inference(self) -> str:
+        """How goals are inferred: "exact", or what of it is approximate."""
+        return inference_by(self._posterior.approximate)
+
+
+def inference_by(approximate: str) -> str:
+    """For the log: "exact", or what of the inference is approximate, and why."""
+    return f"approximate: {approximate}" if approximate else "exact"
 
 
 class LearnedPlanner:
@@ -134,8 +147,7 @@ class FactoredPlanner(LearnedPlanner):
         self.layout = Layout.of(goals.product)
         self._unknown = UnknownGoal(self.layout, noise)
         self._uniform = UniformLikelihood(self.layout, noise)
-        counted = confusions is not None and len(self.layout.positions) <= MOST_POSITIONS
-        self._counted = ConfusionLikelihood(self.layout, confusions) if counted and confusions else None
+        self._counted = None if confusions is None else confusion_likelihood(self.layout, confusions)
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         layout, edges = self.layout, self.layout.encode(state)
@@ -149,7 +161,8 @@ class FactoredPlanner(LearnedPlanner):
         following = _by_quantity(layout, edges)
         following[: len(found["goals"])] = found["following"]
         believed = as_told(believed, layout, edges, state.told_goal)
-        return assembly_plan(layout, edges, _answer(layout, edges, believed, alike.wanted, following))
+        plan = assembly_plan(layout, edges, _answer(layout, edges, believed, alike.wanted, following))
+        return replace(plan, inference=inference_by(approximations(layout.hypotheses, self._counted)))
 
     def with_goals(self, goals: OpenGoals, confusions: Confusions | None = None) -> FactoredPlanner:
         """The same network with other goals learned beside its own."""

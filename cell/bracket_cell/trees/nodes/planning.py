@@ -33,7 +33,11 @@ class InferGoal(CellNode):
             self._plan = self.tools.infer(state, job)
             self._state, self._variant = state, variant
             self.tools.journal.note(
-                "belief", placed=dict(state.placed), goals=dict(self._plan.goal_belief), goal=self._plan.goal
+                "belief",
+                placed=dict(state.placed),
+                goals=dict(self._plan.goal_belief),
+                goal=self._plan.goal,
+                inference=self._plan.inference,
             )
         self.plan.set(self._plan)
         self.feedback_message = f"{self._plan.goal} ({self._plan.goal_belief[self._plan.goal]:.2f})"

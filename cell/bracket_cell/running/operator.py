@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from bracket_ground.interfaces.operator import (
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 
 KEPT = 8  # orders that nodes may still want to read
+TORQUE = re.compile(r"\d{1,4}(\.\d{1,3})?")
 WAITING = 64  # orders that may wait for a tick
 
 
@@ -35,6 +37,7 @@ class OperatorChannel:
         brackets: how many are to be made; None for until it is stopped.
         shift: one bracket after the other is made, so that there is something to finish.
         jobs: the work orders.
+        fastenings: names of the product's.
 
     Attributes:
         questions: that stand now.
@@ -50,10 +53,11 @@ class OperatorChannel:
         brackets: int | None = None,
         shift: bool = True,
         jobs: WorkOrders | None = None,
+        fastenings: Iterable[str] = (),
     ) -> None:
         goals = tuple(goals)
         self._goals = {*goals, UNKNOWN_GOAL}
-        self._shift, self._asked = shift, False
+        self._shift, self._asked, self._fastenings = shift, False, tuple(fastenings)
         self.jobs = WorkOrders(goals) if jobs is None else jobs
         self._state = OperatorState(present, brackets=brackets)
         self._waiting: deque[OperatorOrder] = deque()
@@ -96,12 +100,22 @@ class OperatorChannel:
             )
         if order.kind == "speed" and not (order.value.isdecimal() and SLOWEST <= int(order.value) <= FASTEST):
             return Message("a speed is {least} to {most} percent", least=SLOWEST, most=FASTEST)
+        if order.kind == "fastened" and not self._fastening(order.value):
+            legal = ", ".join(self._fastenings) or "none"
+            return Message(
+                "no fastening and torque in Nm: {value}; fastenings: {legal}", value=f"{order.value!r}", legal=legal
+            )
         if order.kind == "job":
             try:
                 self.jobs.checked(order.value)
             except InputError as error:
                 return str(error)
         return self._no_answer(order) if order.kind == "answer" else ""
+
+    def _fastening(self, value: str) -> bool:
+        """Whether a value is a fastening's name, and a torque [Nm] where it has one."""
+        name, _, torque = value.partition(" ")
+        return name in self._fastenings and (not torque or TORQUE.fullmatch(torque) is not None)
 
     def _in_vain(self, order: OperatorOrder) -> str:
         """Why an order would change nothing now; empty where it would."""

@@ -142,7 +142,9 @@ class Assembled:
 
 def _operator(options: RunOptions, product: Product, jobs: WorkOrders, console: Console) -> OperatorChannel:
     shift = options.brackets is not None
-    operator = OperatorChannel(product.goals, options.attended, options.brackets or None, shift, jobs)
+    operator = OperatorChannel(
+        product.goals, options.attended, options.brackets or None, shift, jobs, product.fastenings
+    )
     if options.orders is not None:
         options.orders(operator.put, lambda: operator.questions, console.print)
     return operator

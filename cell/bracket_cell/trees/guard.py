@@ -104,6 +104,9 @@ class Guard:
         if self._remaining(state)[part] <= 0:
             words = Message("no {part} remains to be placed", part=part)
             return Verdict("wait", words, f"if a {part} were taken out again")
+        if first := self._comes_first(plan, state, position):
+            words = Message("{first} comes before {position}", first=", ".join(first), position=position)
+            return Verdict("wait", words, f"if {', '.join(first)} were done")
         hole = holes.get(position)
         if hole is None:
             return Verdict("wait", Message("{position} has not been seen yet", position=position), empty)
@@ -155,11 +158,8 @@ class Guard:
 
     def fits_none(self, state: AssemblyState) -> bool:
         """Whether no known goal has every placed part where it is, and nothing that was taken out again."""
-        wanted = map(self._product.goal_placements, self._product.goals)
-        return not any(
-            all(goal.get(at) == part for at, part in state.placed.items()) and not _has_taken_out(goal, state)
-            for goal in wanted
-        )
+        fitting = (goal for goal in self._product.goals if self._product.fits(goal, state.placed))
+        return all(_has_taken_out(self._product.accepted(goal), state) for goal in fitting)
 
     def sure_goal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
@@ -177,11 +177,11 @@ class Guard:
         goal = plan.goal if state.told_goal is None else state.told_goal
         if goal not in self._product.goals:
             return False
-        wanted = self._product.goal_placements(goal)
+        wanted = self._product.accepted(goal)
         if state.told_goal is not None:
-            return any(wanted.get(position) == part for position, part in state.against_told.items())
+            return any(wanted.get(position) == (part,) for position, part in state.against_told.items())
         right = {at: part for at, part in state.confirmed.items() if state.placed.get(at, part) == part}
-        otherwise = any(wanted[position] != part for position, part in right.items())
+        otherwise = any(part not in wanted.get(position, ()) for position, part in right.items())
         return otherwise or _has_taken_out(wanted, state)
 
     def _doubts(self, unknown: float, best: float) -> bool:
@@ -190,9 +190,15 @@ class Guard:
         return doubt < 1 and (unknown >= doubt or best < self._act_probability)
 
     def _remaining(self, state: AssemblyState) -> Counter[str]:
-        needed = Counter({name: part.quantity for name, part in self._product.parts.items()})
+        needed = Counter(self._product.most)
         needed.subtract(Counter(state.placed.values()))
         return needed
+
+    def _comes_first(self, plan: AssemblyPlan, state: AssemblyState, position: str) -> list[str]:
+        """Steps that precede a placement, and are not done yet."""
+        goal = plan.goal if state.told_goal is None else state.told_goal
+        filled = self._product.accepted(goal) if goal in self._product.goals else None
+        return self._product.missing_before(position, {*state.placed, *state.fastened}, filled)
 
     def _bad_belief(self, belief: Mapping[str, float]) -> str | None:
         legal = {*self._product.goals, UNKNOWN_GOAL}
@@ -228,9 +234,9 @@ class Guard:
         return None
 
 
-def _has_taken_out(wanted: Mapping[str, str], state: AssemblyState) -> bool:
-    """Whether a goal has something where a person took it out again."""
-    return any(wanted.get(position) == part for position, part in state.taken_out.items())
+def _has_taken_out(wanted: Mapping[str, tuple[str, ...]], state: AssemblyState) -> bool:
+    """Whether a goal has nothing else where a person took something out again; it names what it takes by position."""
+    return any(wanted.get(position) == (part,) for position, part in state.taken_out.items())
 
 
 def _is_probability(value: float) -> bool:

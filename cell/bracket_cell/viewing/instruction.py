@@ -146,7 +146,7 @@ class Instructor:
             elif position in wanted and position not in self._display.any_part:
                 found[position] = Hole("you", (wanted[position],))
             else:
-                may = {self._product.goal_placements(goal)[position] for goal in goals}
+                may = {part for goal in goals for part in self._product.accepted(goal).get(position, ())}
                 found[position] = Hole("open", tuple(sorted(may)))
         return found
 
@@ -251,7 +251,7 @@ class Instructor:
             return Instruction("beginning", "Wait: I look at the bracket")
         if not self._display.goal_belief:
             return Instruction("beginning", "Wait: the cell begins")
-        if len(self.placed) == len(self._product.positions):
+        if self._whole:
             return Instruction("finished", "Take your hand away: I look whether all is right")
         return None
 
@@ -283,7 +283,7 @@ class Instructor:
             return task if task.words else Instruction("brings", "Wait: I look whether it stands right")
         if self.next is None:
             waits = "WaitForAction" in self._running.values()
-            if waits and task.words and self._loose in task.holes and len(self.placed) < len(self._product.positions):
+            if waits and task.words and self._loose in task.holes and not self._whole:
                 return _also(task, "I bring the next part")
             return task
         part, position = self.next
@@ -298,7 +298,7 @@ class Instructor:
         holes, seen = self.holes, self._seen
         assert seen is not None
         mine = {position: hole.parts[0] for position, hole in holes.items() if hole.fate == "you"}
-        open_holes = tuple(position for position, hole in holes.items() if hole.fate == "open")
+        open_holes = tuple(position for position, hole in holes.items() if hole.fate == "open" and hole.parts)
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
         if mine and not (held is not None and held not in mine.values()):
@@ -313,6 +313,13 @@ class Instructor:
         if not self.placed or len(likely) > 2:
             return Instruction("unknown", "Place any part: I cannot tell yet which bracket this is", open_holes)
         return Instruction("unsure", Message("Place any part: this is {goals}", goals=_or(likely)), open_holes)
+
+    @property
+    def _whole(self) -> bool:
+        """Whether nothing remains to be placed, in the likeliest goal where slots may stay empty."""
+        likely = self._likely()[:1] if self._product.varies else []
+        wanted = self._product.accepted(likely[0]) if likely else self._product.positions
+        return all(position in self.placed for position in wanted)
 
     def _believed(self, goal: str) -> float:
         return self._display.goal_belief[goal]

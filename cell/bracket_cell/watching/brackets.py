@@ -48,15 +48,16 @@ class FinishedBrackets(Observer):
         if self._view is None:
             return
         seen = {position: hole.part for position, hole in self._view.holes.items()}
-        parts = tuple(part for part in map(seen.get, self._product.positions) if part is not None)
-        if len(parts) < len(self._product.positions):
+        there = {at: part for at, part in seen.items() if part is not None}
+        if len(there) < len(self._product.positions) and self._product.goal_of(there) is None:
             return
+        parts = self._product.as_listed(there)
         try:
             goals = OpenGoals.load(self._path, self._product).with_bracket(parts)
         except InputError:
             return  # a hole was misread, or the file was damaged meanwhile: better nothing than a wrong goal
         goals.save(self._path)
-        self.learned = next(name for name, goal in goals.finished.items() if goal.parts == parts)
+        self.learned = goals.name_of(parts)
 
 
 @dataclass

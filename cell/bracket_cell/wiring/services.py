@@ -174,7 +174,7 @@ def _teacher(
         if writes:
             known.clear()  # others may write it, too
             goals.save(path)
-        return next(name for name, goal in goals.finished.items() if goal.parts == parts)
+        return str(goals.name_of(parts))
 
     return teach
 
@@ -201,6 +201,6 @@ def learner(
         )
         guard = _guard(configuration, semantic, goals, planners.confusions)
         tools = replace(tools, product=known, semantic=semantic, rule_semantic=rule_semantic, guard=guard)
-        return tools, next((name for name, goal in known.goals.items() if goal == parts), None)
+        return tools, goals.name_of(parts)
 
     return learn

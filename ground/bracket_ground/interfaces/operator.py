@@ -6,13 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-OrderKind = Literal["acknowledge", "answer", "finish", "goal", "job", "pause", "place", "resume", "speed", "stop"]
+OrderKind = Literal[
+    "acknowledge", "answer", "fastened", "finish", "goal", "job", "pause", "place", "resume", "speed", "stop"
+]
 Pause = Literal["none", "now", "after part"]
 QuestionKind = Literal["help", "mend", "goal", "where", "bracket", "choice", "text"]
 
 ORDERS: dict[OrderKind, str] = {
     "acknowledge": "acknowledge what holds the cell",
     "answer": "answer the question with this number",
+    "fastened": "a tool reports that a fastening is done: its name and the torque in Nm",
     "finish": "end the shift after this bracket",
     "goal": "say which goal is being built",
     "job": "take a work order: JSON with variant, amount and, if wanted, id, due, cancelled",
@@ -74,7 +77,7 @@ class OperatorOrder:
 
     Attributes:
         value: a pause's "now" or "after part", a goal's name, a part's type, percent of speed, a work order as JSON,
-            or the answer.
+            a fastening with its torque, or the answer.
         question: number of the question that is answered, None for an order that answers none.
         time_s: when the cell took it.
     """

@@ -41,6 +41,7 @@ class AssemblyState:
         by_robot: part type by position, of what the robot placed.
         taken_out: of that, what a person took out again: it does not belong there.
         against_told: of that, what was taken out since the goal was told, and so speaks against it.
+        fastened: names of the fastenings that are done.
     """
 
     placed: Mapping[str, str]
@@ -52,6 +53,7 @@ class AssemblyState:
     by_robot: Mapping[str, str] = field(default_factory=dict)
     taken_out: Mapping[str, str] = field(default_factory=dict)
     against_told: Mapping[str, str] = field(default_factory=dict)
+    fastened: tuple[str, ...] = ()
 
     def seen(self, placed: Mapping[str, str]) -> AssemblyState:
         """The state where the holes show this, part type by position; notices what was taken out."""

@@ -171,6 +171,11 @@ class Product(Model):
         """The goal that these parts, by position, make; None where they make none, or none that is whole."""
         return next((goal for goal in self.goals if self.goal_placements(goal, placed) == placed), None)
 
+    def goal_listed_as(self, parts: tuple[str, ...]) -> str | None:
+        """The goal that an arrangement makes, see `as_listed`; None where it makes none."""
+        named = zip(self.positions, parts, strict=False)
+        return self.goal_of({slot: part for slot, part in named if part != EMPTY})
+
     @cached_property
     def varies(self) -> bool:
         """Whether goals differ in more than the arrangement of the same parts over all slots."""
@@ -201,14 +206,15 @@ class Product(Model):
             found[name] |= set(fastening.at)
         return {step: frozenset(steps) for step, steps in found.items()}
 
-    def missing_before(self, step: str, done: Collection[str], goal: str | None = None) -> list[str]:
+    def missing_before(self, step: str, done: Collection[str], filled: Collection[str] | None = None) -> list[str]:
         """What must be done before a step can be.
 
         Args:
             done: filled slots and finished fastenings.
-            goal: whose empty slots are left out, and the fastenings at them: what precedes these counts instead.
+            filled: slots that get a part, where that is known. Others are left out, and the fastenings at them: what
+                precedes these counts instead.
         """
-        steps = None if goal is None else self.steps(goal)
+        steps = None if filled is None else self._steps(filled)
         found: list[str] = []
         look = sorted(self.predecessors[step], reverse=True)
         seen = set(look)
@@ -224,9 +230,26 @@ class Product(Model):
 
     def steps(self, goal: str) -> list[str]:
         """Placements and fastenings of a goal, in an order that precedence allows."""
-        filled = self._accepted[goal]
+        steps = self._steps(self._accepted[goal])
+        return in_order(steps, {step: self.missing_before(step, (), self._accepted[goal]) for step in steps})
+
+    def _steps(self, filled: Collection[str]) -> list[str]:
         fastened = [name for name, one in self.fastenings.items() if any(slot in filled for slot in one.at)]
-        return in_order([*(slot for slot in self.positions if slot in filled), *fastened], self.predecessors)
+        return [*(slot for slot in self.positions if slot in filled), *fastened]
+
+    def unfastened(self, filled: Collection[str], done: Collection[str]) -> list[str]:
+        """Fastenings whose turn it is: what precedes them is done, and they are not.
+
+        Args:
+            filled: slots that get a part.
+            done: filled slots and finished fastenings.
+        """
+        names = [name for name in self._steps(filled) if name in self.fastenings and name not in done]
+        return [name for name in names if not self.missing_before(name, done, filled)]
+
+    def as_listed(self, placed: Mapping[str, str]) -> tuple[str, ...]:
+        """What stands in every slot, in their order; EMPTY where nothing does."""
+        return tuple(placed.get(slot, EMPTY) for slot in self.positions)
 
     @cached_property
     def _accepted(self) -> dict[str, dict[str, tuple[str, ...]]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.variants import EMPTY
 
 RANDOM_GOAL = "random"
 NOT_LISTED = "not listed"
@@ -63,9 +64,13 @@ def chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:
 
 def _unlisted(product: Product, rng: np.random.Generator) -> Mapping[str, str] | None:
     """An arrangement of the product's parts that is none of its goals; None where every one is."""
-    parts = [name for name, part in product.parts.items() for _ in range(part.quantity)]
+    goals = list(product.goals)
     for _ in range(TRIES):
+        goal = goals[0] if len(goals) == 1 or not product.varies else goals[int(rng.integers(len(goals)))]
+        parts = sorted(product.as_listed(product.goal_placements(goal)), key=[*product.parts, EMPTY].index)
         drawn = tuple(parts[index] for index in rng.permutation(len(parts)))
-        if drawn not in product.goals.values():
-            return dict(zip(product.positions, drawn, strict=True))
+        there = {at: part for at, part in zip(product.positions, drawn, strict=True) if part != EMPTY}
+        fits = all(part in product.accepts.get(at, (part,)) for at, part in there.items())
+        if fits and not any(product.fits(listed, there) for listed in goals):
+            return there
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -94,11 +95,14 @@ class Score:
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
-        wanted = self._job.placements
-        found = self.placements()
-        good = {position for position, one in found.items() if one.seated and one.part == wanted[position]}
+        product, found = self._world.product, self.placements()
+        there = {position: one.part for position, one in found.items()}
+        wanted: Mapping[str, str] = self._job.placements
+        if self._job.goal in product.goals:
+            wanted = product.goal_placements(self._job.goal, there)
+        good = {position for position, one in found.items() if one.seated and one.part == wanted.get(position)}
         return {
-            "correct": len(good) == len(wanted),
+            "correct": len(good) == len(wanted) == len(found),
             "goal": self._job.goal,
             "placements": {position: one.part for position, one in found.items()},
             "wrong_placements": len(found) - len(good),

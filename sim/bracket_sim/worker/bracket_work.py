@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.person import BesideRobot, Person, drawn, happens
 from bracket_sim.worker.event_log import EventLog
 from bracket_sim.worker.hand_primitives import HandPrimitives, ScrewMotion, Script
@@ -23,8 +24,12 @@ class BracketWork:
 
     Args:
         placing: how this person fills holes.
-        wanted: type of the part by position.
+        wanted: type of the part by position; of several that are right, what stands there is wanted from then on.
         order: positions, as this person goes about them.
+        product: says what comes before what.
+
+    Attributes:
+        fastened: fastenings that are done.
         rest: brings the hand back to its resting place.
     """
 
@@ -32,20 +37,39 @@ class BracketWork:
         self,
         placing: Placing,
         sight: Sight,
-        wanted: Mapping[str, str],
+        wanted: dict[str, str],
         order: Sequence[str],
         rest: Callable[[], Script],
+        product: Product,
     ) -> None:
-        self.placing, self.wanted = placing, wanted
+        self.placing, self.wanted, self.fastened = placing, wanted, list[str]()
+        self._product, self._goal = product, product.goal_of(wanted)
         self._sight, self._order, self._rest = sight, order, rest
 
     def next_position(self, request: str | None) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""
-        can_be_filled = [position for position in self._order if self.placing.possible(position)]
+        done, product = self._done(), self._product
+        its_turn = [position for position in self._order if not product.missing_before(position, done, self.wanted)]
+        can_be_filled = [position for position in its_turn if self.placing.possible(position)]
         words = (request or "").translate(PUNCTUATION).split()
         asked = [name for name in can_be_filled if name in words or self.wanted[name] in words]
         handed = [name for name in can_be_filled if self.placing.handed(name)]
         return next(iter(asked + handed + can_be_filled), None)
+
+    def agree(self) -> None:
+        """Of several arrangements that are right, want the one that what stands belongs to."""
+        if self._product.varies and self._goal is not None:
+            standing = {name: seen.part for name in self._order if (seen := self._sight.in_hole(name)) is not None}
+            self.wanted.update(self._product.goal_placements(self._goal, standing))
+
+    def due(self) -> str | None:
+        """A fastening whose turn it is."""
+        return next(iter(self._product.unfastened(self.wanted, self._done())), None)
+
+    def _done(self) -> set[str]:
+        if not self._product.before and not self._product.fastenings:
+            return set()  # nothing asks for it
+        return {*(position for position in self._order if self.placing.right(position)), *self.fastened}
 
     def empty(self) -> Iterator[str]:
         """Positions in which nothing stands."""

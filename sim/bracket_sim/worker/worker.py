@@ -85,7 +85,8 @@ class Worker:
         chance: np.random.Generator | None = None,
         around: Around | None = None,
     ) -> None:
-        self._person, self._rng = person, rng
+        self._person, self._rng, self._product = person, rng, product
+        self._tool_says: list[OperatorOrder] = []
         self._chance = chance or np.random.default_rng(0)
         self._sight = Sight(world, product, bench)
         self.hand = Hand(world.model, world.data)
@@ -126,8 +127,9 @@ class Worker:
             self._request = self._answered = None
 
     def pressed(self) -> list[OperatorOrder]:
-        """What the person said to the cell since the last call."""
-        return self._replies.pressed() if self._replies is not None else []
+        """What the person, and the tool in their hand, said to the cell since the last call."""
+        said, self._tool_says = self._tool_says, []
+        return said + (self._replies.pressed() if self._replies is not None else [])
 
     def alarm(self, text: str) -> None:
         """A trouble that waits for somebody: the person acknowledges it after a while."""
@@ -194,10 +196,14 @@ class Worker:
             if self._errands is not None:
                 yield from self._errands.tidy_up()
             yield from self._let_robot_work()
+            self._job.agree()
             for misplaced in self._job.misplaced():
                 self.done = False
                 yield from self._job.take_away(misplaced)
             self._answered = self._request
+            if (fastening := self._job.due()) is not None:
+                yield from self._fasten(fastening)
+                continue
             position = self._job.next_position(self._request)
             if position is None:
                 yield from self._go_to_rest()
@@ -212,13 +218,26 @@ class Worker:
                 yield from self._go_to_rest()
                 yield from self._waiting.begins()
 
+    def _fasten(self, name: str) -> Script:
+        """Fasten at every slot of a step; the tool reports its torque where the step wants some."""
+        fastening = self._product.fastenings[name]
+        for position in fastening.at:
+            yield from self._screwing.screw(position)
+        self._events.note("fastened", step=name)
+        self._job.fastened.append(name)
+        if fastening.torque_nm is not None:
+            self._tool_says.append(OperatorOrder("fastened", f"{name} {fastening.torque_nm:g}"))
+        yield from self._go_to_rest()
+        yield from self._waiting.begins()
+
     def _begin(self, wanted: Mapping[str, str]) -> None:
         """From now on, this is to be built."""
+        wanted = dict(wanted)
         order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
         placing = Placing(
             self._work, self._sight, self._person, wanted, self._chance, self._events, self._waiting.polite
         )
-        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest)
+        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest, self._product)
         self._idle_since_s = self._events.time_s
 
     @property

@@ -160,11 +160,10 @@ class Reports:
 
     def __init__(self, confusions: Confusions, positions: int) -> None:
         self._m, self._right = positions, np.diag(confusions.matrix)
-        self._wrong = confusions.matrix - np.diag(self._right)
-        actions = len(self._wrong)
-        self._places = np.arange(actions) % positions
-        self._at = self._wrong.reshape(actions, -1, positions).sum(axis=1)  # (actions, m) reported at a position
-        self._sums = self._wrong.sum(axis=1)
+        wrong = confusions.matrix - np.diag(self._right)
+        actions = len(wrong)
+        self._at = wrong.reshape(actions, -1, positions).sum(axis=1)  # (actions, m) reported at a position
+        self._scaled = (wrong.sum(axis=1)[:, None] * wrong).T.copy()
 
     def chances(self, seen: Floats) -> tuple[Ints, Floats]:
         """Positions (k,) of the reports, and (k, actions) how probable each action is reported so.
@@ -179,12 +178,12 @@ class Reports:
         open_ones = np.ones(self._m, dtype=bool)
         open_ones[places] = False
         still = self._at[:, open_ones].sum(axis=1)
-        found = np.zeros((len(places), len(self._places)))
+        found = np.zeros((len(places), len(self._at)))
         for number, place in enumerate(places.tolist()):
-            total = still + self._at[:, place]
+            total = np.maximum(still + self._at[:, place], 1e-12)
             for part in np.flatnonzero(seen[:, place]):
                 report = int(part) * self._m + place
-                column = self._sums * self._wrong[:, report] / np.maximum(total, 1e-12)
+                column = self._scaled[report] / total
                 column[report] = self._right[report] if total[report] > 1e-12 else 1.0
                 found[number] += seen[part, place] * column
         return places, found

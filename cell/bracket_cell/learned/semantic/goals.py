@@ -7,6 +7,7 @@ were learned. So a goal is believed in the more often it was finished, and somet
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -22,6 +23,7 @@ from bracket_ground.files.files import write_whole
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.variants import EMPTY, Choice, completed, written
 
 SHOWN_BRACKETS = 3  # a goal that somebody showed counts as much as this many finished brackets
 _HEAD = """# Goals as they were finished: the part type at every position, and how many brackets ended so.
@@ -93,8 +95,11 @@ class OpenGoals:
             InputError: it cannot.
         """
         for name, goal in self.finished.items():
-            if self.listed.goals.get(name, goal.parts) != goal.parts:
-                raise InputError(f"{path}: goal {name} is {' '.join(self.listed.goals[name])} in the product file")
+            if name in self.listed.goals and self.listed.goal_listed_as(goal.parts) != name:
+                listed = " ".join(map(written, self.listed.goals[name]))
+                raise InputError(f"{path}: goal {name} is {listed} in the product file")
+            if name not in self.listed.goals and (why := self._unlike(goal.parts)):
+                raise InputError(f"{path}: goal {name} {why}")
         try:
             _ = self.product
         except ValidationError as error:
@@ -160,17 +165,34 @@ class OpenGoals:
         Raises:
             InputError: no bracket of this product ends so, or another goal has this name.
         """
-        if self._known.get(name, parts) != parts:
-            raise InputError(f"goal {name} is {' '.join(self._known[name])} already; give this one another name")
+        if name in self._known and self.name_of(parts) != name:
+            listed = " ".join(map(written, self._known[name]))
+            raise InputError(f"goal {name} is {listed} already; give this one another name")
         return self._after(name, parts, SHOWN_BRACKETS, "the goal that was shown")
 
+    def name_of(self, parts: tuple[str, ...]) -> str | None:
+        """The known goal that an arrangement makes; None for a new one."""
+        learned = (name for name, goal in self.finished.items() if goal.parts == parts)
+        return self.product.goal_listed_as(parts) or next(learned, None)
+
+    def _unlike(self, parts: tuple[str, ...]) -> str:
+        """Why an arrangement is none of this product's, though every part is; empty where it may be."""
+        there = Counter(part for part in parts if part != EMPTY)
+        quantities = {part: there[part] for part in self.listed.parts}
+        for goal in self.listed.goals:
+            accepted = self.listed.accepted(goal)
+            if len(accepted) == there.total() and completed(accepted, quantities, {}) is not None:
+                return ""
+        listed = ", ".join(f"{count} x {part}" for part, count in sorted(there.items()))
+        return "" if self.listed.varies else f"needs {listed}, and no listed goal does"
+
     @property
-    def _known(self) -> dict[str, tuple[str, ...]]:
+    def _known(self) -> dict[str, tuple[Choice, ...]]:
         return {**self.product.goals, **{name: goal.parts for name, goal in self.finished.items()}}
 
     def _after(self, name: str, parts: tuple[str, ...], brackets: int, what: str) -> OpenGoals:
         """With a number of further brackets of an arrangement; one that is not known takes the name."""
-        name = next((known for known, goal in self._known.items() if goal == parts), name)
+        name = self.name_of(parts) or name
         before = self.finished[name].finished if name in self.finished else 0
         finished = self.finished | {name: FinishedGoal(parts=parts, finished=before + brackets)}
         after = OpenGoals(self.listed, finished, self.settings)

@@ -18,7 +18,7 @@ from bracket_cell.learned.semantic.hypotheses import Floats, Hypotheses, Ints
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.product import Product
-from bracket_ground.interfaces.variants import Choice, written
+from bracket_ground.interfaces.variants import Choice, completed, types_of, written
 
 Bools = NDArray[np.bool_]
 
@@ -58,6 +58,15 @@ class Layout:
     def hypotheses(self) -> Hypotheses:
         """The goals' arrangements."""
         return Hypotheses.of(self.parts, dict(zip(self.goals, self.choices, strict=True)), self.limits)
+
+    def completed(self, goal: int, edges: Floats) -> Floats:
+        """(n, m) one where a goal puts a type, keeping of what is placed (n, m) what belongs there."""
+        accepted = {
+            at: types for at, one in zip(self.positions, self.choices[goal], strict=True) if (types := types_of(one))
+        }
+        placed = {self.positions[at]: self.parts[part] for part, at in np.argwhere(edges)}
+        found = completed(accepted, self.limits.get(self.goals[goal], {}), placed) or {}
+        return self.encode(AssemblyState(found))
 
     @cached_property
     def wanted(self) -> Floats:

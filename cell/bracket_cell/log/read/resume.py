@@ -92,6 +92,8 @@ def _after(left: ResumeState, topic: str, fields: dict[str, Any], product: Produ
     if topic == "belief" and "told_part" in fields:
         part, position = fields["told_part"]
         return _seen(left, told_parts={**graph.told_parts, position: part})
+    if topic == "belief" and "fastened" in fields:
+        return _seen(left, fastened=tuple(fields["fastened"]))
     if topic == "belief" and "taken_out" in fields:
         return _seen(left, taken_out=fields["taken_out"])
     if topic == "belief" and "kept" in fields:
@@ -114,6 +116,5 @@ def _ended(left: ResumeState, fields: dict[str, Any], product: Product) -> Resum
     learned = fields.get("goal")
     if not learned or learned == UNKNOWN_GOAL or learned in product.goals:
         return replace(left, ended=True)
-    parts = tuple(fields["placed"].get(position) for position in product.positions)
-    known = left.finished if None in parts else (*left.finished, parts)
+    known = (*left.finished, product.as_listed(fields["placed"])) if fields.get("finished") else left.finished
     return replace(left, ended=True, finished=tuple(dict.fromkeys(known)))

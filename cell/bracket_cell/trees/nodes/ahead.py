@@ -20,6 +20,7 @@ from btxml.engine.status import Status
 from btxml.engine.traits import Traits
 
 CLEAR_M = 0.35  # a hand that is farther from the way than this does not slow the arm there
+LIKELY = 0.02  # a goal that is less probable does not keep the robot from fetching
 TELLS_S = 3.0  # a robot that fetches nothing for so long says why
 BUSY = ("transit", "assembly")  # the hand fetches a part or brings it: it takes one of those that remain
 
@@ -50,7 +51,7 @@ class ChooseSparePart(CellNode):
     def update(self) -> Status:
         status, seen = self._chosen(), self.now.observation
         waits = status is Status.RUNNING and seen.time_s - self._begun_s >= TELLS_S and not seen.arm.moving
-        if waits and +remaining(self.services, self.state.get()):
+        if waits and +remaining(self.services, self.state.get(), self.plan.get()):
             self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
         return status
 
@@ -67,7 +68,7 @@ class ChooseSparePart(CellNode):
         if held != self._held:
             self._held, self._held_since_s = held, seen.time_s
         rests_s = 0.0 if self._rests_since_s is None else seen.time_s - self._rests_since_s
-        last = (+remaining(self.services, self.state.get())).total() == 1
+        last = (+remaining(self.services, self.state.get(), self.plan.get())).total() == 1
         if seen.bench.action.kind == "idle" and rests_s < self.patience_s.get() and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
@@ -86,7 +87,7 @@ class ChooseSparePart(CellNode):
         """How many of each type remain for the robot whatever the person does next."""
         bench = self.now.observation.bench
         assert bench is not None
-        left = remaining(self.services, self.state.get())
+        left = remaining(self.services, self.state.get(), self.plan.get())
         steady = self.now.observation.time_s - self._held_since_s >= self.steady_s.get()
         if self._held is not None and steady:
             left[self._held] -= 1
@@ -193,11 +194,20 @@ class RecallTray(CellNode):
         return Status.SUCCESS
 
 
-def remaining(services: Services, state: AssemblyState) -> Counter[str]:
-    """How many parts of each type are still to be placed; what was let go in a hole counts as placed."""
-    left = Counter({name: part.quantity for name, part in services.tools.product.parts.items()})
-    left.subtract({**services.memory.let_go, **state.placed}.values())
-    return left
+def remaining(services: Services, state: AssemblyState, plan: AssemblyPlan | None = None) -> Counter[str]:
+    """How many parts of each type may still be placed; what was let go in a hole counts as placed.
+
+    Args:
+        plan: only those that are needed in every likely goal.
+    """
+    product, placed = services.tools.product, {**services.memory.let_go, **state.placed}
+    likely = [] if plan is None else [goal for goal in product.goals if plan.goal_belief.get(goal, 0.0) >= LIKELY]
+    if likely and product.varies:
+        left = [product.remaining(goal, placed) for goal in likely]
+        return Counter({part: min(one[part] for one in left) for part in product.parts})
+    left_n = Counter(product.most)
+    left_n.subtract(placed.values())
+    return left_n
 
 
 def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str) -> tuple[str | None, str]:

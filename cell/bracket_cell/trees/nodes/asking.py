@@ -193,7 +193,7 @@ class AskWhichGoal(Asks):
                 Message(
                     "{goal} ({share})", goal=product.goal_title(goal), share=f"{plan.goal_belief.get(goal, 0.0):.0%}"
                 ),
-                product.goal_placements(goal),
+                product.goal_placements(goal, state.placed),
             )
             for goal in ranked
         ]
@@ -256,9 +256,9 @@ def against_order(services: Services, state: AssemblyState) -> bool:
     product = services.tools.product
     if job is None or view is None or state.told_goal is not None or job.variant not in product.goals:
         return False
-    wanted = product.goal_placements(job.variant)
+    wanted = product.goal_placements(job.variant, state.placed)
     seen = {at: hole.part for at, hole in view.holes.items() if hole.part in product.parts}
-    return any(state.placed.get(at) == part != wanted[at] for at, part in seen.items())
+    return any(state.placed.get(at) == part != wanted.get(at) for at, part in seen.items())
 
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:

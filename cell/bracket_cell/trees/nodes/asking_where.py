@@ -63,7 +63,7 @@ class AskPosition(Asks):
         """The type to ask for."""
         services, state = self.services, self.state.get()
         held = services.memory.held_part if services.now.observation.gripper.holding else None
-        needed = Counter({name: part.quantity for name, part in services.tools.product.parts.items()})
+        needed = Counter(services.tools.product.most)
         needed.subtract(Counter(state.placed.values()))
         left = sorted((part for part in needed if needed[part] > 0), key=lambda part: (part != held, needed[part]))
         asked = [part for part in left if part not in self._by_hand]

@@ -49,7 +49,8 @@ def mistakes_in(services: Services, plan: AssemblyPlan, state: AssemblyState) ->
     holes = view.holes if view else {}
     seen = {name: hole for name, hole in holes.items() if hole.part and state.known_wrong.get(name) != hole.part}
     goal = services.tools.guard.sure_goal(plan, state)
-    wanted = product.goal_placements(goal) if goal is not None else {}
+    there = {name: hole.part for name, hole in seen.items() if hole.part is not None}
+    wanted = product.goal_placements(goal, there) if goal is not None else {}
     return tuple(_judged(product, seen, wanted, state.kept))
 
 
@@ -63,9 +64,9 @@ def _judged(
             continue
         if part not in product.parts:
             yield Mistake(position, "surplus", part)
-        elif wanted and wanted[position] != part:
-            yield Mistake(position, "wrong", part, wanted[position])
-        elif counts[part] > product.parts[part].quantity and not wanted:
+        elif wanted and wanted.get(position) != part:
+            yield Mistake(position, "wrong" if position in wanted else "surplus", part, wanted.get(position))
+        elif counts[part] > product.most[part] and not wanted:
             yield Mistake(position, "surplus", part)
         elif not hole.upright:
             yield Mistake(position, "crooked", part)
@@ -88,7 +89,7 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
         )
     if kind == "surplus":
         there = Counter(one.part or "" for one in mistakes)
-        takes = {part: product.parts[part].quantity if part in product.parts else 0 for part in there}
+        takes = {part: product.most[part] for part in there}
         return listed(
             [
                 Message("{names} holds the {part}, which is one too many", names=names, part=product.title(part))

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from bracket_cell.trees.nodes.clutter import seen_part
+from bracket_cell.trees.nodes.planning import open_steps
 from bracket_cell.trees.nodes.poses import FramedPose, world_pose
 from bracket_cell.trees.nodes.services import CellNode, Services
 from bracket_cell.trees.nodes.watching import SeenAction
@@ -20,6 +21,7 @@ from bracket_ground.interfaces.pose import Array
 from btxml.engine.ports import InputPort
 from btxml.engine.status import Status
 
+MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
@@ -228,9 +230,13 @@ class AssemblyFinished(CellNode):
         """What is still waited for; empty where it is finished."""
         services, state = self.services, self.state.get()
         view, placed = services.now.observation.bench, state.placed
-        if open_positions := [position for position in services.tools.product.positions if position not in placed]:
+        if still := open_steps(services, state):
             self._full_since_s = self._away_since_s = None
-            return Message("{count} positions are open", count=len(open_positions))
+            if unfastened := [step for step in still if step in services.tools.product.fastenings]:
+                return Message("not yet fastened: {steps}", steps=", ".join(unfastened))
+            return Message("{count} positions are open", count=len(still))
+        if (other := self._may_need_more(state)) and not self._left(view):
+            return Message("it may be {goal}, which takes more parts", goal=other)
         now_s = services.now.observation.time_s
         self._full_since_s = now_s if self._full_since_s is None else self._full_since_s
         left = self.action.get().action.kind == "idle" or self._left(view)
@@ -239,6 +245,16 @@ class AssemblyFinished(CellNode):
         if unseen := [position for position in placed if seen.get(position) is None and position not in asked]:
             return Message("not yet seen filled: {unseen}", unseen=" ".join(unseen))
         return "" if left else "the hand still moves"
+
+    def _may_need_more(self, state: AssemblyState) -> str:
+        """Title of another likely goal that is not whole yet; empty where there is none."""
+        services, product = self.services, self.services.tools.product
+        if not product.varies or state.told_goal is not None:
+            return ""
+        belief = services.tools.infer(state, services.now.observation.operator.job).goal_belief
+        likely = (goal for goal in product.goals if belief.get(goal, 0.0) >= MAY_BE)
+        more = (goal for goal in likely if not product.accepted(goal).keys() <= state.placed.keys())
+        return next((product.goal_title(goal) for goal in more), "")
 
     def _left(self, view: BenchView | None) -> bool:
         """Whether the hand has been away from every hole for long enough."""

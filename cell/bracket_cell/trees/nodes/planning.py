@@ -13,6 +13,15 @@ from btxml.engine.traits import Traits
 from btxml.engine.why import Decision, History
 
 
+def open_steps(services: Services, state: AssemblyState) -> list[str]:
+    """Placements and fastenings that are still to be done; of the most probable goal where slots may stay empty."""
+    product, goal = services.tools.product, state.told_goal
+    if product.varies and goal is None:
+        goal = services.tools.infer(state, services.now.observation.operator.job).goal
+    steps = product.steps(goal) if goal in product.goals else [*product.positions, *product.fastenings]
+    return [step for step in steps if step not in state.placed and step not in state.fastened]
+
+
 class InferGoal(CellNode):
     """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11 and 14).
 

@@ -65,7 +65,10 @@ class WaitForEmptyBracket(CellNode):
         memory = self.memory
         if memory.brackets:
             return False
-        return memory.left_off.under_way or 0 < len(filled) < len(self.tools.product.positions)
+        product, view = self.tools.product, self.now.observation.bench
+        there = {name: hole.part for name, hole in view.holes.items() if hole.part is not None} if view else {}
+        whole = len(filled) == len(product.positions) or (product.varies and product.goal_of(there) is not None)
+        return memory.left_off.under_way or (bool(filled) and not whole)
 
 
 class BeginBracket(CellNode):
@@ -133,11 +136,12 @@ class EndBracket(CellNode):
         seen = [
             view.holes[name].part if view and name in view.holes else None for name in services.tools.product.positions
         ]
-        parts = tuple(part for part in seen if part is not None)
-        finished = len(parts) == len(seen)
-        learned = services.learn(parts) if finished and not kept else None
         jobs, product = services.now.observation.operator.jobs, services.tools.product
-        served = [job.id for job in jobs if finished and product.goals.get(job.variant) == parts]
+        there = {at: part for at, part in zip(product.positions, seen, strict=True) if part is not None}
+        finished = len(there) == len(seen) or product.goal_of(there) is not None
+        learned = services.learn(product.as_listed(there)) if finished and not kept else None
+        served = [job.id for job in jobs if finished and job.variant in product.goals]
+        served = [job.id for job in jobs if job.id in served and product.goal_placements(job.variant, there) == there]
         self.feedback_message = Message(
             "bracket {number} {value}", number=self.number.get(), value="finished" if finished else "taken away"
         )
@@ -187,14 +191,18 @@ class TeachGoal(CellNode):
 
     def update(self) -> Status:
         services, placed, seen = self.services, self.state.get().placed, self.now.observation.bench
-        for position in services.tools.product.positions:
+        product = services.tools.product
+        for position in product.positions:
             hole = seen.holes.get(position) if seen is not None else None
+            open_one = product.varies and hole is not None and hole.part is None and position not in placed
+            if open_one:
+                continue
             if hole is None or hole.part is None or hole.part != placed.get(position) or not hole.upright:
                 self.feedback_message = f"{position} is not sure: {placed.get(position, 'nothing')} is believed there"
                 return FAILURE
         if services.tools.teach is None:
             raise NodeError("goals are kept nowhere: set planners.semantic.goals in the configuration")
-        parts = tuple(placed[position] for position in services.tools.product.positions)
+        parts = product.as_listed(placed)
         try:
             name = services.tools.teach(self.name_given.get(), parts)
         except InputError as error:

@@ -245,7 +245,10 @@ class GoalPart(CellNode):
     part = OutputPort(str, "type of the part that belongs there")
 
     def update(self) -> Status:
-        part = self.tools.product.goal_placements(self.goal.get())[self.position.get()]
+        part = self.tools.product.goal_placements(self.goal.get()).get(self.position.get())
+        if part is None:
+            self.feedback_message = f"{self.goal.get()} leaves {self.position.get()} empty"
+            return FAILURE
         self.part.set(part)
         self.feedback_message = f"{part} belongs at {self.position.get()}"
         return SUCCESS

@@ -51,7 +51,7 @@ def test_plain_progress_tells_each_change_once() -> None:
     assert lines == [
         ["hand", "no hand in view"],
         ["goal", "g1 0.75, g0 0.25"],
-        ["guidance", "o1 -> p2; o2 -> done"],
+        ["guidance", "The o1 goes into p2. No o2 is left to place"],
         ["robot", "waiting"],
         ["help", "place o1"],
     ]
@@ -62,7 +62,7 @@ def test_a_terminal_shows_a_panel() -> None:
     progress = LiveProgress(Console(file=text, width=100, force_terminal=True), 0.04)
     progress.tick(record(0, Command(display=DISPLAY)))
     progress.close(OUTCOME)
-    for words in ("ticks/s", "g1 0.75", "guidance o1", "waiting", "place o1"):
+    for words in ("ticks/s", "g1 0.75", "The o1 goes into p2", "waiting", "place o1"):
         assert words in text.getvalue()
 
 

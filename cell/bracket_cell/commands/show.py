@@ -36,6 +36,12 @@ def show(
         Path | None,
         typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); leave it out with --running."),
     ] = None,
+    product: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[PRODUCT]", help="After the word product: product file, or configuration that names one."
+        ),
+    ] = None,
     at_s: Annotated[
         float,
         typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
@@ -49,7 +55,15 @@ def show(
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does."""
+    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does.
+
+    `show product FILE` prints or draws a product: its goals, their steps, and what comes before what.
+    """
+    if product is not None:
+        if source != Path("product"):
+            raise InputError(f"one FILE is shown, or a product: cell show product {product}")
+        _show_product(product, svg, png, overwrite)
+        return
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
     for drawing in filter(None, (svg, png)):
@@ -98,6 +112,21 @@ def _show_file(
         from btxml.views.picture import picture
 
         _draw(picture(file, registry, beside), svg, png)
+
+
+def _show_product(file: Path, svg: Path | None, png: Path | None, overwrite: bool) -> None:
+    from bracket_cell.configuration import load_configuration
+    from bracket_cell.viewing.product_picture import product_picture, product_text
+    from bracket_ground.files.yaml_file import has_key, load_yaml
+    from bracket_ground.interfaces.product import Product
+
+    shown = load_yaml(load_configuration(file).product if has_key(file, "bench") else file, Product)
+    if svg is None and png is None:
+        sys.stdout.write(product_text(shown))
+        return
+    for drawing in filter(None, (svg, png)):
+        spared(drawing, [file], overwrite)
+    _draw(product_picture(shown), svg, png)
 
 
 def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from bracket_cell.viewing.guidance import step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
@@ -66,14 +68,16 @@ class Instructor:
     """Follows a run, and says what the person should do.
 
     Attributes:
+        product: what is assembled.
         placed: part type by position, as it is believed.
         by: who placed it, by position.
         next: (part type, position) that the robot was allowed to place and goes to place; None for nothing.
         doubt: why the robot does not act, in words.
+        fastened: names of the fastenings that are done.
     """
 
     def __init__(self, product: Product) -> None:
-        self._product = product
+        self.product = product
         self._running: dict[int, str] = {}
         self._seen: Observation | None = None
         self._judgement = Judgement()
@@ -88,6 +92,7 @@ class Instructor:
         self.by: dict[str, str] = {}
         self.next: tuple[str, str] | None = None
         self.doubt = ""
+        self.fastened: tuple[str, ...] = ()
 
     def watch(self) -> None:
         """Another tree has taken over."""
@@ -131,12 +136,23 @@ class Instructor:
         return self._asks
 
     @property
+    def done(self) -> set[str]:
+        """Filled positions and finished fastenings."""
+        return {*self.placed, *self.fastened}
+
+    @property
+    def _filled(self) -> Collection[str]:
+        """Positions that get a part, in the likeliest goal."""
+        likely = self._likely()[:1] if self.product.varies else []
+        return self.product.accepted(likely[0]) if likely else self.product.positions
+
+    @property
     def holes(self) -> dict[str, Hole]:
         """What is known of every hole."""
         view, goals = (None if self._seen is None else self._seen.bench), self._likely()
         wanted = {position: part for part, to in self._display.guidance.items() for position in to}
         found = {}
-        for position in self._product.positions:
+        for position in self.product.positions:
             if position in self.placed:
                 hole = view.holes.get(position) if view is not None else None
                 upright = hole is None or hole.upright
@@ -146,7 +162,7 @@ class Instructor:
             elif position in wanted and position not in self._display.any_part:
                 found[position] = Hole("you", (wanted[position],))
             else:
-                may = {part for goal in goals for part in self._product.accepted(goal).get(position, ())}
+                may = {part for goal in goals for part in self.product.accepted(goal).get(position, ())}
                 found[position] = Hole("open", tuple(sorted(may)))
         return found
 
@@ -159,7 +175,9 @@ class Instructor:
         return self._told
 
     def _note(self, topic: str, fields: dict[str, Any]) -> None:
-        if topic == "belief" and fields.get("edge"):
+        if topic == "belief" and "fastened" in fields:
+            self.fastened = tuple(fields["fastened"])
+        elif topic == "belief" and fields.get("edge"):
             part, position = fields["edge"]
             if part is None:
                 self.placed.pop(position, None)
@@ -183,10 +201,11 @@ class Instructor:
                 self.next = None
         elif topic == "bracket" and fields["edge"] == "begin":
             self.placed, self.by, self.next, self.doubt, self._loose, self._put = {}, {}, None, "", "", False
+            self.fastened = ()
 
     def _likely(self) -> list[str]:
         belief = self._display.goal_belief
-        likely = [goal for goal in self._product.goals if belief.get(goal, 0.0 if belief else 1.0) >= LIKELY]
+        likely = [goal for goal in self.product.goals if belief.get(goal, 0.0 if belief else 1.0) >= LIKELY]
         return sorted(likely, key=lambda goal: -belief.get(goal, 0.0))
 
     def _fresh(self) -> Instruction:
@@ -222,7 +241,7 @@ class Instructor:
         return Instruction(moment, self._question(first), first.positions, tray=first.kind == "help")
 
     def _question(self, question: Question) -> str:
-        product, part = self._product, question.part
+        product, part = self.product, question.part
         if question.kind == "help":
             if not part:
                 return Message("Please {todo}", todo=question.todo)
@@ -293,12 +312,16 @@ class Instructor:
         return _also(task, Message("I bring the {part} to {hole}", part=self._title(part), hole=position))
 
     def _task(self) -> Instruction:
+        if due := self.product.unfastened(self._filled, self.done):
+            words = Message("Now {step}", step=step_words(self.product, due[0]))
+            return Instruction("sure", words, self.product.fastenings[due[0]].at)
         if self._loose:
             return Instruction("sure", Message("Turn the screw of {hole}", hole=self._loose), (self._loose,))
         holes, seen = self.holes, self._seen
         assert seen is not None
-        mine = {position: hole.parts[0] for position, hole in holes.items() if hole.fate == "you"}
-        open_holes = tuple(position for position, hole in holes.items() if hole.fate == "open" and hole.parts)
+        ready = [at for at in holes if not self.product.missing_before(at, self.done, self._filled)]
+        mine = {position: holes[position].parts[0] for position in ready if holes[position].fate == "you"}
+        open_holes = tuple(at for at in ready if holes[at].fate == "open" and holes[at].parts)
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
         if mine and not (held is not None and held not in mine.values()):
@@ -309,23 +332,21 @@ class Instructor:
             return Instruction("sure", "")
         if self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL:
             return Instruction("unsure", "Place any part: this looks like no bracket that I know", open_holes)
-        likely = [self._product.goal_title(goal) for goal in self._likely()]
+        likely = [self.product.goal_title(goal) for goal in self._likely()]
         if not self.placed or len(likely) > 2:
             return Instruction("unknown", "Place any part: I cannot tell yet which bracket this is", open_holes)
         return Instruction("unsure", Message("Place any part: this is {goals}", goals=_or(likely)), open_holes)
 
     @property
     def _whole(self) -> bool:
-        """Whether nothing remains to be placed, in the likeliest goal where slots may stay empty."""
-        likely = self._likely()[:1] if self._product.varies else []
-        wanted = self._product.accepted(likely[0]) if likely else self._product.positions
-        return all(position in self.placed for position in wanted)
+        """Whether nothing remains to be done, in the likeliest goal where slots may stay empty."""
+        return self.done >= set(self.product.steps_of(self._filled))
 
     def _believed(self, goal: str) -> float:
         return self._display.goal_belief[goal]
 
     def _title(self, part: str) -> str:
-        known = self._product.parts.get(part)
+        known = self.product.parts.get(part)
         return part if known is None else known.title
 
 

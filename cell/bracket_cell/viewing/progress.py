@@ -11,6 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from bracket_cell.viewing.guidance import guidance_sentences
 from bracket_cell.viewing.instruction import Instructor
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
 from bracket_ground.files.words.catalogue import SOURCE, Catalogue, catalogue
@@ -97,10 +98,7 @@ class LiveProgress(Observer):
             ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}"),
             ("hand", self._hand),
             ("goal", belief_text(self._display.goal_belief)),
-            *(
-                (f"guidance {part}", at)
-                for part, at in guidance_rows(self._display.guidance, self._display.any_part).items()
-            ),
+            *(("guidance", sentence) for sentence in self._guidance()),
             ("robot", self._display.message),
             ("why", str(self._why())),
             ("help", self._display.help_request or ""),
@@ -117,11 +115,17 @@ class LiveProgress(Observer):
     def _pace(self, rate_hz: float) -> str:
         return f"{rate_hz * self._period_s:.1f} x real time"
 
+    def _guidance(self) -> list[str]:
+        shown, instructor = self._display, self._instructor
+        if instructor is None:
+            return guidance_sentences(shown.guidance, shown.any_part)
+        return guidance_sentences(shown.guidance, shown.any_part, instructor.product, instructor.done)
+
     def _tell_changes(self, time_s: float) -> None:
         told = {
             "hand": self._hand,
             "goal": belief_text(self._display.goal_belief),
-            "guidance": guidance_text(self._display.guidance, self._display.any_part),
+            "guidance": listed(self._guidance(), ". "),
             "robot": self._display.message,
             "help": self._display.help_request or "",
             "asks": listed(list(map(question_text, self._display.questions))),
@@ -145,17 +149,6 @@ def question_text(question: Question) -> str:
     if not answers:
         return Message("{number}: {reason}; {todo}", **words)
     return Message("{number}: {reason}; {todo} [{answers}]", **words, answers=answers)
-
-
-def guidance_text(guidance: Mapping[str, tuple[str, ...]], any_part: tuple[str, ...] = ()) -> str:
-    """What remains for every part type, and where any may go, for people."""
-    return "; ".join(f"{part} -> {at}" for part, at in guidance_rows(guidance, any_part).items())
-
-
-def guidance_rows(guidance: Mapping[str, tuple[str, ...]], any_part: tuple[str, ...]) -> dict[str, str]:
-    """Positions in words by part type; of "any part" those for which the likely goals want different ones."""
-    rows = {part: " ".join(positions) or "done" for part, positions in guidance.items()}
-    return rows | ({"any part": " ".join(any_part)} if any_part else {})
 
 
 def _line(time_s: float, who: str, text: str) -> str:

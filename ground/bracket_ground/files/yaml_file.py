@@ -105,6 +105,15 @@ def _end_of(node: Node) -> int:
     return int(node.end_mark.index)
 
 
+def has_key(path: Path, name: str) -> bool:
+    """Whether a YAML file has a key at its top.
+
+    Raises:
+        InputError: the file cannot be read, or is not YAML.
+    """
+    return _value_of(_read(path)[0], name) is not None
+
+
 def place_of(path: Path, location: Location) -> Place:
     """Where a location of a YAML file stands, for errors that are found later than at loading."""
     root, _, _ = _read(path)

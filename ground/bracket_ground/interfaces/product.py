@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Coordinate, Length, Rgb
+from bracket_ground.interfaces.brackets import with_brackets
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
 from bracket_ground.interfaces.steps import Fastening, in_order
 from bracket_ground.interfaces.variants import EMPTY, Choice, completed, types_of, with_listed_goals, with_quantities
@@ -95,12 +96,14 @@ class Bracket(Model):
         hole_clearance_m: radial gap between a peg and its hole.
         margin_m: plate beyond the outermost hole centres.
         holes_m: hole centres (x, y) by position, in the bracket's frame (origin on its upper side).
+        plates: positions of each plate, where there are several in one frame; by default one has them all.
     """
 
     thickness_m: Length
     hole_clearance_m: float = Field(gt=0, le=0.05)
     margin_m: Length
     holes_m: dict[str, tuple[Coordinate, Coordinate]] = Field(min_length=1)
+    plates: tuple[tuple[str, ...], ...] = ()
 
 
 class Product(Model):
@@ -119,6 +122,8 @@ class Product(Model):
         accepts: by slot, the part types that fit into it; without an entry all do.
         fastenings: steps that fasten what is placed, by name.
         before: pairs of steps of which the first comes before the second: slots, and names of fastenings.
+        brackets: by name, where copies of the bracket stand (x, y), in its frame. Each is built as any goal, whatever
+            the others are: slots are named like left_p1, goals like g0+g2.
     """
 
     name: str
@@ -130,6 +135,7 @@ class Product(Model):
     accepts: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
     fastenings: dict[str, Fastening] = {}  # noqa: RUF012
     before: tuple[tuple[str, str], ...] = ()
+    brackets: dict[str, tuple[Coordinate, Coordinate]] = {}  # noqa: RUF012 - gone after loading, see with_brackets
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -214,7 +220,7 @@ class Product(Model):
             filled: slots that get a part, where that is known. Others are left out, and the fastenings at them: what
                 precedes these counts instead.
         """
-        steps = None if filled is None else self._steps(filled)
+        steps = None if filled is None else self.steps_of(filled)
         found: list[str] = []
         look = sorted(self.predecessors[step], reverse=True)
         seen = set(look)
@@ -230,10 +236,11 @@ class Product(Model):
 
     def steps(self, goal: str) -> list[str]:
         """Placements and fastenings of a goal, in an order that precedence allows."""
-        steps = self._steps(self._accepted[goal])
+        steps = self.steps_of(self._accepted[goal])
         return in_order(steps, {step: self.missing_before(step, (), self._accepted[goal]) for step in steps})
 
-    def _steps(self, filled: Collection[str]) -> list[str]:
+    def steps_of(self, filled: Collection[str]) -> list[str]:
+        """Placements into these slots, and the fastenings of what is placed there."""
         fastened = [name for name, one in self.fastenings.items() if any(slot in filled for slot in one.at)]
         return [*(slot for slot in self.positions if slot in filled), *fastened]
 
@@ -244,7 +251,7 @@ class Product(Model):
             filled: slots that get a part.
             done: filled slots and finished fastenings.
         """
-        names = [name for name in self._steps(filled) if name in self.fastenings and name not in done]
+        names = [name for name in self.steps_of(filled) if name in self.fastenings and name not in done]
         return [name for name in names if not self.missing_before(name, done, filled)]
 
     def as_listed(self, placed: Mapping[str, str]) -> tuple[str, ...]:
@@ -261,8 +268,8 @@ class Product(Model):
     @model_validator(mode="before")
     @classmethod
     def _shorthands(cls, value: Any) -> Any:
-        """Goals by slot name become lists, and quantities that are left out what the goals take."""
-        return with_quantities(with_listed_goals(value)) if isinstance(value, dict) else value
+        """Goals by slot name become lists, brackets copies, and quantities that are left out what the goals take."""
+        return with_quantities(with_brackets(with_listed_goals(value))) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:

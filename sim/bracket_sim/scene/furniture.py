@@ -177,10 +177,17 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     """A plate with octagonal holes on a dark foot, so that a camera tells an empty hole from a filled one."""
     pose = bench.bracket.pose
     bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
-    plate = product.bracket
-    holes = list(plate.holes_m.values())
-    radius = product.hole_radius_m
-    _check_bracket(product, bench, radius)
+    _check_bracket(product, bench, product.hole_radius_m)
+    for positions in product.bracket.plates or (product.positions,):
+        _add_plate(bracket, product, [product.bracket.holes_m[one] for one in positions], pose.position_m[2], rgb)
+    for geom in bracket.geoms:
+        geom.solref = PLATE_TOUCH
+
+
+def _add_plate(
+    bracket: mujoco.MjsBody, product: Product, holes: list[tuple[float, float]], height_m: float, rgb: palette.Rgb
+) -> None:
+    plate, radius = product.bracket, product.hole_radius_m
     low = [min(hole[axis] for hole in holes) - plate.margin_m for axis in (0, 1)]
     high = [max(hole[axis] for hole in holes) + plate.margin_m for axis in (0, 1)]
     rows = sorted({low[0], high[0], *(x + side * radius for x, _ in holes for side in (-1, 1))})
@@ -195,11 +202,9 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
             add_box(bracket, centre, size, rgb)
     for hole in holes:
         _add_corners(bracket, hole, radius, plate.thickness_m, rgb)
-    foot = pose.position_m[2] - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
-    centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - pose.position_m[2])
+    foot = height_m - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
+    centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - height_m)
     add_box(bracket, centre, (high[0] - low[0] - 0.01, high[1] - low[1] - 0.01, foot), palette.HOLE)
-    for geom in bracket.geoms:
-        geom.solref = PLATE_TOUCH
 
 
 def _add_corners(

@@ -98,12 +98,13 @@ class OpenGoals:
             if name in self.listed.goals and self.listed.goal_listed_as(goal.parts) != name:
                 listed = " ".join(map(written, self.listed.goals[name]))
                 raise InputError(f"{path}: goal {name} is {listed} in the product file")
-            if name not in self.listed.goals and (why := self._unlike(goal.parts)):
-                raise InputError(f"{path}: goal {name} {why}")
         try:
             _ = self.product
         except ValidationError as error:
             raise InputError(f"{path}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from error
+        for name, goal in self.learned.items():
+            if why := self._unlike(goal.parts):
+                raise InputError(f"{path}: goal {name} {why}")
 
     def save(self, path: Path) -> None:
         """Write the file; one that was there before stays whole until the new one is.

@@ -1,0 +1,56 @@
+"""Several brackets on the bench at a time: a product file's content with a copy of everything for each of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import product
+from typing import Any
+
+JOINT = "+"  # between the goals of the brackets, as in g0+g2
+
+
+def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
+    """A product file's content without `brackets`: slots are named like left_p1, goals like g0+g2.
+
+    A bracket's goal says nothing of the others': every combination is a goal. Where goals are by slot name, they have
+    been listed before.
+    """
+    offsets, plate, goals = file.get("brackets"), file.get("bracket"), file.get("goals")
+    if not (isinstance(offsets, dict) and isinstance(plate, dict) and isinstance(goals, dict) and offsets):
+        return file
+    names = list(offsets)
+    holes = {_of(name, slot): _moved(at, offsets[name]) for name in names for slot, at in plate["holes_m"].items()}
+    plates = [[_of(name, slot) for slot in plate["holes_m"]] for name in names]
+    chosen = list(product(goals, repeat=len(names)))
+    titles, limits = file.get("goal_titles", {}), file.get("goal_quantities", {})
+    made = {
+        "bracket": {**plate, "holes_m": holes, "plates": plates},
+        "goals": {JOINT.join(some): [choice for goal in some for choice in goals[goal]] for some in chosen},
+        "goal_titles": {JOINT.join(some): ", ".join(titles.get(goal, goal) for goal in some) for some in chosen},
+        "goal_quantities": {
+            JOINT.join(some): dict(sum((Counter(limits[goal]) for goal in some), Counter()))
+            for some in chosen
+            if all(goal in limits for goal in some)
+        },
+        "accepts": {_of(name, slot): types for name in names for slot, types in file.get("accepts", {}).items()},
+        "before": [[_of(name, step) for step in pair] for name in names for pair in file.get("before", ())],
+        "fastenings": {
+            _of(name, step): {**one, "at": [_of(name, slot) for slot in one["at"]]}
+            for name in names
+            for step, one in file.get("fastenings", {}).items()
+        },
+        "parts": {name: _times(part, len(names)) for name, part in file.get("parts", {}).items()},
+    }
+    return {**{key: value for key, value in file.items() if key != "brackets"}, **made}
+
+
+def _of(bracket: str, step: str) -> str:
+    return f"{bracket}_{step}"
+
+
+def _moved(at: Any, by: Any) -> list[float]:
+    return [a + b for a, b in zip(at, by, strict=True)]
+
+
+def _times(part: Any, brackets: int) -> Any:
+    return {**part, "quantity": part["quantity"] * brackets} if "quantity" in part else part

@@ -106,6 +106,13 @@ class Bracket(Model):
     plates: tuple[tuple[str, ...], ...] = ()
 
 
+def _by_slot_too(schema: dict[str, Any]) -> None:
+    """In a file a goal may be by slot name, too."""
+    listed = schema["additionalProperties"]
+    by_slot = {"type": "object", "additionalProperties": listed["items"]}
+    schema["additionalProperties"] = {"anyOf": [listed, by_slot]}
+
+
 class Product(Model):
     """A family of products: part types, slots (the bracket's holes), goals, and what comes before what.
 
@@ -129,7 +136,7 @@ class Product(Model):
     name: str
     parts: dict[str, PartType] = Field(min_length=1)
     bracket: Bracket
-    goals: dict[str, tuple[Choice, ...]] = Field(min_length=1)
+    goals: dict[str, tuple[Choice, ...]] = Field(min_length=1, json_schema_extra=_by_slot_too)
     goal_titles: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
     goal_quantities: dict[str, dict[str, int]] = {}  # noqa: RUF012
     accepts: dict[str, tuple[str, ...]] = {}  # noqa: RUF012

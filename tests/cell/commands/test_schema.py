@@ -21,6 +21,8 @@ CONFIG = ROOT / "config"
 FILES = [
     *(("cell", path) for path in (CONFIG / "cell.yaml", CONFIG / "paper.yaml", CONFIG / "twin_cell.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
+    *(("cell", path) for path in (CONFIG / "examples").glob("*/cell.yaml")),
+    *(("products", path) for path in (CONFIG / "examples").glob("*/product.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("sim", path) for path in CONFIG.glob("sim*.yaml")),
     *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),
@@ -34,7 +36,7 @@ def errors(kind: str, data: object) -> list[str]:
     return [error.message for error in validator.iter_errors(data)]
 
 
-@pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: getattr(value, "stem", value))
+@pytest.mark.parametrize(("kind", "path"), FILES, ids=str)
 def test_shipped_files_fit_their_schema(kind: str, path: Path) -> None:
     assert errors(kind, yaml.safe_load(path.read_text())) == []
 

@@ -106,7 +106,7 @@ def open_viewers(
         told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
         told |= {"shift": "yes"} if options.brackets is not None else {}
         where, settings = Address.parse(options.page, "--page"), files.configuration.page
-        page = OperatorPage(model, told, files.tree, put, where, settings, production)
+        page = OperatorPage(model, told, files.tree, put, where, settings, production, options.slower)
         stack.callback(page.abandon)
     if options.opcua is not None:
         from bracket_cell.viewing.opcua_server import OpcuaServer

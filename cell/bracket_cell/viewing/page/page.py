@@ -20,6 +20,7 @@ from btxml.engine.tree import Tree
 
 KEPT_FRAMES = 8  # that detectors have not answered yet
 EVERY_S = 0.1  # of wall time, between two states
+SILENT_S = 2.0  # without a state, after which a page shows no old one as new
 
 
 class OperatorPage(Observer):
@@ -29,6 +30,7 @@ class OperatorPage(Observer):
         heading: what is shown of the run, by name.
         obey: takes an operator's order.
         production: its numbers are served, too.
+        slower: times slower than the wall that the run goes.
 
     Raises:
         InputError: the port is taken, or a TLS file cannot be used.
@@ -43,11 +45,13 @@ class OperatorPage(Observer):
         where: Address,
         settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
         production: Production | None = None,
+        slower: float = 1.0,
     ) -> None:
+        self._silent_s = SILENT_S * slower
         self._state = PageState(model, heading, tree)
         self._production = production or Production()
         self._server = PageServer(where, obey, settings, scene_of(model), self._production.metrics)
-        self._server.still(self._state.still())
+        self._tell_still()
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
         self._frames: deque[Frame] = deque(maxlen=KEPT_FRAMES)
@@ -79,7 +83,10 @@ class OperatorPage(Observer):
     def watch(self, tree: Tree) -> None:
         """An edited tree has taken over."""
         self._state.watch(tree)
-        self._server.still(self._state.still())
+        self._tell_still()
+
+    def _tell_still(self) -> None:
+        self._server.still({**self._state.still(), "silent_s": self._silent_s})
 
     def frame(self, frame: Frame) -> None:
         if frame.camera == "overhead":
@@ -92,7 +99,7 @@ class OperatorPage(Observer):
         if now_s - self._published_s >= EVERY_S and (self._server.watched or self._published_s < 0):
             self._published_s = now_s
             self._show_frame(record)
-            self._server.still(self._state.still())
+            self._tell_still()
             self._server.publish(self._state.now(record))
 
     def _show_frame(self, record: TickRecord) -> None:

@@ -110,17 +110,25 @@ SURPLUS = Question(
 class PageRig:
     """A channel, a page, and a run of as many ticks as a test makes.
 
+    Args:
+        slower: of the run; a test that ticks seldom has slow news.
+
     Attributes:
         said: every order that the cell took, in order.
     """
 
-    def __init__(self, settings: PageSettings = PageSettings(), where: Address = Address(0)) -> None:  # noqa: B008
+    def __init__(
+        self,
+        settings: PageSettings = PageSettings(),  # noqa: B008
+        where: Address = Address(0),  # noqa: B008
+        slower: float = 60.0,
+    ) -> None:
         self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5)
         self.said: list[OperatorOrder] = []
         self.tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
         told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1", "shift": "yes"}
         self.production = Production()
-        self.page = OperatorPage(MODEL, told, self.tree, self._obey, where, settings, self.production)
+        self.page = OperatorPage(MODEL, told, self.tree, self._obey, where, settings, self.production, slower)
         self._host, self._ticks = where.host, 0
         self.image: Image | None = None
         self._running: dict[str, int] = {}

@@ -6,6 +6,8 @@ import math
 import os
 import re
 import shutil
+import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -409,3 +411,124 @@ def test_an_order_that_makes_no_sense_now_is_told(visitor: Visitor) -> None:
     assert "no question 1 is asked now" in visitor.page.inner_text("#said")
     assert all("409" in line for line in visitor.complaints)
     visitor.complaints.clear()
+
+
+SILENT, HEARD = "document.body.classList.contains('silent')", "!document.body.classList.contains('silent')"
+WORDS = "document.getElementById('words').textContent"
+
+
+@pytest.fixture
+def quick(browser: Any) -> Iterator[Visitor]:
+    """A page of a run at the wall's pace, from which news come often."""
+    rig = PageRig(slower=1.0)
+    rig.tick()
+    looks = Visitor(browser, rig, SIZES[0])
+    yield looks
+    looks.context.close()
+    rig.page.abandon()
+
+
+def test_old_news_look_old_and_nothing_can_be_pressed_that_would_be_lost(quick: Visitor) -> None:
+    page, told = quick.page, quick.page.evaluate(WORDS)
+    quick.until(SILENT)
+    quick.shot("silent")
+    assert re.fullmatch(r"No news for \d+ s\. Use the stop button at the cell\.", page.evaluate(WORDS))
+    assert page.evaluate("getComputedStyle(document.getElementById('work')).filter") == "grayscale(1)"
+    for button in page.query_selector_all("button"):
+        assert button.is_disabled() or button.evaluate("node => node.closest('[inert], header') !== null")
+    page.keyboard.press("p")
+    assert "there is no news from the cell" in page.text_content("#said")
+    assert quick.rig.said == []
+    quick.rig.tick()
+    quick.until(HEARD)
+    assert page.evaluate(WORDS) == told
+    quick.rig.tick()
+    page.click("#pauseNow")
+    quick.says(OperatorOrder("pause", "now"))
+
+
+def test_a_press_that_does_not_arrive_says_so_at_the_button(visitor: Visitor) -> None:
+    visitor.page.route("**/order", lambda _: None)
+    visitor.page.click("#pauseNow")
+    visitor.until("document.getElementById('pauseNow').textContent === 'Pause now: not sent'")
+    assert "it did not reach the cell" in visitor.page.text_content("#said")
+    visitor.page.unroute("**/order")
+    visitor.page.click("#pauseNow")
+    visitor.says(OperatorOrder("pause", "now"))
+
+
+def test_behind_a_relay_that_goes_silent_news_are_old_and_come_back_by_themselves(chromium: Callable[..., Any]) -> None:
+    """As a wireless network that is gone: no end of the connection, no bytes."""
+    rig = PageRig(slower=1.0)
+    rig.tick()
+    with Relay(rig.page.port) as relay:
+        rules = f"--host-resolver-rules=MAP localhost:{rig.page.port} 127.0.0.1:{relay.port}"
+        browser = chromium(args=["--no-sandbox", "--disable-3d-apis", rules])
+        visitor = Visitor(browser, rig, SIZES[0], address=rig.page.address.replace("127.0.0.1", "localhost"))
+        relay.silent.set()
+        ticking = Ticking(rig)
+        visitor.until(SILENT)
+        visitor.page.wait_for_timeout(6000)  # it tries anew meanwhile
+        relay.silent.clear()
+        visitor.until(HEARD)
+        ticking.end()
+        rig.page.abandon()
+        browser.close()
+
+
+class Ticking(threading.Thread):
+    """A run that goes on beside the test."""
+
+    def __init__(self, rig: PageRig) -> None:
+        super().__init__(daemon=True)
+        self._rig, self._ended = rig, threading.Event()
+        self.start()
+
+    def run(self) -> None:
+        while not self._ended.wait(0.1):
+            self._rig.tick()
+
+    def end(self) -> None:
+        self._ended.set()
+        self.join()
+
+
+class Relay:
+    """Passes bytes on both ways; silent, it takes them and passes none.
+
+    Attributes:
+        port: where it listens.
+        silent: set while nothing passes.
+    """
+
+    def __init__(self, to: int) -> None:
+        self.silent, self._to, self._open = threading.Event(), to, True
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.port = self._socket.getsockname()[1]
+
+    def __enter__(self) -> Relay:
+        threading.Thread(target=self._accept, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open = False
+        self._socket.close()
+
+    def _accept(self) -> None:
+        while self._open:
+            try:
+                here, _ = self._socket.accept()
+            except OSError:
+                return
+            there = socket.create_connection(("127.0.0.1", self._to))
+            for source, sink in ((here, there), (there, here)):
+                threading.Thread(target=self._pass, args=(source, sink), daemon=True).start()
+
+    def _pass(self, source: socket.socket, sink: socket.socket) -> None:
+        try:
+            while data := source.recv(65536):
+                if not self.silent.is_set():
+                    sink.sendall(data)
+            sink.close()
+        except OSError:
+            source.close()

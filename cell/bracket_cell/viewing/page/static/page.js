@@ -6,6 +6,8 @@ const COLOURS = ["#3b82d6", "#d9822b", "#2a9d74", "#a24bb3", "#c23b4e", "#6b7a1f
 const SIGNS = { alarm: "!", question: "?", waits: "II", brings: "II", finished: "✓", paused: "II", over: "■" };
 const SURE_MS = 6000; // so long Stop waits to be pressed again
 const NOTICE_S = 20; // a change of the orders is told for so long
+const ARRIVE_MS = 3000; // an order that was not answered for so long did not arrive
+const ANEW_MS = 5000; // so long a silent connection is kept before the next is tried
 const UNKNOWN = "none of these";
 // name, key, words, what it says, and why it does nothing now: null where it does something
 const BUTTONS = [
@@ -34,6 +36,11 @@ let operates = false;
 let stopAsked = 0;
 let space = null; // the view in three dimensions
 let over = false;
+let events = null; // the connection by which states come
+let heard = Date.now(); // when the newest came, and when the connection was made
+let opened = 0;
+let silent = false; // what is shown is old
+const lost = new Map(); // by name of a button, until when it says that its press did not arrive
 
 function make(tag, attributes = {}, ...children) {
   const node = SVG.includes(tag) ? document.createElementNS("http://www.w3.org/2000/svg", tag) : document.createElement(tag);
@@ -49,12 +56,12 @@ async function say(kind, value = "", question = null) {
   const body = JSON.stringify(question === null ? { kind, value } : { kind, value, question });
   const headers = { "Content-Type": "application/json", ...shown };
   try {
-    const answer = await fetch("order", { method: "POST", headers, body });
+    const answer = await fetch("order", { method: "POST", headers, body, signal: AbortSignal.timeout(ARRIVE_MS) });
     refused(answer.ok ? "" : await answer.text());
     return answer.ok;
   } catch {
-    $("said").textContent = t("No news from the cell. Trying again ...");
-    return false;
+    refused("it did not reach the cell");
+    return null;
   }
 }
 
@@ -67,7 +74,7 @@ function stop() {
   stopAsked = Date.now();
   showButtons();
   setTimeout(showButtons, SURE_MS + 100);
-  return null;
+  return true;
 }
 
 function whyNoFinish({ operator, brackets }) {
@@ -78,6 +85,7 @@ function whyNoFinish({ operator, brackets }) {
 function whyNot(button) {
   if (!operates) return "this page is view-only";
   if (!last || over) return "the run is over";
+  if (silent) return "there is no news from the cell";
   return button[4](last);
 }
 
@@ -103,7 +111,12 @@ function begin() {
   });
   addEventListener("resize", fit);
   for (const [name, key, , , ] of BUTTONS) {
-    const onclick = () => BUTTONS.find((one) => one[0] === name)[3]();
+    const onclick = async () => {
+      if ((await BUTTONS.find((one) => one[0] === name)[3]()) !== null) return;
+      lost.set(name, Date.now() + SURE_MS);
+      showButtons();
+      setTimeout(showButtons, SURE_MS + 100);
+    };
     $("buttons").append(make("button", { id: name, "aria-keyshortcuts": key, class: name === "stop" ? "stop" : null, onclick, disabled: true }));
   }
 }
@@ -203,10 +216,32 @@ function showButtons() {
     const sure = name === "stop" && Date.now() - stopAsked < SURE_MS;
     $(name).disabled = Boolean(why);
     $(name).title = why ? t(why) : `${t("key")} ${key}`;
-    $(name).textContent = sure ? t("Press again to stop") : t(words);
+    const missed = (lost.get(name) ?? 0) > Date.now();
+    $(name).textContent = sure ? t("Press again to stop") : missed ? t("{words}: not sent", { words: t(words) }) : t(words);
     $(name).classList.toggle("sure", sure);
   }
   for (const name of ["start", "amount", "variant", "percent"]) if ($(name)) $(name).disabled = !operates || over || !last;
+}
+
+// What is old is not shown as if it were now: grey, and nothing in it can be pressed.
+function watchNews() {
+  const quiet = Date.now() - heard;
+  const now = Boolean(last) && !over && quiet > 1000 * still.silent_s;
+  if (now !== silent) {
+    silent = now;
+    document.body.classList.toggle("silent", silent);
+    for (const id of ["front", "work", "engineer", "buttons", "speed"]) $(id).inert = silent;
+    $("words").dataset.told = front = "";
+    if (!silent) show(last);
+    showButtons();
+  }
+  if (!silent) return;
+  $("do").dataset.moment = "alarm";
+  $("sign").textContent = SIGNS.alarm;
+  $("words").textContent = t("No news for {silent_s} s. Use the stop button at the cell.", { silent_s: Math.floor(quiet / 1000) });
+  $("said").textContent = "";
+  fit();
+  if (Date.now() - opened > ANEW_MS) follow();
 }
 
 function showDo({ instruction }) {
@@ -445,7 +480,9 @@ function show(state) {
 }
 
 function follow() {
-  const events = new EventSource(token ? `events?token=${encodeURIComponent(token)}` : "events"); // which sends no headers
+  events?.close();
+  opened = Date.now();
+  events = new EventSource(token ? `events?token=${encodeURIComponent(token)}` : "events"); // which sends no headers
   events.addEventListener("role", (event) => {
     operates = event.data === "operate";
     front = "";
@@ -460,11 +497,11 @@ function follow() {
   });
   events.addEventListener("state", (event) => {
     const state = JSON.parse(event.data);
+    heard = Date.now();
+    if (silent) last = state;
+    watchNews();
     show(state);
     if (state.ended) events.close();
-  });
-  events.addEventListener("error", () => {
-    $("said").textContent = t("No news from the cell. Trying again ...");
   });
 }
 
@@ -503,4 +540,6 @@ async function watchCamera() {
 begin();
 await speak(localStorage.getItem("language") ?? "usual");
 follow();
+setInterval(watchNews, 500);
+addEventListener("visibilitychange", watchNews);
 watchCamera();

@@ -99,6 +99,18 @@ class Configuration(Model):
             raise Disagreement(places)
         return self
 
+    @model_validator(mode="after")
+    def _somebody_knows_the_holes(self) -> Configuration:
+        if self.perception.chosen("holes").kind == "none" and self.guard.holes == "seen":
+            what = "none reads no hole, and the robot would wait for ever: another kind, or guard.holes: graph"
+            raise Disagreement([(("perception", "holes", "kind"), what)])
+        return self
+
+    def by_hand(self) -> Configuration:
+        """The same cell without a hole reader, as the paper's: the hand alone tells what is placed."""
+        guard = self.guard.model_copy(update={"holes": "graph"})
+        return self.model_copy(update={"perception": self.perception.with_detector("holes", "none"), "guard": guard})
+
 
 def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuration:
     """Read a configuration; paths in it become absolute.

@@ -40,7 +40,7 @@ class Perception(Model):
         hands: what finds the hand, if another kind than that: classical, slim, mediapipe, or your own (`cell docs
             drivers`), likewise below.
         actions: what recognises the hand's action: classical, slim, paper.
-        holes: what reads the holes: classical, plate.
+        holes: what reads the holes: classical, plate, none (with `guard.holes: graph`).
         parts: what finds parts in the wrist camera's view: classical, centre, rcnn.
         folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.

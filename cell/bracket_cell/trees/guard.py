@@ -31,12 +31,15 @@ class GuardSettings(Model):
         doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
             acting, until it gets an answer; 1 never asks. It counts if a person can answer: in a shift and
             beside the operator's page.
+        holes: what says that a hole is empty: seen, a reading of the camera, or graph, the assembly graph where nothing
+            was read, as in the paper, whose cell reads no holes: the robot may then put a part onto another.
     """
 
     act_probability: float = Field(default=0.9, ge=0.01, le=1)
     wrong_share: float = Field(default=0.02, ge=0.001, le=1)
     ask_probability: float = Field(default=0.5, ge=0.01, le=1)
     doubt_probability: float = Field(default=0.01, ge=0.001, le=1)
+    holes: Literal["seen", "graph"] = "seen"
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,11 @@ class Guard:
     def sure_probability(self) -> float:
         """From which a placement is right by the settings, whatever the goal is."""
         return self._settings.act_probability
+
+    @property
+    def wants_holes(self) -> bool:
+        """Whether a hole must have been read: what nothing was read of is unknown."""
+        return self._settings.holes == "seen"
 
     def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
@@ -108,9 +116,9 @@ class Guard:
             words = Message("{first} comes before {position}", first=", ".join(first), position=position)
             return Verdict("wait", words, f"if {', '.join(first)} were done")
         hole = holes.get(position)
-        if hole is None:
+        if hole is None and self.wants_holes:
             return Verdict("wait", Message("{position} has not been seen yet", position=position), empty)
-        if hole.part is not None:
+        if hole is not None and hole.part is not None:
             words = Message("{position} is seen to hold {part}", position=position, part=hole.part)
             return Verdict("wait", words, empty)
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)

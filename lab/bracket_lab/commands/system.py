@@ -17,6 +17,7 @@ from bracket_cell.configuration import Configuration, detected_by
 from bracket_cell.fleet.engine import mapped
 from bracket_cell.kinds import DETECTORS
 from bracket_ground.errors import InputError
+from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.planning import weights_file
 from bracket_ground.interfaces.product import Product
@@ -33,6 +34,10 @@ _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers",
 def system(
     shared: Shared,
     goals: Annotated[list[int] | None, Option(help="Number of possible goals; may be repeated.")] = None,
+    tree: Annotated[Path, Option(help="Tree file.")] = shipped("bracket_cell.trees", "assemble.xml"),
+    by_hand: Annotated[
+        bool, Option("--by-hand", help="Read no holes: the hand alone tells what is placed, as in the paper.")
+    ] = False,
 ) -> int:
     """Score whole assemblies by number of goals: shares of detected actions, right guidance and right products.
 
@@ -41,8 +46,9 @@ def system(
     if shared.perception not in (None, *KINDS):
         raise InputError(f"--perception {shared.perception}: legal: {', '.join(KINDS)}")
     configuration, cameras = detected_by(shared.cell()[0], shared.perception), shared.cameras.value
+    configuration = configuration.by_hand() if by_hand else configuration
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
-    told["cameras"] = cameras
+    told |= {"cameras": cameras, "tree": tree.name}
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
@@ -51,7 +57,7 @@ def system(
     status = 0
     try:
         calibrated = shared.cameras is Cameras.calibrated
-        work = partial(scoring.evaluate_system, configuration, shared.config, calibrated=calibrated)
+        work = partial(scoring.evaluate_system, configuration, shared.config, tree, calibrated=calibrated)
         for row in mapped(work, left, shared.workers, shared.scheduler):
             if row["end"] == "interrupted":  # the controller heard the signal; the seed is run again another time
                 raise KeyboardInterrupt

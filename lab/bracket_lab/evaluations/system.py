@@ -24,7 +24,6 @@ from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import DeviceFault, InputError
-from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import Action
 from bracket_ground.interfaces.product import Product
@@ -73,12 +72,13 @@ def with_goals(product: Product, count: int) -> Product:
 
 
 def evaluate_system(
-    configuration: Configuration, path: Path, count: int, seed: int, *, calibrated: bool = True
+    configuration: Configuration, path: Path, tree: Path, count: int, seed: int, *, calibrated: bool = True
 ) -> dict[str, Any]:
     """The row of one assembly.
 
     Args:
         path: the configuration's file.
+        tree: file of the tree that is run.
         count: how many goals are possible.
         calibrated: the cameras were calibrated in it, as `cell setup calibrate` does; else they hang elsewhere
             than the bench file says, as the look has it.
@@ -86,7 +86,7 @@ def evaluate_system(
     product = load_product(configuration, path)
     if calibrated:
         configuration = configuration.model_copy(update={"bench": _calibrated(configuration, product, seed)})
-    return {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), seed)}
+    return {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), tree, seed)}
 
 
 _last: tuple[Configuration, Product, int, Bench] | None = None
@@ -100,9 +100,9 @@ def _calibrated(configuration: Configuration, product: Product, seed: int) -> Be
     return _last[3]
 
 
-def assemble(configuration: Configuration, product: Product, seed: int) -> dict[str, Any]:
+def assemble(configuration: Configuration, product: Product, tree_file: Path, seed: int) -> dict[str, Any]:
     """One assembly, of a goal that the seed draws."""
-    tree = load_tree(shipped("bracket_cell.trees", "assemble.xml"), node_registry(product))
+    tree = load_tree(tree_file, node_registry(product))
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     faults = load_faults(configuration)
     files = Files(configuration, product, tree, load_planners(configuration, product), faults)

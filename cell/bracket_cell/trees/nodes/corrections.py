@@ -61,6 +61,8 @@ class AwaitMistake(CellNode):
         view, kept = self.now.observation.bench, self.state.get().kept
         assert view is not None
         assert self._began_s is not None
+        if not self.tools.guard.wants_holes:
+            return []
         last_s = {name: view.holes[name].seen_s if name in view.holes else self._began_s for name in self._positions}
         return [
             Mistake(name, "hidden")

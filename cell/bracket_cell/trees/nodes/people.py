@@ -242,7 +242,8 @@ class AssemblyFinished(CellNode):
         left = self.action.get().action.kind == "idle" or self._left(view)
         asked = {position for position, part in state.kept.items() if part is None}
         seen = {} if view is None else {position: hole.part for position, hole in view.holes.items()}
-        if unseen := [position for position in placed if seen.get(position) is None and position not in asked]:
+        known = asked if self.tools.guard.wants_holes else asked | (placed.keys() - seen)
+        if unseen := [position for position in placed if seen.get(position) is None and position not in known]:
             return Message("not yet seen filled: {unseen}", unseen=" ".join(unseen))
         return "" if left else "the hand still moves"
 

@@ -114,6 +114,9 @@ class VerifyPlacement(CellNode):
         part, position, now_s = self.part.get(), self.position.get(), self.now.observation.time_s
         view = self.now.observation.bench
         hole = view.holes.get(position) if view else None
+        if hole is None and not self.tools.guard.wants_holes:
+            self.feedback_message = Message("nothing reads {position}", position=position)
+            return Status.SUCCESS
         clear = hole is not None and hole.seen_s > self._begun_s
         if clear and hole is not None and hole.part == part and hole.upright:
             self.feedback_message = Message("{part} is at {position}", part=part, position=position)

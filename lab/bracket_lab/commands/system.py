@@ -27,6 +27,7 @@ from bracket_lab.wiring.latency import answers_ms, latencies_ms, note_latencies
 
 KINDS = ("classical", "learned")
 UNTRAINED = ("slim", "paper")  # kinds of action detectors
+TREE = shipped("bracket_cell.trees", "assemble.xml")
 _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers", "scheduler", "config", "as_json")
 
 
@@ -34,7 +35,10 @@ _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers",
 def system(
     shared: Shared,
     goals: Annotated[list[int] | None, Option(help="Number of possible goals; may be repeated.")] = None,
-    tree: Annotated[Path, Option(help="Tree file.")] = shipped("bracket_cell.trees", "assemble.xml"),
+    tree: Annotated[Path, Option(help="Tree file.")] = TREE,
+    at_most: Annotated[
+        float | None, Option(min=1, help="End after so many simulated seconds; as configured by default.")
+    ] = None,
     by_hand: Annotated[
         bool, Option("--by-hand", help="Read no holes: the hand alone tells what is placed, as in the paper.")
     ] = False,
@@ -47,8 +51,12 @@ def system(
         raise InputError(f"--perception {shared.perception}: legal: {', '.join(KINDS)}")
     configuration, cameras = detected_by(shared.cell()[0], shared.perception), shared.cameras.value
     configuration = configuration.by_hand() if by_hand else configuration
+    if at_most is not None:
+        controller = configuration.controller.model_copy(update={"max_duration_s": at_most})
+        configuration = configuration.model_copy(update={"controller": controller})
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
     told |= {"cameras": cameras, "tree": tree.name}
+    told["at_most_s"] = configuration.controller.max_duration_s
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)

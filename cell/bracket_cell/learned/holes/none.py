@@ -13,4 +13,5 @@ class NoHoleReader:
 
     def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
         """No hole."""
+        del frame, hand
         return {}

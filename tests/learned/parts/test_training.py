@@ -168,6 +168,44 @@ def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path:
         train_rcnn(SCENES, PRODUCT, out / "below a file.onnx", settings, Task(out=out / "below a file.onnx"))
 
 
+def test_a_training_whose_file_is_refused_goes_on_from_its_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bracket_lab.learned.parts import rcnn
+    from bracket_lab.learned.parts.settings import RcnnTraining
+    from bracket_lab.learned.training.recipe import Task
+
+    out, settings = tmp_path / "parts_rcnn.onnx", RcnnTraining(backbone="resnet18", share=0.05, steps=2, batch=2)
+    with monkeypatch.context() as patched:
+        patched.setattr(rcnn, "differences", lambda *_: iter([("features", 2.4)]))
+        with pytest.raises(ModelError, match="features differs from torch"):
+            rcnn.train_rcnn(SCENES, PRODUCT, out, settings, Task(out=out))
+    assert list(tmp_path.glob("*checkpoint*"))
+    monkeypatch.setattr(rcnn, "_batch", lambda *_: pytest.fail("it learned again"))
+    rcnn.train_rcnn(SCENES, PRODUCT, out, settings, Task(out=out))
+    assert not list(tmp_path.glob("*checkpoint*"))
+    assert head_file(out).exists()
+
+
+def test_answers_of_a_stage_are_compared_in_what_is_used_of_them() -> None:
+    from bracket_lab.learned.parts.rcnn import differences
+
+    rng = np.random.default_rng(3)
+    corner = rng.uniform(10, 150, (200, 2))
+    boxes = np.hstack([corner, corner + rng.uniform(20, 80, (200, 2))]).astype(np.float32)
+    scores = np.repeat(np.linspace(0.99, 0.01, 100), 2).astype(np.float32)  # two of each rank alike
+    expected = {"scores": scores, "boxes": boxes, "features": np.ones((1, 2, 3, 3), np.float32)}
+    far = boxes.copy()
+    far[150, 2:] = 30_000.0  # of a region that nobody looks at
+    order = np.arange(200).reshape(-1, 2)[:, ::-1].ravel()  # equal scores, ranked differently
+    for found in ({"boxes": far}, {"boxes": boxes[order]}):
+        assert max(gap for _, gap in differences({**expected, **found}, expected)) < 1e-5
+    moved = boxes.copy()
+    moved[3] += 15.0
+    for wrong in ({"boxes": moved}, {"scores": scores * 0.9}, {"features": expected["features"] * 1.1}):
+        assert max(gap for _, gap in differences({**expected, **wrong}, expected)) > 0.05
+
+
 def test_targets_are_whole_boxes_in_the_input_of_the_network() -> None:
     from bracket_lab.learned.parts.rcnn import targets
 

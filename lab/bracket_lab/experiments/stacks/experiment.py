@@ -182,6 +182,7 @@ def _regions(study: Study) -> Regions:
         checkpoint = Checkpoint(path.with_suffix(".unfinished"), str(path))
         network = train_detector(data.trainval, images, study.seed, settings, checkpoint=checkpoint, quiet=False)
         save_detector(network, path)
+        checkpoint.path.unlink(missing_ok=True)
     return Regions(load_detector(path, study.settings), study.settings.classes)
 
 

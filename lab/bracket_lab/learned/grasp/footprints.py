@@ -103,7 +103,7 @@ def fit_footprints(
             yield nn.functional.binary_cross_entropy_with_logits(network(flipped_crops(seen[chosen], dims)), target)
 
     batches = -(-len(seen) // _BATCH)
-    kept = None if checkpoint is None else Checkpoint(checkpoint, f"{data_hash(scenes)} {seed} {passes}", stays=True)
+    kept = None if checkpoint is None else Checkpoint(checkpoint, f"{data_hash(scenes)} {seed} {passes}")
     fit(network, optimiser, losses, max(1, round(passes / len(seen))), batches, checkpoint=kept, quiet=quiet)
     return network.requires_grad_(False)
 

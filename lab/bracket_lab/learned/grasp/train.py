@@ -84,7 +84,6 @@ def train_grasp(
     recipe = replace(grasp_recipe(learned, catalogue, settings, task, camera=camera), more={"split": split})
     recipe = replace(recipe, vocabulary=vocabulary_of(product))
     recipe.fit(task)
-    _footprints_of(out).unlink(missing_ok=True)
     network, card = recipe.network, recipe.card(task)
 
     look: Look = list
@@ -99,7 +98,9 @@ def train_grasp(
             return evaluate_scenes(planner, look(test), seed)
         return evaluate_grasp(planner, product, seed, settings.test_scenes, settings.data, look=look)
 
-    return recipe.write(task, OUTPUTS[kind], _samples(settings, product), score, any_rows=True)
+    scores = recipe.write(task, OUTPUTS[kind], _samples(settings, product), score, any_rows=True)
+    _footprints_of(out).unlink(missing_ok=True)
+    return scores
 
 
 def _write_crops(network: nn.Module, out: Path, card: ModelCard) -> Network:

@@ -22,7 +22,7 @@ from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHe
 from torchvision.models.detection.image_list import ImageList
 from torchvision.models.detection.rpn import concat_box_prediction_layers
 from torchvision.models.resnet import BasicBlock
-from torchvision.ops import MultiScaleRoIAlign
+from torchvision.ops import MultiScaleRoIAlign, box_iou, clip_boxes_to_image, remove_small_boxes
 
 from bracket_cell.learned.inference.exposure import POOR, levelled, spoiled
 from bracket_cell.learned.inference.onnx_model import Inputs
@@ -35,7 +35,7 @@ from bracket_lab.learned.parts.evaluate import LEAST_SHOWN
 from bracket_lab.learned.parts.settings import NARROW, RcnnTraining
 from bracket_lab.learned.training.recipe import Recipe, Task
 from bracket_lab.learned.training.still_dataset import data_hash
-from bracket_lab.learned.training.torch_model import TorchModel
+from bracket_lab.learned.training.torch_model import Answers, TorchModel
 from bracket_lab.learned.training.training_loop import training_device
 
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
@@ -45,7 +45,8 @@ RESNET18, PYRAMID, HIDDEN = (64, 128, 256, 512), 256, 1024  # channels of its st
 LEARNED_REGIONS = {"rpn_pre_nms_top_n_train": 500, "rpn_post_nms_top_n_train": 200, "box_batch_size_per_image": 64}
 ROUNDS = 20  # of a training, after each of which it can be interrupted
 SHOWN = 48  # scenes that tell the range of every layer's 8-bit numbers
-TOLERANCE = 2e-3  # in pixels of boxes that may reach over the whole image
+TOLERANCE = 0.01  # of scores, of features by their largest, and of 1 - IoU of the boxes that are used
+USED = 0.05  # share of a class from which its box is one: torchvision's box_score_thresh
 OUTPUTS, HEAD_OUTPUTS = ("scores", "boxes", "features"), ("shares", "boxes")
 
 
@@ -149,10 +150,46 @@ def _write(recipe: Recipe, out: Path, scenes: Sequence[Scene], task: Task) -> di
         found = first.run(image)
         surest = np.argsort(-found["scores"])[:REGIONS]
         seen.append({"features": found["features"], "regions": found["boxes"][surest]})
-    recipe.write(task, OUTPUTS, images[:2], lambda: facts, answer=regions, tolerance=TOLERANCE, met_with=images)
     second, beside = replace(recipe, kind=HEAD_KIND), task.beside(head_file(out))
-    second.write(beside, HEAD_OUTPUTS, seen[:2], lambda: facts, answer=head, tolerance=TOLERANCE, met_with=seen)
+    how: dict[str, Any] = {"tolerance": TOLERANCE, "differences": differences}
+    second.write(beside, HEAD_OUTPUTS, seen[:2], lambda: facts, answer=head, met_with=seen, **how)
+    recipe.write(task, OUTPUTS, images[:2], lambda: facts, answer=regions, met_with=images, **how)
     return facts
+
+
+def differences(found: Answers, expected: Answers) -> Iterator[tuple[str, float]]:
+    """How far two answers of a stage are apart in what is used of them.
+
+    Of boxes those of the surest regions, or of classes that are probable, each with the best match on the other side,
+    inside the image: a box far beyond it has a size that rounding alone changes by many pixels, and two paths of
+    arithmetic may rank equal scores differently.
+    """
+    shares = "shares" if "shares" in expected else "scores"
+    for one, other in ((found, expected), (expected, found)):
+        used, beside = _boxes_used(one, shares, 1.0), _boxes_used(other, shares, 0.5)
+        if len(used):
+            overlap = box_iou(used, beside).max(dim=1).values if len(beside) else torch.zeros(1)
+            yield "boxes", float(1 - overlap.min())
+    ranked = (np.sort(one[shares], axis=0)[::-1][:REGIONS] for one in (found, expected))
+    yield shares, float(np.abs(np.subtract(*ranked)).max())
+    if "features" in expected:
+        most = float(np.abs(expected["features"]).max())
+        yield "features", float(np.abs(found["features"] - expected["features"]).max()) / max(most, 1e-6)
+
+
+def _boxes_used(answers: Answers, shares: str, limit: float) -> Tensor:
+    """(n, 4) of the surest regions, or of the classes of regions that are probable, as far as they are in the image.
+
+    Args:
+        limit: more boxes the lower it is, so that one at the edge of what is used has its match.
+    """
+    boxes, rank = answers["boxes"], answers[shares]
+    if rank.ndim == 1:
+        used = boxes[np.argsort(-rank, kind="stable")[: int(REGIONS / limit)]]
+    else:
+        used = boxes[:, 1:][rank[:, 1:] >= USED * limit]
+    inside = clip_boxes_to_image(torch.from_numpy(np.array(used)).reshape(-1, 4), INPUT_PX[::-1])
+    return inside[remove_small_boxes(inside, 1.0)]
 
 
 def _batch(

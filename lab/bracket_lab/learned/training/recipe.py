@@ -58,7 +58,7 @@ class Recipe:
         settings, vocabulary, data_sha256: on the card; settings and data also tell one training from another.
         rng: that the losses draw from.
         gradient: norm to which gradients are clipped.
-        stays: the checkpoint stays when the fit is done: a later one of this training goes on after it.
+        stays: the checkpoint stays when the file is written: other files of this training are still to come.
         more: of the card's config.
         optimiser: makes the optimiser of parameters.
         device: what it is trained on, to which the losses bring their batches.
@@ -89,7 +89,7 @@ class Recipe:
     def fit(self, task: Task) -> None:
         """Train the network in place; interrupted and begun again it gets the same weights as in one go."""
         path = checkpoint_of(task.out) if task.out is not None else None
-        kept = None if path is None else Checkpoint(path, f"{self.identity} {task.seed}", self.stays)
+        kept = None if path is None else Checkpoint(path, f"{self.identity} {task.seed}")
         self.network.to(self.device)
         optimiser = self.optimiser(self.network.parameters(), lr=self.rate, weight_decay=self.decay)
         fit(
@@ -132,13 +132,18 @@ class Recipe:
     ) -> dict[str, float]:
         """Export the network, or what answers with it, seal it, and score what was written; returns the scores.
 
+        The checkpoint is removed after that: a training whose file is refused goes on from it.
+
         Args:
             answer: what is exported; the network itself where None.
             how: see `write_weights`.
         """
         assert task.out is not None
         model = TorchModel((answer or self.network).eval(), outputs, self.card(task))
-        return write_weights(model, task.out, samples, score, any_rows=any_rows, tolerance=tolerance, **how)
+        scores = write_weights(model, task.out, samples, score, any_rows=any_rows, tolerance=tolerance, **how)
+        if not self.stays:
+            checkpoint_of(task.out).unlink(missing_ok=True)
+        return scores
 
 
 def checkpoint_of(out: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from bracket_ground.errors import ModelError
 from bracket_lab.learned.training.quantize import quantised, shorten
 
 TOLERANCE = 1e-5  # ONNX and torch agree within
+Answers = Mapping[str, NDArray[Any]]
+Differences = Callable[[Answers, Answers], Iterable[tuple[str, float]]]  # of found and expected, by name of the output
 _OPSET = 20
 
 
@@ -79,6 +81,7 @@ def write_weights(
     *,
     any_rows: bool = False,
     tolerance: float = TOLERANCE,
+    differences: Differences | None = None,
     told: Mapping[str, JsonValue] | None = None,
     short: bool = False,
     met_with: Sequence[Inputs] = (),
@@ -90,6 +93,7 @@ def write_weights(
         score: scores of the planner that reads `out`.
         any_rows: inputs may have any number of rows.
         tolerance: by which outputs of file and network may differ.
+        differences: how far two answers are apart; by default the largest difference of each output.
         told: what else the card's config says; read after `score`, which may fill it.
         short: keep weights as 16-bit numbers.
         met_with: such inputs as the network will meet with; if there are any, it computes with 8-bit numbers for them,
@@ -106,7 +110,7 @@ def write_weights(
     if short:
         shorten(program)
     save_onnx(program, out, model.card)
-    _compare(OnnxModel.load(out, model.card.kind), model, samples, tolerance)
+    _compare(OnnxModel.load(out, model.card.kind), model, samples, tolerance, differences or _largest)
     if met_with:
         program = quantised(program, met_with)
         save_onnx(program, out, model.card)
@@ -116,14 +120,19 @@ def write_weights(
     return scores
 
 
-def _compare(written: OnnxModel, model: TorchModel, samples: Iterable[Inputs], tolerance: float) -> None:
+def _compare(
+    written: OnnxModel, model: TorchModel, samples: Iterable[Inputs], tolerance: float, differences: Differences
+) -> None:
     for inputs in samples:
-        expected = model.run(inputs)
-        for name, value in written.run(inputs).items():
-            difference = float(np.abs(value - expected[name]).max())
-            if difference > tolerance:
+        for name, difference in differences(written.run(inputs), model.run(inputs)):
+            if not difference <= tolerance:
                 what = f"output {name} differs from torch by {difference:.1e}, more than {tolerance}"
                 raise ModelError(f"{written.path}: {what}")
+
+
+def _largest(found: Answers, expected: Answers) -> Iterator[tuple[str, float]]:
+    for name, value in found.items():
+        yield name, float(np.abs(value - expected[name]).max())
 
 
 def _export(model: TorchModel, inputs: Inputs, any_rows: bool) -> Any:

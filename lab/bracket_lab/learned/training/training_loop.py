@@ -27,16 +27,13 @@ _Stateful = nn.Module | torch.optim.Optimizer | torch.optim.lr_scheduler.LRSched
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where an unfinished fit is kept, and whose it is: data, settings and seed in words.
+    """Where a fit is kept until its weights are written, and whose it is: data, settings and seed in words.
 
-    Attributes:
-        stays: also when the fit is done, so that a training of several fits can go on after this one; whoever trains
-            removes it.
+    Whoever writes the last file of the training removes it, not the fit.
     """
 
     path: Path
     identity: str
-    stays: bool = False
 
     @property
     def fingerprint(self) -> str:
@@ -63,7 +60,7 @@ def fit(
         losses: the losses of the `batches` batches of an epoch, each computed when its turn comes.
         largest_gradient: norm to which gradients are clipped.
         rng: numpy's generator, where the losses draw from one.
-        checkpoint: of another fit, it is ignored and written over; removed at the end unless it stays.
+        checkpoint: of another fit, it is ignored and written over; it holds the whole fit at the end.
         quiet: no progress bar.
 
     Raises:
@@ -88,7 +85,7 @@ def fit(
             progress.update(task, advance=1, description=f"training, loss {float(loss.detach()):.3f}, epoch")
             if (epoch + 1) % max(1, epochs // CHECKPOINTS) == 0:
                 keeper.save(epoch + 1)
-    keeper.end(epochs)
+    keeper.save(epochs)
     network.eval()
 
 
@@ -169,9 +166,3 @@ class _Keeper:
         written = io.BytesIO()
         torch.save(kept, written)
         write_whole(self.checkpoint.path, written.getvalue())
-
-    def end(self, epochs: int) -> None:
-        if self.checkpoint is not None and self.checkpoint.stays:
-            self.save(epochs)
-        elif self.checkpoint is not None:
-            self.checkpoint.path.unlink(missing_ok=True)

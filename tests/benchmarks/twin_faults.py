@@ -39,13 +39,12 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import CellError
-from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.devices import Camera, Devices
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from bracket_ground.interfaces.product import Product
-from bracket_lab.evaluations.faults import HOLDING_STATES, hangs
+from bracket_lab.evaluations.faults import HOLDING_STATES, TRIAL, hangs
 from bracket_sim.cell import SimCell
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of
@@ -224,7 +223,7 @@ def _gripper(wire: str, host: str, folder: Path) -> RobotiqModbusSettings | Robo
 
 def _run(configuration: Configuration, product: Product, devices: Devices, fault: WireFault) -> Outcome:
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("bracket_cell.trees", "trial.xml"), node_registry(product))
+    tree = load_tree(TRIAL, node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     return drive(files, devices, motion, injection=fault)
 

@@ -41,7 +41,7 @@ def test_a_part_that_could_not_be_put_aside_is_put_back_before_the_next_look() -
     assert after.index("ReturnToTray") < after.index("MoveTo") < after.index("PickPart")
 
 
-@pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift", "shift_ahead"])
+@pytest.mark.parametrize("name", ["ahead", "assemble", "shift", "shift_ahead"])
 def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> None:
     tree = load_tree(ROOT / "trees" / f"{name}.xml", node_registry())
     places = [node for node in tree.nodes if type(node).__name__ == "PlacePart"]
@@ -70,7 +70,7 @@ def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_tak
     assert (at.memory.held_part, at.memory.held_lying) == ("o2", True)
 
 
-@pytest.mark.parametrize("tree", ["ahead", "assemble", "eager"])
+@pytest.mark.parametrize("tree", ["ahead", "assemble"])
 @pytest.mark.parametrize(
     ("first", "then", "asked", "end"),
     [("FS", "F", 0, "S"), ("F", "S", 1, "S"), ("F", "FS", 2, "S"), ("F", "F", 2, "F")],

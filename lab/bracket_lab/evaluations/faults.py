@@ -32,7 +32,6 @@ from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_cell.wiring.detectors import fitted
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
-from bracket_ground.files.files import shipped
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_lab.evaluations.assembly import Assembly, Injected
@@ -44,6 +43,7 @@ from bracket_sim.scene.settings import settings_of
 
 HOLDING_STATES = ("lift", "carry", "lower")
 LIFTED_M = 0.003
+TRIAL = Path(__file__).with_name("trial.xml")  # tree of a trial
 LONGEST_S = 240.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
 HANGS_S = 600  # of a trial, by the wall
 EVERY_STATE = ("idle", *STATES, "waiting_for_help")
@@ -231,7 +231,7 @@ def trial(
     configuration = configuration.model_copy(update={"devices": devices})
     simulation, bus, robot = settings_of(devices.simulation), devices.gripper_bus, configuration.robot
     goal = sorted(product.goals)[0]
-    tree = load_tree(shipped("bracket_cell.trees", "trial.xml"), node_registry(product))
+    tree = load_tree(TRIAL, node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     cell = SimCell(
         product, configuration.bench, simulation, *bus, seed, goal, worker=False, rendered=rendered, robot=robot

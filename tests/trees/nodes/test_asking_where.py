@@ -136,7 +136,7 @@ def test_nobody_there_is_asked_nothing() -> None:
     assert node.execute() is Status.FAILURE
 
 
-@pytest.mark.parametrize("name", ["assemble", "shift", "eager"])
+@pytest.mark.parametrize("name", ["assemble", "shift"])
 def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetches(name: str) -> None:
     answers = {
         "AssemblyFinished": "F",

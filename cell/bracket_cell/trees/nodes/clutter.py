@@ -18,7 +18,7 @@ LOST_S = 0.4  # a frame that has not come by then is asked for again: cameras lo
 
 
 class LookAtTray(CellNode):
-    """Take an image with the wrist camera and wait for its detections (Alg. 2 lines 1-2)."""
+    """Take an image with the wrist camera and wait for its detections (Alg. 2 lines 6-7)."""
 
     parts = OutputPort(PartsView, "parts seen in the tray")
     timeout_s = InputPort(float, "longest wait for the detector", default=3.0, least=0)
@@ -49,7 +49,7 @@ class LookAtTray(CellNode):
 
 
 class FindPart(CellNode):
-    """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3).
+    """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 8).
 
     One that slipped out of the fingers, or that these could not get at, comes after the others. One on which others lie
     counts, too, whether it stands or not: these can be moved aside.
@@ -78,7 +78,7 @@ class FindPart(CellNode):
 
 
 class CheckGraspability(CellNode):
-    """Can this part be grasped as it stands, or taken as it lies? (Alg. 2 lines 4-5, Eq. 6)
+    """Can this part be grasped as it stands, or taken as it lies? (Alg. 2 lines 9 and 14, Eq. 6)
 
     One on which something lies cannot.
     """
@@ -97,7 +97,7 @@ class CheckGraspability(CellNode):
 
 
 class DecodeSolution(CellNode):
-    """Decode which part to move away first; fails if only help would do (Alg. 2 lines 6-8, Eq. 7).
+    """Decode which part to move away first; fails if only help would do (Alg. 2 lines 11 and 16, Eq. 7).
 
     Of what lies on the part the topmost goes first.
     """

@@ -1,4 +1,4 @@
-"""Leaves that move arm and gripper; the skills do the work (Alg. 1 lines 17 and 18, Alg. 2 lines 5 and 9).
+"""Leaves that move arm and gripper; the skills do the work (Alg. 1 line 18, Alg. 2 line 18).
 
 A skill is imported by the node that makes it, so that `cell check` does not wait for kinematics.
 """
@@ -117,7 +117,7 @@ class MoveTo(SkillNode):
 
 
 class PickPart(SkillNode):
-    """Grasp a seen part and lift it (Alg. 2 line 5)."""
+    """Grasp a seen part and lift it (Alg. 2 line 18)."""
 
     traits = replace(SkillNode.traits, gives=(HELD,))
 
@@ -143,7 +143,7 @@ class PickPart(SkillNode):
 
 
 class MoveAside(SkillNode):
-    """Take a seen part to a free spot of the tray, as it stands or as it lies (Alg. 2 line 9: "move b")."""
+    """Take a seen part to a free spot of the tray, as it stands or as it lies (Alg. 2 line 18: "move b")."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")

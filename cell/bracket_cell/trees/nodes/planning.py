@@ -1,4 +1,4 @@
-"""From the assembly graph to belief, guidance and the next placement (Alg. 1 lines 11-16)."""
+"""From the assembly graph to belief, guidance and the next placement (Alg. 1 lines 11-17)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def open_steps(services: Services, state: AssemblyState) -> list[str]:
 
 
 class InferGoal(CellNode):
-    """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11 and 14).
+    """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11, 14, 15).
 
     A work order that is open counts as what is expected; what is placed decides.
     """
@@ -76,7 +76,7 @@ class DecodeGuidance(CellNode):
 
 
 class PredictNextObject(CellNode):
-    """Predict the next object to fetch (Alg. 1 line 15)."""
+    """Predict the next object to fetch (Alg. 1 line 16)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     part = OutputPort(Part, "type of the part to fetch")
@@ -92,7 +92,7 @@ class PredictNextObject(CellNode):
 
 
 class DecodePlan(CellNode):
-    """Decode the plan [o, p...] of the next object (Alg. 1 line 16)."""
+    """Decode the plan [o, p...] of the next object (Alg. 1 line 17)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     part = InputPort(Part, "type of the part to fetch")
@@ -108,7 +108,7 @@ class DecodePlan(CellNode):
 
 
 class ChoosePosition(CellNode):
-    """Take the first position of the plan that the guard allows (Alg. 1 line 16)."""
+    """Take the first position of the plan that the guard allows (Alg. 1 line 17)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")

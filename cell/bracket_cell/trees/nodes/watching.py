@@ -31,7 +31,7 @@ class SeenAction:
 
 
 class StartGraph(CellNode):
-    """Begin with an assembly graph without edges.
+    """Begin with an assembly graph without edges (Alg. 1 line 1).
 
     After an edit of the running tree, or where a run was broken off, go on with the graph so far.
     """
@@ -50,7 +50,7 @@ class StartGraph(CellNode):
 
 
 class DetectAction(CellNode):
-    """Wait for the next answer of the action detector (Alg. 1 lines 3-5)."""
+    """Wait for the next answer of the action detector (Alg. 1 lines 4-7)."""
 
     action = OutputPort(SeenAction, "what the person does, and since when")
     persistent = ("_sequence", "_seen")
@@ -74,7 +74,7 @@ class DetectAction(CellNode):
 
 
 class UpdateGraph(CellNode):
-    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 6-10).
+    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 8-10).
 
     An action whose part is in doubt sets none: the graph waits for what the hole shows.
     """

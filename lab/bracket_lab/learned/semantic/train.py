@@ -23,7 +23,7 @@ from bracket_lab.learned.semantic.evaluate import evaluate_semantic
 from bracket_lab.learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, factored_loss, goal_prior
 from bracket_lab.learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
-from bracket_lab.learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
+from bracket_lab.learned.semantic.scenarios import TRAIN_RATIO, from_the_right, scenarios, split, sub_demonstrations
 from bracket_lab.learned.training.recipe import Recipe, Task
 
 Settings = PaperSettings | FactoredSettings
@@ -103,6 +103,8 @@ def train_semantic(
     layout = Layout.of(product)
     some = generated_data(layout, ratio, seed) if data is None else recorded_data(data, product, ratio, seed)
     train = sub_demonstrations(layout, some.train) if augment else some.train
+    if kind == "paper" and data is None:  # section 4.1: its experts always place the first missing part from the right
+        train = from_the_right(train)
     chosen = settings or (PaperSettings() if kind == "paper" else FactoredSettings())
     config: dict[str, JsonValue] = {"ratio": ratio, "augment": augment, "states": len(train), "data": some.source}
 

@@ -155,7 +155,7 @@ def test_weights_are_what_a_class_asks_for(home: Path) -> None:
         ('holes: {kind: "own_kinds:Reader", shade: dark}', "holes.shade: "),
         ('holes: {kind: "own_kinds:Reader", weights: x.onnx}', "unknown key 'weights'"),
         ('holes: {kind: "own_kinds:Weighty"}', "needs a file of weights"),
-        ("holes: {kind: plates}", "no kind 'plates' of holes; legal: plate, classical, or MODULE:CLASS"),
+        ("holes: {kind: plates}", "no kind 'plates' of holes; legal: plate, classical, none, or MODULE:CLASS"),
         ("parts: {kind: rcnm}", "legal: centre, classical, rcnn, or MODULE:CLASS"),
         ("holes: {kind: plate, wieghts: x}", "unknown key 'wieghts'; did you mean 'weights'"),
     ],
@@ -178,7 +178,7 @@ def test_installed_kinds_are_entry_points(home: Path, monkeypatch: pytest.Monkey
     check_detectors(configuration.bench, product, configuration.perception)
     assert kind_of("grasp", configuration.planners.grasp).make.__name__ == "Grasper"  # type: ignore[union-attr]
     assert "quick lacks detect" in refused(configured(home, "parts: {kind: quick}"))
-    assert "legal: plate, classical, quick, or MODULE" in refused(configured(home, "holes: {kind: slow}"))
+    assert "legal: plate, classical, none, quick, or MODULE" in refused(configured(home, "holes: {kind: slow}"))
 
 
 def test_a_planner_that_raises_cannot_answer_and_others_do(home: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.wiring.detectors import check_detectors
 from bracket_cell.wiring.services import load_planners
-from bracket_ground.errors import SettingError
+from bracket_ground.errors import InputError, SettingError
 from bracket_ground.files.files import shipped
 from bracket_lab.learned.grasp.paper_planner import PaperPlanner as GraspPlanner
 from bracket_lab.learned.semantic.paper_planner import PaperPlanner as SemanticPlanner
@@ -39,3 +39,18 @@ def test_all_that_it_lacks_is_mediapipe_and_one_command_is_named(
     ((place, words),) = told.value.places
     assert place == ("perception", "hands")
     assert "cell lab hands" in words
+
+
+def test_a_cell_that_reads_no_holes_must_trust_its_graph(tmp_path: Path) -> None:
+    text = PAPER.read_text().replace("  hands: {kind", "  holes: {kind: none}\n  hands: {kind")
+    text = text.replace("robot: ur10 #", "robot: ur10 #").replace(
+        "product: products.yaml", f"product: {PAPER.parent}/products.yaml"
+    )
+    text = text.replace("simulation: sim.yaml", f"simulation: {PAPER.parent}/sim.yaml")
+    path = tmp_path / "cell.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"guard\.holes: graph"):
+        load_configuration(path)
+    path.write_text(text.replace("guard:\n", "guard:\n  holes: graph\n"))
+    assert load_configuration(path).by_hand() == load_configuration(path)
+    assert CONFIGURATION.by_hand().perception.chosen("holes").kind == "none"

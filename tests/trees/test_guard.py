@@ -44,6 +44,14 @@ def test_a_hole_never_seen_waits() -> None:
     assert GUARD.judge(PLAN, STATE, {}, "o1", "p1", reachable=True).decision == "wait"
 
 
+def test_where_the_graph_is_trusted_a_hole_that_nothing_reads_is_as_the_graph_says() -> None:
+    trusting = Guard(PRODUCT, GuardSettings(holes="graph"))
+    assert trusting.judge(PLAN, STATE, {}, "o1", "p1", reachable=True).decision == "act"
+    filled = {"p1": HoleView("o2", 1.0, 0.0)}
+    assert trusting.judge(PLAN, STATE, filled, "o1", "p1", reachable=True).decision == "wait"
+    assert trusting.judge(PLAN, STATE, {}, "o2", "p4", reachable=True).decision == "wait"
+
+
 def test_nothing_remaining_waits() -> None:
     assert GUARD.judge(PLAN, STATE, EMPTY, "o3", "p1", reachable=True).decision == "wait"
 

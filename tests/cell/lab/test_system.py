@@ -41,7 +41,7 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
 ) -> None:
     asked: list[list[tuple[int, int]]] = []
 
-    def evaluate(_: object, __: object, goals: int, seed: int, **___: object) -> Any:
+    def evaluate(_: object, __: object, ___: object, goals: int, seed: int, **____: object) -> Any:
         if len(asked[-1]) == 3:
             raise KeyboardInterrupt
         asked[-1].append((goals, seed))

@@ -63,7 +63,7 @@ DETECTORS: Table = {
     "holes": {
         "plate": Kind("bracket_cell.learned.holes.model:PlateHoleReader.load", card=True),
         "classical": lambda classical: classical.holes(),
-        "none": Kind("bracket_cell.learned.holes.none:NoHoleReader", scores={"latency_ms_p95": 0.0}),
+        "none": Kind("bracket_cell.learned.bench_watcher:NoHoleReader", scores={"latency_ms_p95": 0.0}),
     },
     "parts": {
         "centre": Kind(

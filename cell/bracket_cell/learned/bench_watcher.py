@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -26,6 +27,7 @@ from bracket_ground.interfaces.perception import (
     HandSample,
     HandTracker,
     HoleReader,
+    HoleView,
     Preparing,
     Segment,
 )
@@ -129,3 +131,12 @@ class ClassicalDetectors:
     def parts(self) -> ClassicalPartDetector:
         """Finds parts by their colours and outlines."""
         return ClassicalPartDetector(self._bench, self._product, self._settings)
+
+
+class NoHoleReader:
+    """Reads no holes, as in the paper's cell (HoleReader): the guard waits for ever, unless `guard.holes` is graph."""
+
+    def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
+        """No hole."""
+        del frame, hand
+        return {}

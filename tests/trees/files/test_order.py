@@ -116,7 +116,7 @@ def reader(path: Path, problem: Problem) -> str:
     return found[1] if found else ""
 
 
-@pytest.mark.parametrize("name", ["assemble", "clear_and_grasp", "setup"])
+@pytest.mark.parametrize("name", ["assemble", "clear_and_grasp", "commission"])
 def test_shipped_trees_read_nothing_too_early(name: str) -> None:
     assert check([Path(f"trees/{name}.xml")], node_registry()) == []
 

@@ -137,6 +137,5 @@ class NoHoleReader:
     """Reads no holes, as in the paper's cell (HoleReader): the guard waits for ever, unless `guard.holes` is graph."""
 
     def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
-        """No hole."""
         del frame, hand
         return {}

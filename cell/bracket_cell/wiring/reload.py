@@ -21,12 +21,16 @@ from btxml.engine.blackboard import UNSET
 from btxml.engine.literals import fits
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
-from btxml.engine.tree import Tree
+from btxml.engine.tree import OnBlackboard, Tree
 from btxml.engine.why import Reason
 
 MOVING_NODES = (SkillNode, ActivateGripper)
 
 Stamp = tuple[int, int] | None
+
+
+class CannotBeSetUp(InputError):
+    """A node of an edited tree refused to be set up."""
 
 
 class WatchedTree:
@@ -97,7 +101,11 @@ class WatchedTree:
 
     def _swap(self, tree: Tree) -> None:
         self._next = None
-        lost = take_over(self.tree, tree, self._services, self._clock)
+        try:
+            lost = take_over(self.tree, tree, self._services, self._clock)
+        except CannotBeSetUp as error:
+            self._say("warning", f"the edited tree cannot be set up, the old one goes on: {error}")
+            return
         self.tree = tree
         self._swapped(tree, self._clock.now_s())
         dropped = f"; not carried over: {', '.join(lost)}" if lost else ""
@@ -118,9 +126,18 @@ def is_safe_point(tree: Tree, observation: Observation) -> bool:
 
 
 def take_over(old: Tree, new: Tree, services: TickServices, clock: Clock) -> list[str]:
-    """Halt the old tree and make the new one ready; names of entries that were not carried over."""
+    """Make the new tree ready, then halt the old one; names of entries that were not carried over.
+
+    Raises:
+        CannotBeSetUp: a node of the new tree; the old tree has not been touched.
+    """
+    try:
+        new.setup(services, clock)
+    except Exception as error:  # `prepare` of a user's own node may raise anything
+        if isinstance(services, OnBlackboard):
+            services.stand_on(old.blackboard)
+        raise CannotBeSetUp(f"{type(error).__name__}: {error}") from error
     old.halt()
-    new.setup(services, clock)
     hand_on_memories(old, new)
     return carry_over(old, new)
 

@@ -11,6 +11,7 @@ from btxml.engine.literals import LiteralError, a_type, converted, shown
 UNSET: Any = object()
 # Values of these very types are read and written as they stand where no port asks for another.
 PLAIN = frozenset((bool, int, float, str))
+_PLAINS = (int, float, str)
 
 
 class Entry:
@@ -19,15 +20,16 @@ class Entry:
     Attributes:
         name: its name in the scope that owns it.
         value: UNSET until the first write.
-        kind: type locked by the ports connected to it, Any where only scripts use it.
+        kind: type of the port that writes it; Any where only scripts do, whose values the ports convert that read it.
         revision: number of writes so far.
         carried: the value comes from the tree that this one took over from in mid-run; until the next write.
         declared: a port names it, so that `=` may give it its first value.
+        shown: a port of text is the first to name it, and none writes it: a script may give it a text at any time.
         text: how the file spells the value out that it passes to a SubTree, until the next write; a port of text
             reads "007" and no number.
     """
 
-    __slots__ = ("carried", "declared", "kind", "name", "revision", "text", "value")
+    __slots__ = ("carried", "declared", "kind", "name", "revision", "shown", "text", "value")
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -36,6 +38,7 @@ class Entry:
         self.revision = 0
         self.carried = False
         self.declared = False
+        self.shown = False
         self.text: str | None = None
 
     @property
@@ -46,7 +49,7 @@ class Entry:
     @property
     def holds_number(self) -> bool:
         """Whether it holds a number, and no port says that it must be anything else."""
-        return self.kind is Any and isinstance(self.value, (int, float))
+        return self.kind is Any and not self.shown and isinstance(self.value, (int, float))
 
     def read(self, kind: Any = Any) -> Any:
         """The value as a port of type `kind` sees it.
@@ -93,7 +96,8 @@ class Entry:
             self.value, self.carried, self.text = value, False, None
             self.revision += 1
             return
-        if self.kind is Any and type(value) is not type(self.value) and isinstance(self.value, (int, float, str)):
+        texts = self.shown and isinstance(value, str)
+        if self.kind is Any and not texts and type(value) is not type(self.value) and isinstance(self.value, _PLAINS):
             kind = int if isinstance(self.value, bool) and not isinstance(value, bool) else type(self.value)
             try:
                 value = converted(value, kind)

@@ -114,8 +114,8 @@ def converted(value: Any, kind: Any) -> Any:
         return value
     if isinstance(value, str):
         return from_text(value, kind)
-    if kind is str and isinstance(value, int | float):
-        return str(value)
+    if kind is str and isinstance(value, int | float | Enum):
+        return to_text(value)
     if isinstance(value, int | float) and kind in (int, float, bool) and _without_loss(value, kind):
         return kind(value)
     if isinstance(kind, type) and issubclass(kind, Enum) and isinstance(value, int | float):

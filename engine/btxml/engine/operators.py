@@ -172,7 +172,7 @@ def unary(sign: str, value: Any) -> Any:
             return not value
         if sign == "-":
             return -value
-        if _has_bits(value):
+        if -INT_LIMIT <= value < INT_LIMIT:  # refuses what is not finite; a fraction is cut off, as in the library
             return ~int(value)
     raise NodeError(f"'{sign}' does not take {_described(value)}")
 

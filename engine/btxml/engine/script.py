@@ -66,13 +66,13 @@ class EntryUse(NamedTuple):
     Attributes:
         offset: where its name stands in the source.
         sign: the assignment, empty where the entry is only read.
-        text: the text that is assigned, where the script spells it out.
+        constant: the value that is assigned, where the script spells it out; else UNSET.
     """
 
     entry: Entry
     offset: int
     sign: str
-    text: str | None = None
+    constant: Any = UNSET
 
 
 class Evaluated(NamedTuple):
@@ -216,9 +216,9 @@ class _Parser:
         self._next += 2
         first = self._peek()
         value = self._statement()
-        spelt_out = first.kind == "string" and self._tokens[self._next - 1] is first
+        spelt_out = isinstance(value, ast.Constant) and self._tokens[self._next - 1] is first
         entry = self._scope.entry(name.text)
-        self._uses.append(EntryUse(entry, name.offset, sign, first.text[1:-1] if spelt_out else None))
+        self._uses.append(EntryUse(entry, name.offset, sign, value.value if spelt_out else UNSET))
         known = self._named(entry)
         if sign not in (":=", "="):
             value = _call(sign[0], _read(known), value)

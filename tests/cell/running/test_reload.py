@@ -83,7 +83,17 @@ class Remembers(Node):
         return Status.RUNNING
 
 
-REGISTRY = Registry([Wait, Drive, Remembers])
+class NeedsDriver(Node):
+    """Its driver is not there."""
+
+    def prepare(self) -> None:
+        raise RuntimeError("the driver is not there")
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+
+REGISTRY = Registry([Wait, Drive, Remembers, NeedsDriver])
 
 
 class Bench:
@@ -143,6 +153,16 @@ def test_nodes_remember_where_as_many_stand_in_the_edited_tree(make: Callable[[s
     bench.watched.tick()
     ticks = [node.ticks for tree in (bench.first, *bench.swaps) for node in tree.nodes if isinstance(node, Remembers)]
     assert ticks == [1, 1, 1, 0]
+
+
+def test_an_edit_that_cannot_be_set_up_leaves_the_old_tree_running(make: Callable[[str], Bench]) -> None:
+    bench = make("<Wait/>")
+    bench.watched.tick()
+    bench.edit("<NeedsDriver/>")
+    assert bench.watched.tick() is Status.RUNNING
+    assert bench.watched.tree is bench.first
+    assert not bench.swaps
+    assert "the driver is not there" in bench.observer.messages[-1]
 
 
 def test_the_assembly_graph_outlives_an_edit_and_begins_anew_afterwards(tmp_path: Path) -> None:

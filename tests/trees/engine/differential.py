@@ -13,9 +13,9 @@ from typing import IO, Protocol
 
 import behaviortreepy
 
-from bracket_ground.errors import InputError
 from bracket_ground.interfaces.clock import ManualClock
 from btxml.engine.blackboard import UNSET
+from btxml.engine.errors import TreeFileError
 from btxml.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
@@ -172,7 +172,7 @@ class Ours:
         path.write_text(case.xml)
         try:
             self._tree = load_whatever_is_reached(path, Registry([Leaf, Check]))
-        except InputError as error:
+        except TreeFileError as error:
             raise Refused(str(error)) from None
         self._tree.setup(None, clock)
         self._skipped: set[str] = set()

@@ -48,6 +48,17 @@ ASSIGNMENTS_OF_KINDS = (
     *("t := 5", "t := '5'; t = 6", "t := '8'", "x = '3'", "y := '4'; y = 2", "b := true; b += 1", "b = x &gt; y"),
     *("x := '2' * 3 &gt; 5 ? 1 : 0", "t := 'a' .. 'b'; t := '5'", "u := x; u := u * 2; x := u &gt; 8 ? 0 : u"),
 )
+# At typed ports: {n} is read as an int, {w} as a text; a LoopInt writes {i}, a LoopDouble {d}, a LoopBool {f}.
+ASSIGNMENTS_OF_PORTS = (
+    *("n := 3", "n := 1", "n = n + 1; n := n &gt; 3 ? 1 : n", "n := '2'", "n := true", "n := 4 / 2", "n := n / 2"),
+    *("w := 2", "w := w + 1", "w = 0", "w += 1; x := w", "w := x", "w := w * 2; w := w &gt; 5 ? 0 : w"),
+    *("i := 2", "i += 1", "i := i / 2", "d := 3", "d := d * 2", "f := true", "f := !f", "x := i + 1", "y := d &gt; 1"),
+    *("i := 'a'", "d := '1.5'", "f := 'false'", "w := 'a'", "n := 'b' .. 'c'", "x := f ? 1 : 0", "f := 2", "i := 1.5"),
+)
+CONDITIONS_OF_PORTS = (
+    *("n == 2", "n &gt; 1 ? x : y", "w == 1", "w &lt; 3", "i == 2", "i + n &gt; 3", "d &gt; 1", "f", "!f", "f == 1"),
+    *("d == i", "w == 'a'", "n == '2'", "x == i"),
+)
 AUTOREMAPS = ("true", "1", "True", "TRUE", "false", "0", "False")
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
@@ -67,7 +78,7 @@ QUEUES = (("Int", "1;2;3"), ("Double", "0.5;2"), ("Bool", "true;false"), ("Strin
 SWITCHES = (("{x}", ("0", "1", "2", "-1", "3", "5")), ("red", ("red", "blue", "RED", "", "1", "x")))
 # Times are over at the next jump of the clock, or never within a case.
 SHORT_MS, LONG_MS = 400, 3_600_000
-VARIABLES = ("x", "y", "z", "v")
+VARIABLES = ("x", "y", "z", "v", "n", "w", "i", "d")
 
 
 @dataclass(frozen=True)
@@ -81,6 +92,8 @@ class Features:
         times: Timeout, Delay and Sleep.
         kinds: values of several types in one script, conditions that change entries, conditions of every kind in
             IfThenElse and WhileDoElse, `_autoremap` in all its spellings, `_onHalted`.
+        ports: entries at the typed ports of the language's nodes: numbers of rounds, texts of a Switch, values of a
+            Loop; scripts write them and read them.
     """
 
     skips: bool = False
@@ -88,6 +101,7 @@ class Features:
     data: bool = False
     times: bool = False
     kinds: bool = False
+    ports: bool = False
 
 
 @dataclass(frozen=True)
@@ -124,7 +138,9 @@ class Generator:
     def case(self, ticks: int = 20) -> Case:
         tree = self._body(0)
         subtrees = "".join(f'<BehaviorTree ID="T{i}">{body}</BehaviorTree>' for i, body in enumerate(self._subtrees))
-        start = f"<Script code=\"x := 0; y := 0; s := 'a'{'; t := 5; b := true' if self._features.kinds else ''}\"/>"
+        more = "; t := 5; b := true" if self._features.kinds else ""
+        more += "; n := 2; w := 1; i := 0; d := 0.5; f := false" if self._features.ports else ""
+        start = f"<Script code=\"x := 0; y := 0; s := 'a'{more}\"/>"
         main = f'<BehaviorTree ID="Main"><Sequence><RunOnce>{start}</RunOnce>{tree}</Sequence></BehaviorTree>'
         root = ElementTree.fromstring(f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{subtrees}</root>')
         _name(root, self._seed)
@@ -235,6 +251,8 @@ class Generator:
         """Switch2 to Switch6 on a number that scripts change, or on a text."""
         cases = self._random.randint(2, 6)
         variable, values = self._random.choice(SWITCHES)
+        if self._features.ports:
+            variable = self._random.choice(("{w}", variable))
         if self._features.data:  # the library makes {x} a string by it, and SetBlackboard then cannot copy it
             variable, values = SWITCHES[1]
         ports = f' variable="{variable}"'
@@ -284,6 +302,8 @@ class Generator:
         joins = ['x="{x}" y="{y}" s="{s}"', '_autoremap="true"', 'x="{=}" y="{=}" s="{=}"', 'x="{y}" y="{x}" s="{s}"']
         if self._features.data:
             joins += ['x="{@x}" y="{y}" s="{s}" z="{z}"', 'x="{x}" y="{y}" s="{s}" k="3"', '_autoremap="true" k="1"']
+        if self._features.ports:
+            joins = ['_autoremap="true"', " ".join(f'{name}="{{=}}"' for name in "xysnwidf")]
         if self._features.kinds:
             joins = [
                 f'_autoremap="{self._random.choice(AUTOREMAPS)}" x="{{x}}" y="{{y}}" s="{{s}}" t="{{t}}" b="{{b}}"'
@@ -307,7 +327,8 @@ class Generator:
         """Nothing below is skipped: the library keeps the count of a skipped Repeat, this engine begins anew."""
         before, self._skips = self._skips, False
         port = "num_cycles" if tag == "Repeat" else "num_attempts"
-        element = self._element(tag, f' {port}="{self._random.randint(1, 4)}"', [self._node(depth + 1)])
+        number = "{n}" if self._features.ports and self._random.random() < 0.6 else self._random.randint(1, 4)
+        element = self._element(tag, f' {port}="{number}"', [self._node(depth + 1)])
         self._skips = before
         return element
 
@@ -316,7 +337,8 @@ class Generator:
         kind, items = self._random.choice(QUEUES)
         number = sum(text.count("<Loop") for text in self._subtrees) + len(self._answers)
         empty = self._random.choice(("SUCCESS", "FAILURE"))
-        ports = f' queue="{items}" value="{{item{kind}{number}}}" if_empty="{empty}"'
+        entry = {"Int": "i", "Double": "d", "Bool": "f"}.get(kind) if self._features.ports else None
+        ports = f' queue="{items}" value="{{{entry or f"item{kind}{number}"}}}" if_empty="{empty}"'
         return self._element(f"Loop{kind}", ports, [self._node(depth + 1)])
 
     def _precondition(self, depth: int) -> str:  # noqa: ARG002 - as the other decorators
@@ -351,12 +373,16 @@ class Generator:
     def _condition(self) -> str:
         if self._features.kinds and self._random.random() < 0.5:
             return self._random.choice(CONDITIONS_OF_KINDS)
+        if self._features.ports and self._random.random() < 0.5:
+            return self._random.choice(CONDITIONS_OF_PORTS)
         more = CONDITIONS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*CONDITIONS, *more, *(CONDITIONS_OF_CONSTANTS * self._constants))))
 
     def _assignment(self) -> str:
         if self._features.kinds and self._random.random() < 0.5:
             return self._random.choice(ASSIGNMENTS_OF_KINDS)
+        if self._features.ports and self._random.random() < 0.5:
+            return self._random.choice(ASSIGNMENTS_OF_PORTS)
         more = ASSIGNMENTS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*ASSIGNMENTS, *more, *(ASSIGNMENTS_OF_CONSTANTS * self._constants))))
 

@@ -57,6 +57,16 @@ class Count(Node):
         return Status.SUCCESS
 
 
+class Shows(Node):
+    """Says a text."""
+
+    text = InputPort(str, "")
+
+    def update(self) -> Status:
+        self.feedback_message = self.text.get()
+        return Status.SUCCESS
+
+
 def seen(load: Load, attributes: str) -> dict[str, object]:
     tree = load(f"<Take {attributes}/>", Take)
     assert tree.tick() is Status.SUCCESS
@@ -155,9 +165,42 @@ def test_strings_convert_where_they_are_read(load: Load) -> None:
 
 
 def test_a_script_cannot_break_the_type_of_a_port(load: Load) -> None:
-    tree = load('<Sequence><Count total="{n}"/><Script code="n = \'many\'"/></Sequence>', Count)
+    tree = load("<Sequence><Count total=\"{n}\"/><Script code=\"n = 'ma' .. 'ny'\"/></Sequence>", Count)
     assert tree.tick() is Status.FAILURE
     assert tree.nodes[2].feedback_message.startswith("{n} holds an int and cannot be written")
+
+
+@pytest.mark.parametrize("code", ["count := 0", "count := 0; count += 1", "count := 0.5", "count := true"])
+def test_a_port_that_shows_an_entry_does_not_make_it_a_text(code: str, load: Load) -> None:
+    tree = load(
+        f'<Sequence><Script code="{code}"/><Script code="count += 1"/><Shows text="{{count}}"/></Sequence>', Shows
+    )
+    assert tree.tick() is Status.SUCCESS
+    assert isinstance(tree.blackboard.entry("count").value, int | float)
+
+
+def test_a_number_that_a_port_writes_can_be_shown(load: Load) -> None:
+    tree = load('<Sequence><Count total="{n}"/><Shows text="{n}"/></Sequence>', Count, Shows)
+    assert tree.tick() is Status.SUCCESS
+    assert tree.nodes[2].feedback_message == "1"
+
+
+@pytest.mark.parametrize(("value", "shown"), [("true", "true"), ("2", "2"), ("0.5", "0.5"), ("'a'", "a")])
+def test_a_port_of_text_shows_a_value_as_a_file_spells_it(value: str, shown: str, load: Load) -> None:
+    tree = load(f'<Sequence><Script code="v := {value}"/><Shows text="{{v}}"/></Sequence>', Shows)
+    assert tree.tick() is Status.SUCCESS
+    assert tree.nodes[2].feedback_message == shown
+
+
+@pytest.mark.parametrize("value", ["'many'", "0.5"])
+def test_what_a_script_gives_a_port_that_cannot_take_it_is_refused_with_both_places(value: str, load: Load) -> None:
+    with pytest.raises(InputError, match=r"(?s)'code' of Script gives \{n\}.*port 'number' of Take at .*takes an int"):
+        load(f'<Sequence><Script code="n := {value}"/><Take number="{{n}}"/></Sequence>', Take)
+
+
+def test_a_value_that_a_port_cannot_take_fails_the_node_that_reads_it(load: Load) -> None:
+    tree = load('<Sequence><Script code="n := 1; n := n / 2.0"/><Take number="{n}"/></Sequence>', Take)
+    assert tree.tick() is Status.FAILURE
 
 
 def test_set_and_unset_take_bare_names(load: Load) -> None:

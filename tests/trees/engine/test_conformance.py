@@ -29,6 +29,7 @@ MODES = {
     "everything": Features(skips=True, scripts=True, data=True),
     "kinds": Features(scripts=True, kinds=True),
     "kinds and skips": Features(skips=True, scripts=True, kinds=True),
+    "ports": Features(scripts=True, ports=True),
 }
 IN_ORDER = ("plain", "scripts")
 SIZE = 40

@@ -9,7 +9,7 @@ from typing import Any
 
 from btxml.engine.blackboard import UNSET, Entry, Scope
 from btxml.engine.errors import Problem
-from btxml.engine.literals import LiteralError, converted, has_literals, type_name
+from btxml.engine.literals import LiteralError, a_type, converted, has_literals, shown, type_name
 from btxml.engine.node import TreeNode
 from btxml.engine.vocabulary import Words, is_word, misnomer
 from btxml.files.compile.builder import Builder, Call, Use
@@ -19,7 +19,7 @@ Moment = tuple[int, int, int]
 
 
 def check_dataflow(builder: Builder, given: set[int], words: Words) -> list[Problem]:
-    """Lock the types of all entries; problems where ports disagree or an entry is read that nothing writes.
+    """Lock the type of every entry that a port writes; problems where ports disagree, or read what nothing writes.
 
     Args:
         given: ids of entries that somebody outside of the tree writes.
@@ -36,11 +36,33 @@ def check_dataflow(builder: Builder, given: set[int], words: Words) -> list[Prob
         problems += _misnomers(group, words)
         typed = next((use for use in [*writers, *group] if use.kind is not Any), None)
         if typed is not None:
-            group[0].entry.kind = typed.kind
+            if typed.writes:
+                group[0].entry.kind = typed.kind
+            else:
+                group[0].entry.shown = typed.kind is str
             problems += [_disagree(use, typed) for use in group if not _agree(use, typed)]
             problems += _outside(group)
             problems += _constant_problems(writers, typed)
+            problems += _unreadable(group)
     return problems
+
+
+def _unreadable(group: list[Use]) -> Iterator[Problem]:
+    """Values that a script spells out, and that a port which reads the entry cannot take.
+
+    Where a script also calculates with the entry (`+=`), nobody knows what it holds when it is read.
+    """
+    if any(use.sign not in ("", ":=", "=") for use in group):
+        return
+    takers = [use for use in group if use.reads and use.kind is not Any and has_literals(use.kind)]
+    for use in group:
+        for taker in takers if use.constant is not UNSET else ():
+            try:
+                converted(use.constant, taker.kind)
+            except LiteralError as error:
+                what = f"{use.user} gives {{{use.entry.name}}} {shown(use.constant)}"
+                yield Problem(use.place, what, f"{taker.user} at {taker.place} takes {a_type(taker.kind)}: {error}")
+                break
 
 
 def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
@@ -75,7 +97,8 @@ def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
     """Names that are spelt out for an entry, in a script or in what a SubTree is given, and that do not exist."""
     takers = [use for use in group if use.reads and _has_names(use.kind, words)]
     for use in group:
-        spelt_out = use.text if use.sign else use.entry.text if use.writes and not use.turn else None
+        constant = use.constant if isinstance(use.constant, str) else None
+        spelt_out = constant if use.sign else use.entry.text if use.writes and not use.turn else None
         for taker in takers if spelt_out is not None else ():
             if wrong := misnomer(spelt_out, taker.kind, words):
                 yield Problem(use.place, wrong[0], f"{taker.user} at {taker.place} takes {wrong[1]}")
@@ -130,8 +153,12 @@ def _agree(use: Use, typed: Use) -> bool:
     if _is_text(use.kind) and _is_text(typed.kind):
         kin = issubclass(use.kind, typed.kind) or issubclass(typed.kind, use.kind)
         return str in (use.kind, typed.kind) or (kin and not use.writes)
+    if not use.writes and not typed.writes and str in (use.kind, typed.kind):
+        return has_literals(use.kind) and has_literals(typed.kind)  # each converts what a script writes
     if typed.writes and typed.kind is str and not use.writes:
         return has_literals(use.kind)
+    if use.kind is str and not use.writes:
+        return typed.kind in (bool, int, float)
     classes = isinstance(use.kind, type) and isinstance(typed.kind, type)
     return classes and not use.writes and use.kind not in (int, float) and issubclass(typed.kind, use.kind)
 

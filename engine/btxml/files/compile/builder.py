@@ -35,7 +35,7 @@ class Use:
         required: it fails where nothing has been written.
         turn: order within a script, from 1; 0 for other ports.
         sign: how a script assigns it; `=` fails where neither a value nor a port has made the entry.
-        text: the text that a script assigns, where it spells it out.
+        constant: the value that a script assigns, where it spells it out; else UNSET.
         port: None for a script, or for what a SubTree is given.
     """
 
@@ -50,7 +50,7 @@ class Use:
     required: bool = False
     turn: int = 0
     sign: str = ""
-    text: str | None = None
+    constant: Any = UNSET
     port: Port | None = None
 
     @property
@@ -219,8 +219,8 @@ class Builder:
 
     def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self.registry.enums)
-        for turn, (entry, offset, sign, text) in enumerate(script.uses, start=1):
+        for turn, (entry, offset, sign, spelt_out) in enumerate(script.uses, start=1):
             place, user = attribute.place_at(offset), f"'{name}' of {label}"
             reads = sign not in (":=", "=")
-            self.uses.append(Use(entry, place, reads, bool(sign), Any, user, uid, name, reads, turn, sign, text))
+            self.uses.append(Use(entry, place, reads, bool(sign), Any, user, uid, name, reads, turn, sign, spelt_out))
         return script

@@ -14,8 +14,10 @@ from types import ModuleType
 
 import pytest
 
+from bracket_cell.commands.init import new_cell
 from bracket_cell.trees import Bench
 from bracket_cell.trees.node_library import node_registry
+from bracket_ground.files.files import write_new
 from btxml.files.check import check
 from tests import ROOT
 
@@ -49,6 +51,19 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setitem(sys.modules, leaf.__name__, leaf)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def test_the_examples_run_as_printed_in_the_folder_of_cell_init(tmp_path: Path) -> None:
+    write_new(tmp_path, new_cell())
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "script.py").write_text("from bracket_cell.trees import Bench\nfrom nodes.every_nth import EveryNth\n")
+    # -P as in the program `pytest`, which does not look for modules in the working folder
+    words = ["-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
+    for arguments in (words, ["script.py"]):
+        ended = subprocess.run([sys.executable, *arguments], cwd=tmp_path, capture_output=True, text=True)
+        assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
 def named_tests(slow: bool) -> list[tuple[str, str]]:

@@ -24,6 +24,11 @@ EDITOR = """{
   "xml.fileAssociations": [{"pattern": "trees/**/*.xml", "systemId": "config/schema/trees.xsd"}]
 }
 """
+# Lets `pytest` find the folder `nodes`, however it is started.
+PYTEST = """[tool.pytest.ini_options]
+pythonpath = ["."]
+testpaths = ["tests"]
+"""
 
 
 def init(
@@ -53,5 +58,5 @@ def new_cell() -> dict[str, bytes]:
         first_line = f"{modeline(f'schema/{name}.json')}\n".encode()
         contents[f"config/{name}.yaml"] = first_line + contents[f"config/{name}.yaml"]
     texts = {f"config/schema/{name}": text for name, text in schema_texts(node_registry()).items()}
-    texts[".vscode/settings.json"] = EDITOR
+    texts |= {".vscode/settings.json": EDITOR, "pyproject.toml": PYTEST}
     return contents | {name: text.encode() for name, text in texts.items()}

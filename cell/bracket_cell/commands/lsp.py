@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bracket_cell.commands.options import NamesOption, WithOption, beside_config, own_files, registry_of
+from bracket_cell.commands.options import NamesOption, WithOption, always_loaded, beside_config, own_files, registry_of
 from bracket_cell.packages import needed, version
 from bracket_ground.errors import InputError
 from btxml.engine.errors import Problem
@@ -44,7 +44,7 @@ class Workshop:
     def registry(self) -> Registry:
         """The nodes as they are now: made again when a file of theirs, or the configuration, was saved."""
         files = [self._config] if self._config else []
-        for one in map(Path, self._nodes):
+        for one in map(Path, (*self._nodes, *always_loaded())):
             files += [one, *one.glob("*.py")]
         stamps = [file.stat().st_mtime for file in files if file.is_file()]
         if self._registry is None or stamps != self._stamps:

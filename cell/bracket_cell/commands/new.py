@@ -10,11 +10,13 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.init import new_cell
+from bracket_cell.commands.options import always_loaded, registry_of
 from bracket_cell.commands.terminal import console
 from bracket_cell.device_settings import KINDS
 from bracket_cell.skills.drivers.settings import DRIVEN_BY, EXAMPLES
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import write_new
+from btxml.views.editing import made_at
 
 
 def _known(role: str) -> list[str]:
@@ -83,12 +85,14 @@ def test_too_few_fail() -> None:
 @new_app.command()
 def tree(name: NameArgument) -> None:
     """Write trees/NAME.xml and tests/test_NAME.py."""
+    _refuse_taken(name)
     _write(name, "trees/{file}.xml", TREE, TREE_TEST, "cell check {first}; pytest {second}")
 
 
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
+    _refuse_taken(name)
     then = "pytest {second}; `nodes: [nodes]` in the configuration, or --with nodes, makes it known to every command"
     _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
 
@@ -135,6 +139,15 @@ def _legal(option: str, value: str, known: Mapping[str, str]) -> str:
     if value not in known:
         raise InputError(f"{option} {value}: unknown; legal: {', '.join(known)}")
     return known[value]
+
+
+def _refuse_taken(name: str) -> None:
+    """Raise InputError where a node has the name already, of the cell or of the folder `nodes` beside it."""
+    own = dict.fromkeys(str(one) for one in (*always_loaded(), "nodes") if Path(one).is_dir())
+    node = registry_of(None, own).classes.get(name)
+    if node is not None or name == "SubTree":
+        place = None if node is None else made_at(node)
+        raise InputError(f"there is a node '{name}' already, at {place or 'the language'}; choose another name")
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import types
@@ -16,6 +17,7 @@ from btxml.engine.vocabulary import Word, is_word
 STATUS_WORDS = {status.name: status for status in (SUCCESS, FAILURE, RUNNING, SKIPPED)}
 TRUE_WORDS = ("true", "True", "TRUE", "1")
 FALSE_WORDS = ("false", "False", "FALSE", "0")
+JSON = "json:"  # begins a value of a port that is written as JSON, as in the library
 INT_LIMIT = 2**63  # whole numbers have 64 bits, as in the library
 
 # What a number may look like: Python's own grammar would also take "1_0", "inf" and digits of other alphabets.
@@ -61,6 +63,8 @@ def from_text(text: str, kind: Any) -> Any:
         return _boolean(text)
     if kind is int or kind is float:
         return _number(text, kind)
+    if typing.get_origin(kind) in (list, tuple) and text.startswith(JSON):
+        return _json_list(text, kind)
     if typing.get_origin(kind) in (list, tuple):
         items = [from_text(item, _item(kind)) for item in text.split(";")] if text else []
         return typing.get_origin(kind)(items)
@@ -155,6 +159,16 @@ def _without_loss(value: int | float, kind: type[int] | type[float] | type[bool]
 
 def _item(kind: Any) -> Any:
     return (typing.get_args(kind) or (str,))[0]
+
+
+def _json_list(text: str, kind: Any) -> Any:
+    try:
+        items = json.loads(text.removeprefix(JSON))
+    except ValueError as error:
+        raise LiteralError(f"'{text}' is not JSON: {error}", "like json:[1, 2]") from None
+    if not isinstance(items, list):
+        raise LiteralError(f"'{text}' is {a_type(type(items))}, not a list", "like json:[1, 2]")
+    return typing.get_origin(kind)([converted(item, _item(kind)) for item in items])
 
 
 def _own(text: str, kind: Any) -> Any:

@@ -16,9 +16,9 @@ from btxml.engine.node import SUCCESS, Node
 from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 
-CALLS_AT_ONCE = 16  # threads of all leaves together; who finds none free waits, within its limit
+CALLS_AT_ONCE = 16  # threads of all leaves of a class together; who finds none free waits, within its limit
 LENGTH_LIMIT = 100_000  # characters of an answer: it goes into the log
-_free = threading.BoundedSemaphore(CALLS_AT_ONCE)
+_free: dict[str, threading.BoundedSemaphore] = defaultdict(lambda: threading.BoundedSemaphore(CALLS_AT_ONCE))
 _mine = threading.local()  # the call that a thread makes
 
 
@@ -41,13 +41,22 @@ class Asked(Protocol):
         """Nobody wants the answer any more."""
         ...
 
+    @property
+    def begun(self) -> bool:
+        """Whether the question was asked: every thread of the class may be busy."""
+        ...
+
 
 class Call:
-    """One call of `Outside.ask`."""
+    """One call of `Outside.ask`.
 
-    def __init__(self, ask: Callable[[Any], Any], question: Any) -> None:
-        self._ask, self._question = ask, question
-        self._begun = self._cancelled = False
+    Args:
+        pool: name of the threads that it shares with others.
+    """
+
+    def __init__(self, ask: Callable[[Any], Any], question: Any, pool: str = "") -> None:
+        self._ask, self._question, self._free = ask, question, _free[pool]
+        self.begun = self._cancelled = False
         self._answer: Answer | None = None
         self._closers: list[Callable[[], object]] = []
 
@@ -57,8 +66,8 @@ class Call:
             self.cancel()
 
     def poll(self, polls: int) -> Answer | None:  # noqa: ARG002 - a log counts them
-        if not self._begun and _free.acquire(blocking=False):
-            self._begun = True
+        if not self.begun and self._free.acquire(blocking=False):
+            self.begun = True
             threading.Thread(target=self._work, daemon=True).start()
         return self._answer
 
@@ -75,7 +84,7 @@ class Call:
         except Exception as error:  # a library may raise anything; the leaf fails with it
             self._answer = Answer(error=f"{type(error).__name__}: {error}"[:LENGTH_LIMIT])
         finally:
-            _free.release()
+            self._free.release()
 
 
 def when_cancelled(close: Callable[[], object]) -> None:
@@ -104,6 +113,8 @@ class LoggedAnswers:
 
 
 class _Logged:
+    begun = True
+
     def __init__(self, note: Mapping[str, Any]) -> None:
         self._note = note
 
@@ -153,7 +164,7 @@ class Outside(Node):
 
     def call(self, question: Any) -> Asked:
         """Begin to ask."""
-        return Call(self.ask, question)
+        return Call(self.ask, question, type(self).__name__)
 
     def update(self) -> Status:
         assert self._asked is not None, "initialise comes first"
@@ -161,7 +172,7 @@ class Outside(Node):
         answer = self._asked.poll(self._polls)
         if answer is None and self.runtime.answers is None and time.monotonic() >= self._until_s:
             self._asked.cancel()
-            answer = Answer(error=f"there was no answer within {self.limit_s.get():g} s")
+            answer = Answer(error=self._late(self._asked.begun))
         if answer is None:
             return Status.RUNNING
         self._asked = None
@@ -170,6 +181,12 @@ class Outside(Node):
         if answer.error:
             raise NodeError(answer.error)
         return self.take(json.loads(answer.text))
+
+    def _late(self, asked: bool) -> str:
+        if asked:
+            return f"there was no answer within {self.limit_s.get():g} s"
+        name = type(self).__name__
+        return f"nobody was asked within {self.limit_s.get():g} s: {CALLS_AT_ONCE} earlier calls of {name} do not end"
 
     def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - whatever ended it
         if self._asked is not None:

@@ -35,7 +35,7 @@ LANGUAGE: Mapping[str, tuple[str, ...]] = {
 _ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*(?:"([^"]*)("?)|'([^']*)('?))""")
 _ENTRY = re.compile(r"\{([^{}=]+)\}")
 _ASSIGNED = re.compile(r"([^\W\d][\w./-]*)\s*:?=(?!=)")
-_WORD = re.compile(r"[\w@.:/-]*")
+_WORD = re.compile(r"(?:[\w@.:-]|/(?=[\w@.:-]))*")  # a slash that ends a tag is no part of its name
 _GOES_ON, _EQUALS = re.compile(r"\w*\s*[^<\s]"), re.compile(r"\w*\s*=")  # of what is written there already
 
 
@@ -147,7 +147,7 @@ def definition(text: str, offset: int, path: Path, registry: Registry, library: 
         tree = library.trees.get(identifier)
         return None if tree is None else tree.place
     node = registry.classes.get(identifier if spot.tag in EXPLICIT else spot.tag)
-    return None if node is None else _python(node)
+    return None if node is None else made_at(node)
 
 
 def prefix_start(text: str, offset: int) -> int:
@@ -269,7 +269,8 @@ def _named(tree: Element | None) -> set[str]:
     return {name for name in found if not name.startswith("@")}
 
 
-def _python(node: type[TreeNode]) -> Place | None:
+def made_at(node: type[TreeNode]) -> Place | None:
+    """Where the class of a node stands; None where it has no source."""
     try:
         file, (_, line) = inspect.getsourcefile(node), inspect.getsourcelines(node)
     except (OSError, TypeError):  # made by another class, or its file has gone

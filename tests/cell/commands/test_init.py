@@ -26,6 +26,7 @@ FILES = {
     "config/schema/sim.json",
     "config/schema/trees.xsd",
     "config/sim.yaml",
+    "pyproject.toml",
     "tests/test_assemble.py",
     "trees/ahead.xml",
     "trees/algorithm1.xml",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -114,13 +115,20 @@ def test_notes_are_mistakes_where_that_is_asked_for(tmp_path: Path, capsys: pyte
     assert main(["check", str(file), "--strict"]) == 2
 
 
-def test_a_new_tree_and_a_new_leaf_come_with_tests_that_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_tree_and_a_new_leaf_come_with_tests_that_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", "leaf", "CountParts"]) == 0
     assert main(["new", "tree", "TidyUp"]) == 0
     assert main(["check", "trees/tidy_up.xml", "--strict"]) == 0
     assert main(["new", "leaf", "CountParts"]) == 2  # nothing is overwritten
     assert main(["new", "leaf", "../oops"]) == 2
+    for command, taken in itertools.product(("leaf", "tree"), ("Sequence", "MoveTo", "SubTree")):
+        assert main(["new", command, taken]) == 2
+        assert f"there is a node '{taken}' already, at " in capsys.readouterr().err
+    assert main(["new", "tree", "CountParts"]) == 2
+    assert "count_parts.py" in capsys.readouterr().err
     for test in ("count_parts", "tidy_up"):
         scope: dict[str, object] = {}
         exec(Path(f"tests/test_{test}.py").read_text(), scope)  # as pytest would run it

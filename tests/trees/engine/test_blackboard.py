@@ -179,6 +179,19 @@ def test_a_port_that_shows_an_entry_does_not_make_it_a_text(code: str, load: Loa
     assert isinstance(tree.blackboard.entry("count").value, int | float)
 
 
+@pytest.mark.parametrize(("text", "read"), [("json:[1, 2.5]", (1.0, 2.5)), ("json:[]", ()), ("1;2.5", (1.0, 2.5))])
+def test_a_list_may_be_written_as_json(text: str, read: tuple[float, ...], load: Load) -> None:
+    tree = load(f'<Take sizes="{text}"/>', Take)
+    tree.tick()
+    assert tree.nodes[0].seen["sizes"] == read  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("text", ["json:{}", "json:[", "json:[true, null]", "json:3"])
+def test_json_that_is_no_list_of_the_ports_type_is_refused(text: str, load: Load) -> None:
+    with pytest.raises(InputError):
+        load(f"<Take sizes='{text}'/>", Take)
+
+
 def test_a_number_that_a_port_writes_can_be_shown(load: Load) -> None:
     tree = load('<Sequence><Count total="{n}"/><Shows text="{n}"/></Sequence>', Count, Shows)
     assert tree.tick() is Status.SUCCESS

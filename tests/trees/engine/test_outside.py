@@ -14,7 +14,7 @@ from bracket_cell import load_cell, replay, run
 from bracket_cell.trees.nodes.http_request import HttpRequest
 from bracket_ground.interfaces.clock import ManualClock
 from btxml.engine import outside
-from btxml.engine.outside import LoggedAnswers, Outside, when_cancelled
+from btxml.engine.outside import CALLS_AT_ONCE, LoggedAnswers, Outside, when_cancelled
 from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
@@ -100,7 +100,7 @@ def test_a_halt_and_the_limit_cancel_the_call(load: Load) -> None:
 
 
 def test_who_finds_no_thread_free_waits(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outside, "_free", threading.BoundedSemaphore(1))
+    monkeypatch.setitem(outside._free, "Doubles", threading.BoundedSemaphore(1))
     tree = load('<ParallelAll><Doubles number="1"/><Doubles number="2"/></ParallelAll>', Doubles)
     tree.tick()
     tree.tick()
@@ -108,6 +108,36 @@ def test_who_finds_no_thread_free_waits(load: Load, monkeypatch: pytest.MonkeyPa
     Doubles.may_go_on.set()
     assert until(tree) is Status.SUCCESS
     assert Doubles.asked == [1, 2]
+
+
+class Hangs(Outside):
+    """Asks a driver that does not come back, and that no cancelling ends."""
+
+    def ask(self, question: Any) -> Any:  # noqa: ARG002
+        Doubles.may_go_on.wait(PATIENCE_S)
+
+
+def test_calls_that_do_not_come_back_starve_no_other_class(load: Load) -> None:
+    hang = f"<ParallelAll>{'<Hangs/>' * CALLS_AT_ONCE}</ParallelAll>"
+    load(hang, Hangs).tick()
+    late = load('<Hangs limit_s="0.01"/>', Hangs)
+    assert until(late) is Status.FAILURE
+    assert late.nodes[0].feedback_message == "nobody was asked within 0.01 s: 16 earlier calls of Hangs do not end"
+    other = load('<Doubles number="4"/>', Doubles)
+    while not Doubles.asked:
+        assert other.tick() is Status.RUNNING
+    Doubles.may_go_on.set()
+    assert until(other) is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("body", "sent"), [('json:{"part": "o1"}', '{"part": "o1"}'), ("json:{}", "{}"), ("a b", "a b")]
+)
+def test_a_body_of_json_is_written_with_its_word(load: Load, body: str, sent: str) -> None:
+    tree = load(f"<HttpRequest url='http://127.0.0.1:9/' body='{body}'/>", HttpRequest)
+    node = tree.nodes[0]
+    assert isinstance(node, HttpRequest)
+    assert node.question()["body"] == sent
 
 
 def told(to: Kept) -> list[Mapping[str, Any]]:

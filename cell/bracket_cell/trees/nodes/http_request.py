@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import socket
 from typing import Any
 from urllib.parse import urlsplit
 
 from btxml.engine.errors import NodeError
+from btxml.engine.literals import JSON
 from btxml.engine.node import SUCCESS
 from btxml.engine.outside import LENGTH_LIMIT, Outside, when_cancelled
 from btxml.engine.ports import InputPort, OutputPort
@@ -20,7 +22,7 @@ class HttpRequest(Outside):
 
     url = InputPort(str, "like http://host:8000/path; it stands in the log, so no passwords")
     method = InputPort(str, "GET, POST, PUT, PATCH or DELETE", default="GET")
-    body = InputPort(str, "what is sent", default="")
+    body = InputPort(str, 'what is sent, like json:{"part": "o1"}', default="")
     content_type = InputPort(str, "what the body is", default="application/json")
     status_code = OutputPort(int, "the server's status, like 200")
     result = OutputPort(str, "what the server answered")
@@ -30,7 +32,7 @@ class HttpRequest(Outside):
         if (scheme := urlsplit(url).scheme) not in SCHEMES:
             raise NodeError(f"'{url}' begins with '{scheme}'; legal: http:// and https://")
         asked = {"method": self.method.get(), "url": url, "limit_s": self.limit_s.get()}
-        return {**asked, "body": self.body.get(), "content_type": self.content_type.get()}
+        return {**asked, "body": _body(self.body.get()), "content_type": self.content_type.get()}
 
     def ask(self, question: Any) -> Any:
         from http.client import HTTPConnection, HTTPException, HTTPSConnection  # slow, and most trees ask nobody
@@ -59,3 +61,12 @@ class HttpRequest(Outside):
             self.error.set(f"the server answered with status {answer['status']}")
             raise NodeError(f"{self.url.get()}: the server answered with status {answer['status']}")
         return SUCCESS
+
+
+def _body(text: str) -> str:
+    """What a port's text means: what stands behind `json:` is sent where it is JSON."""
+    body = text.removeprefix(JSON)
+    try:
+        return body if body == text else json.dumps(json.loads(body))
+    except ValueError as error:
+        raise NodeError(f"port body: '{body}' is not JSON: {error}") from None

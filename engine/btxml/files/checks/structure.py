@@ -213,7 +213,8 @@ class _Checker:
 
     def _key(self, attribute: Attribute, key: str) -> None:
         if not KEY.match(key):
-            self._report(attribute.value_place, f"'{key}' is not the name of an entry", "like {part}, {@part} or {=}")
+            legal = "like {part}, {@part} or {=}" + ("; JSON is written json:{...}" if '"' in key or "'" in key else "")
+            self._report(attribute.value_place, f"'{key}' is not the name of an entry", legal)
 
     def _underscore(self, name: str, attribute: Attribute) -> None:
         if name in CONDITIONS or name in SCRIPTS_AFTER:

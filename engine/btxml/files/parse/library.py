@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ CONVERT = "`cell convert` writes it as a file of version 4"
 UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100
+_FORBIDDEN = re.compile(r"""[\x00-\x20\x7f<>&"'/\\:*?|.]""")  # in names; `validateModelName` of BehaviorTree.CPP 4.10
 
 
 def is_near(word: str, legal: Iterable[str]) -> bool:
@@ -203,6 +205,9 @@ def _take_tree(library: Library, element: Element, alone: bool) -> None:
     if not identifier:
         library.problems.append(Problem(element.place, "this BehaviorTree has no ID", 'give it one: ID="Name"'))
         return
+    if refused := _FORBIDDEN.search(identifier) or re.fullmatch("Root", identifier):
+        what = f"BehaviorTree.CPP and Groot2 since 4.8.4 refuse the name '{identifier}', for its '{refused[0]}'"
+        library.notes.append(Problem(element.place_of("ID"), what, "letters, digits, _ and - are legal there"))
     if not _replaced(library, element, identifier):
         return
     library.trees[identifier] = element

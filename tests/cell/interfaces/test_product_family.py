@@ -1,0 +1,114 @@
+"""Product families: empty slots, alternatives, quantities, precedence, fastenings, several brackets."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.variants import EMPTY, arrangements
+from tests import ROOT
+
+BASE: dict[str, Any] = yaml.safe_load((ROOT / "config" / "products.yaml").read_text())
+EXAMPLES = sorted((ROOT / "config" / "examples").glob("*/product.yaml"))
+
+
+def family(**changes: Any) -> Product:
+    bare = {
+        name: {key: value for key, value in part.items() if key != "quantity"} for name, part in BASE["parts"].items()
+    }
+    return Product.model_validate({**BASE, "parts": bare, **changes})
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
+def test_every_example_says_the_same_after_it_was_written_and_read(path: Path) -> None:
+    read = Product.model_validate(yaml.safe_load(path.read_text()))
+    assert Product.model_validate(read.model_dump(mode="json")) == read
+    for goal in read.goals:
+        placed: dict[str, str] = {}
+        for step in read.steps(goal):
+            assert not read.missing_before(step, {*placed, *read.fastenings}, read.accepted(goal))
+            if step in read.positions:
+                placed[step] = read.goal_placements(goal, placed)[step]
+                assert read.fits(goal, placed)
+        assert read.goal_placements(goal, placed) == placed
+
+
+def test_a_slot_may_stay_empty_and_goals_may_be_by_slot() -> None:
+    some = family(goals={"a": {"p1": "o1", "p3": ["o1", "o2"]}, "b": ["o3", *[EMPTY] * 5]}, goal_titles={})
+    assert some.goals["a"] == ("o1", EMPTY, ("o1", "o2"), EMPTY, EMPTY, EMPTY)
+    assert some.goal_placements("a", {"p3": "o2"}) == {"p1": "o1", "p3": "o2"}
+    assert some.goal_of({"p3": "o2", "p1": "o1"}) == "a"
+    assert some.goal_of({"p1": "o1"}) is None
+    assert some.varies
+    assert {name: part.quantity for name, part in some.parts.items()} == {"o1": 2, "o2": 1, "o3": 1}
+
+
+def test_quantities_hold_for_every_completion() -> None:
+    """Against listing all arrangements of a goal whose alternatives share their parts."""
+    choices = [["o1", "o2"], ["o1", "o2", "o3"], ["o2", "o3"], "o1", "o1", EMPTY]
+    limits = {"o1": 3, "o2": 1}
+    some = family(goals={"a": choices}, goal_quantities={"a": limits}, goal_titles={})
+    legal = set(arrangements(some.goals["a"], limits, 1000))
+    assert legal
+    for slots in permutations(some.positions[:3], 2):
+        for parts in product(["o1", "o2", "o3"], repeat=2):
+            placed = dict(zip(slots, parts, strict=True))
+            at = {some.positions.index(slot): part for slot, part in placed.items()}
+            possible = [one for one in legal if all(one[index] == part for index, part in at.items())]
+            assert some.fits("a", placed) == bool(possible), placed
+            assert some.as_listed(some.goal_placements("a", placed)) in legal
+
+
+def test_what_precedes_an_empty_slot_precedes_what_follows_it() -> None:
+    some = family(
+        goals={"a": {"p1": "o1", "p3": "o2"}, "b": {"p1": "o3"}},
+        goal_titles={},
+        before=[["p1", "p2"], ["p2", "f"], ["f", "p3"]],
+        fastenings={"f": {"at": ["p2"]}},
+    )
+    assert some.missing_before("p3", (), some.accepted("a")) == ["p1"]
+    assert some.missing_before("p3", {"p1"}, some.accepted("a")) == []
+    assert some.missing_before("p3", {"p1"}) == ["f"]
+    assert some.steps("a") == ["p1", "p3"]
+
+
+def test_a_fastenings_turn_comes_when_its_parts_stand() -> None:
+    some = family(fastenings={"f": {"at": ["p1", "p2"]}}, before=[["f", "p3"]])
+    assert some.unfastened(some.positions, {"p1"}) == []
+    assert some.unfastened(some.positions, {"p1", "p2"}) == ["f"]
+    assert some.unfastened(some.positions, {"p1", "p2", "f"}) == []
+    assert some.steps("g0")[:4] == ["p1", "p2", "p4", "p5"]
+
+
+def test_two_brackets_are_built_as_any_goals() -> None:
+    some = family(brackets={"a": [0.0, 0.0], "b": [0.2, 0.0]}, before=[["p1", "p2"]])
+    assert len(some.goals) == 9
+    assert some.bracket.holes_m["b_p1"] == (0.2, BASE["bracket"]["holes_m"]["p1"][1])
+    assert some.goal_placements("g0+g2")["a_p6"] == "o3"
+    assert some.goal_placements("g0+g2")["b_p3"] == "o3"
+    assert some.missing_before("b_p2", ()) == ["b_p1"]
+    assert some.parts["o1"].quantity == 6
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"before": [["p1", "p2"], ["p2", "p1"]]}, "no step can be the first of these"),
+        ({"before": [["p1", "p9"]]}, "no step p9; steps: p1"),
+        ({"accepts": {"p1": ["o2"]}}, "goal g0 puts o1 into p1, which accepts o2"),
+        ({"goals": {"a": {"p9": "o1"}}, "goal_titles": {}}, "no slot p9 in the bracket"),
+        ({"goals": {"a": [EMPTY] * 6}, "goal_titles": {}}, "leaves every slot empty"),
+        ({"goal_quantities": {"g0": {"o1": 2}}}, "more slots than goal_quantities.g0 has parts for"),
+        ({"fastenings": {"p1": {"at": ["p2"]}}}, "p1 is a slot; give the fastening another name"),
+        ({"fastenings": {"f": {"at": ["p9"]}}}, "no slot p9; slots: p1"),
+    ],
+)
+def test_what_does_not_fit_is_named(changes: dict[str, Any], what: str) -> None:
+    with pytest.raises(ValidationError, match=what):
+        family(**changes)

@@ -86,14 +86,15 @@ def test_factored_confusions_are_those_of_listing_all_slots(pattern: Pattern, ex
     confusions = Confusions.of(layout, pattern, 0.2)
     listed, factored = ConfusionLikelihood(layout, confusions), FactoredConfusions(layout, confusions)
     assert bool(factored.approximate) != exact
-    for placed in states():
+    fitting = [dict(list(FAMILY.goal_placements(goal).items())[:n]) for goal in GOALS for n in (1, 2, 3, 4)]
+    for placed in [*states(), *fitting]:
         edges = layout.encode(AssemblyState(placed))
         one, other = listed(edges), factored(edges)
         if exact:
             assert np.allclose(one[0], other[0], rtol=1e-6, atol=1e-12)
             assert np.allclose(one[1] * (edges.sum(axis=0) == 0), other[1] * (edges.sum(axis=0) == 0), rtol=1e-6)
-        elif one[0].sum() > 1e-6:
-            assert np.argmax(one[0]) == np.argmax(other[0])
+        elif any(FAMILY.fits(goal, placed) for goal in GOALS):
+            assert np.abs(one[0] / one[0].sum() - other[0] / other[0].sum()).max() < 0.1
 
 
 def test_confusions_count_at_every_size() -> None:

@@ -38,7 +38,7 @@ from bracket_lab.experiments.paper.htn import HtnPlanner
 from bracket_lab.experiments.semantic_certify import case_of, certificate, least_limit
 from bracket_lab.experiments.semantic_demonstrators import generated_demonstrations, scenario_demonstrations
 from bracket_lab.learned.grasp.data import write_scenes
-from bracket_lab.learned.grasp.evaluate import embedded, evaluate_grasp
+from bracket_lab.learned.grasp.evaluate import AlwaysGrasp, embedded, evaluate_grasp
 from bracket_lab.learned.grasp.paper_planner import load_grasp_planner
 from bracket_lab.learned.grasp.scenes import draw_scenes
 from bracket_lab.learned.semantic.evaluate import evaluate_semantic
@@ -142,14 +142,17 @@ def evaluate_grasp_planner(
     page: PageOption = None,
     scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000,
 ) -> None:
-    """Score the grasp planner, or run an experiment with all kinds. Kinds: pairwise, paper, rule."""
+    """Score the grasp planner, or run an experiment with all kinds. Kinds: pairwise, paper, rule, always."""
     product = product_of(shared.config)
     if experiment:
         _grasp_experiment(experiment, page, product, shared)
         return
     if page is not None:
         raise InputError(PAGE_ALONE)
-    kind = shared.one_kind(("pairwise", "paper", "rule"))
+    kind = shared.one_kind(("pairwise", "paper", "rule", "always"))
+    if kind == "always":
+        report_scores("grasp", evaluate_grasp(AlwaysGrasp(), product, shared.seed, scenes), shared.as_json)
+        return
     path = shared.weights or shipped_weights("grasp", kind)
     planner = load_grasp_planner(kind, path, product)
     if kind != "paper":

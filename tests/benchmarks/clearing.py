@@ -105,7 +105,7 @@ def run_scenes(draw: Draw, scenes: int, first_seed: int, configuration: Configur
 def fetch(draw: Draw, size: int, seed: int, configuration: Configuration) -> Case:
     """Fetch the required part of one scene."""
     scene, part = draw(size, seed)
-    with robot_alone(scene, seed) as cell:
+    with robot_alone(scene, seed, BENCH) as cell:
         fewest = fewest_moves(true_boxes(cell), part)
         outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, configuration=configuration)
         fetched = lifted(cell, part)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Literal
 
 from pydantic import model_validator
 
 from bracket_ground.files.model import Model
+from bracket_lab.evaluations.paper import paper
 from bracket_lab.experiments.experiments import markdown
 from tests import ROOT
 
@@ -21,22 +23,26 @@ class Row(Model):
     """One figure.
 
     Attributes:
-        claim: what is measured, with its unit.
-        interval, n: of 95 %, from and to; how many were counted.
+        claim: the measured quantity, with its unit.
+        interval, n: of 95 %, from and to, unknown where nobody estimated it; how many were counted.
+        trivial: what an answer without looking gets.
+        paper: the paper's figure under the same conditions, as TABLE/ROW/COLUMN of its file.
         met: whether the measured value meets the bar.
-        command, commit: what measures it, and where it was measured; the table's where they are left out.
+        command, commit, release: what measured it, and where.
         note: what a reader must know to compare it.
     """
 
     claim: str
     figure: Number
-    interval: tuple[float, float] | None = None
-    n: int | str | None = None
+    interval: tuple[float, float] | Literal["unknown"]
+    n: int | str
+    trivial: Number | None = None
     bar: Number | None = None
-    paper: Number | None = None
+    paper: str | None = None
     met: bool | None = None
-    command: str | None = None
-    commit: str | None = None
+    command: str
+    commit: str
+    release: str
     note: str | None = None
 
     @model_validator(mode="after")
@@ -47,15 +53,35 @@ class Row(Model):
 
 
 class Table(Model):
-    """Figures that belong together: as rows, or as a table with columns of its own (`head`, `cells`)."""
+    """Figures that belong together: as rows, or as a table with columns of its own (`head`, `cells`).
+
+    Attributes:
+        command, commit, release: of the cells.
+    """
 
     title: str
     about: str = ""
     command: str | None = None
     commit: str | None = None
+    release: str | None = None
     rows: tuple[Row, ...] = ()
     head: tuple[str, ...] = ()
     cells: tuple[tuple[str, ...], ...] = ()
+
+    def printed(self, row: Row) -> Row:
+        """A row with the paper's own figure in the place of where it is printed.
+
+        Raises:
+            InputError: the paper has none there, or counted it under other conditions than this row.
+        """
+        if row.paper is None:
+            return row
+        return row.model_copy(update={"paper": paper().printed(row.paper, f"{self.title}: {row.claim}")})
+
+    def shown(self, line: tuple[str, ...]) -> list[str]:
+        """Cells of a line: `=TABLE/ROW/COLUMN` is the paper's own figure, `@...` a figure of another table."""
+        beside = " ".join((self.title, *self.head, *(cell for cell in line if not cell.startswith(("=", "@")))))
+        return [paper().printed(cell[1:], beside) if cell.startswith("=") else _looked_up(cell) for cell in line]
 
 
 class Topic(Model):
@@ -86,15 +112,14 @@ def page(name: str) -> str:
         if before is None or before.title != table.title:
             parts.append(f"## {table.title}")
         parts += [table.about, f"`{table.command}`" if table.command else ""]
-        parts += [f"Measured at {table.commit}."] if table.commit else []
-        cells = [[_looked_up(cell) for cell in line] for line in table.cells]
-        parts += [markdown(table.head, cells)] if table.head else []
-        parts += [markdown(*columns(table.rows))] if table.rows else []
+        parts += [f"Measured at {table.commit}, release {table.release}."] if table.commit else []
+        parts += [markdown(table.head, [table.shown(line) for line in table.cells])] if table.head else []
+        parts += [markdown(*columns([table.printed(row) for row in table.rows]))] if table.rows else []
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _looked_up(cell: str) -> str:
-    """A cell, or what another file says: `@FILE->CLAIM` of a row, `@FILE->TITLE->FIRST CELL->COLUMN` of a table.
+    """A cell, or a figure of another file: `@FILE->CLAIM` of a row, `@FILE->TITLE->FIRST CELL->COLUMN` of a table.
 
     Raises:
         KeyError: there is no such figure.
@@ -118,8 +143,7 @@ def falls_short() -> Iterator[Row]:
         for table in topic.tables:
             for row in table.rows:
                 if row.met is False:
-                    where = {"command": row.command or table.command, "commit": row.commit or table.commit}
-                    yield row.model_copy(update={"claim": f"{table.title}: {row.claim}", **where})
+                    yield row.model_copy(update={"claim": f"{table.title}: {row.claim}", "paper": None})
 
 
 def columns(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+from bracket_ground.errors import InputError
 from tests import ROOT
 from tests.cell.commands.test_surface import command
-from tests.docs.figures import FIGURES, PAGES, RESULTS, Row, columns, falls_short, page, topics
+from tests.docs.figures import FIGURES, PAGES, RESULTS, Row, Table, columns, falls_short, page, topics
 
+SHOWN_RELEASES = 6  # whose figures stand in the pages: the one in the making and those of the last days before it
+PLACE = {"interval": (0.4, 0.6), "n": 9, "command": "cell", "commit": "a", "release": "1"}
 NAMES = sorted(path.stem for path in FIGURES.glob("*.json"))
 
 
@@ -28,10 +32,76 @@ def test_there_is_no_page_without_figures() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_figure_names_the_command_that_measures_it(name: str) -> None:
+def test_every_table_names_the_command_that_measures_it(name: str) -> None:
     for table in topics()[name].tables:
-        assert [row.claim for row in table.rows if not (row.command or table.command)] == [], table.title
-        assert table.command or not table.head, table.title
+        assert table.command or not any("@" in cell for line in table.cells for cell in line), table.title
+
+
+def releases() -> list[str]:
+    """Of the changelog, the newest first; the one in the making before them."""
+    made = re.findall(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    return list(dict.fromkeys([version_of((ROOT / "cell/pyproject.toml").read_text()), *made]))
+
+
+def version_of(text: str) -> str:
+    """The version that a project file names; empty where it names none."""
+    found = re.search(r'^version = "(.*)"', text, re.M)
+    return found[1] if found else ""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_figure_is_older_than_the_last_releases(name: str) -> None:
+    shown = releases()[:SHOWN_RELEASES]
+    for table in topics()[name].tables:
+        assert [row.claim for row in table.rows if row.release not in shown] == []
+        assert not table.cells or table.release in shown, table.title
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_commit_is_of_the_release_that_a_figure_names(name: str) -> None:
+    if not (ROOT / ".git").exists():
+        pytest.skip("without its history")
+    tables = topics()[name].tables
+    found = {(row.commit, row.release) for table in tables for row in table.rows}
+    found |= {(table.commit, table.release or "") for table in tables if table.commit}
+    for commit, release in found:
+        files = (git("show", f"{commit}:{file}") for file in ("pyproject.toml", "cell/pyproject.toml"))
+        assert release in map(version_of, files), commit
+
+
+def git(*words: str) -> str:
+    """What git says; empty where it fails."""
+    return subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=False).stdout
+
+
+def test_a_figure_beside_the_papers_is_of_the_same_conditions() -> None:
+    measured = {"figure": 0.976, "interval": (0.95, 0.99), "n": 250, "command": "cell", "commit": "a", "release": "1"}
+    row = Row(claim="one image, 3 parts", paper="Table 3/one image/3 parts", **measured)  # type: ignore[arg-type]
+    assert Table(title="Table 3").printed(row).paper == ".962"
+    for wrong in ("Table 3/executed/3 parts", "Table 3/one image/4 parts", "Table 4/VMRN/IA", "Table 9/x/y"):
+        with pytest.raises(InputError, match=wrong.split("/")[0]):
+            Table(title="Table 3").printed(row.model_copy(update={"paper": wrong}))
+    with pytest.raises(InputError, match="does not say executed"):
+        Table(title="Table 3", head=("", "paper")).shown(("one image, 3 parts", "=Table 3/executed/3 parts"))
+
+
+def test_every_printed_figure_in_a_page_comes_from_the_file_of_the_paper() -> None:
+    """No column of the paper holds a number that somebody typed."""
+    for topic in topics().values():
+        for table in topic.tables:
+            for column in (
+                number for number, name in enumerate(table.head) if "paper" in name and name != "paper's IA"
+            ):
+                typed = [line[column] for line in table.cells if re.fullmatch(r"[\d.+ /-]*\d", line[column])]
+                assert typed == [], table.title
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_time_is_of_twenty_seeds_at_least(name: str) -> None:
+    for table in topics()[name].tables:
+        for row in table.rows:
+            if re.search(r"\btime\b.*(\[s\]|\[%\])", row.claim) and "processor" not in row.claim:
+                assert int(re.findall(r"\d+", str(row.n))[0]) >= 20, row.claim
 
 
 def commands(value: Any) -> Iterator[str]:
@@ -92,10 +162,11 @@ def test_the_results_begin_with_all_that_falls_short() -> None:
 
 def test_a_bar_without_a_verdict_is_refused() -> None:
     with pytest.raises(ValidationError, match="a bar needs a verdict"):
-        Row(claim="hands found", figure=0.9, bar=0.99)
+        Row(claim="hands found", figure=0.9, bar=0.99, **PLACE)  # type: ignore[arg-type]
 
 
 def test_a_row_fills_only_the_columns_that_it_has() -> None:
-    head, cells = columns([Row(claim="a", figure=0.5, interval=(0.4, 0.6)), Row(claim="b|c", figure="2 mm")])
-    assert head == ["claim", "figure", "interval"]
-    assert cells == [["a", "0.5", "0.4 to 0.6"], ["b\\|c", "2 mm", ""]]
+    other = {**PLACE, "interval": "unknown"}
+    head, cells = columns([Row(claim="a", figure=0.5, **PLACE), Row(claim="b|c", figure="2 mm", **other)])  # type: ignore[arg-type]
+    assert head == ["claim", "figure", "interval", "n", "command", "commit", "release"]
+    assert [line[:3] for line in cells] == [["a", "0.5", "0.4 to 0.6"], ["b\\|c", "2 mm", "unknown"]]

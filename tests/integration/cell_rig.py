@@ -9,6 +9,7 @@ from pathlib import Path
 from bracket_cell.configuration import Configuration, load_configuration, load_product
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Outcome
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.product import Product
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.parts import ScenePart
@@ -28,9 +29,13 @@ UNWATCHED = BENCH.model_copy(update={"overhead": BENCH.overhead.model_copy(updat
 
 
 @contextmanager
-def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
-    """A cell without a person, with these parts in the tray, and fewer frames, as nobody is there to be watched."""
-    with closing(SimCell(PRODUCT, UNWATCHED, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
+def robot_alone(clutter: Sequence[ScenePart], seed: int, bench: Bench = UNWATCHED) -> Iterator[SimCell]:
+    """A cell without a person, with these parts in the tray, and fewer frames, as nobody is there to be watched.
+
+    Args:
+        bench: with all frames, where detectors are so slow that fewer would be too old.
+    """
+    with closing(SimCell(PRODUCT, bench, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
         yield cell
 
 

@@ -43,7 +43,6 @@ class AlwaysGrasp:
     """The trivial planner: whatever is required can be grasped as it stands (GraspPlanner)."""
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """The same for every part."""
         del parts, required
         return GraspPlan(1.0, (), False, "grasp")
 

@@ -160,9 +160,8 @@ def _write(recipe: Recipe, out: Path, scenes: Sequence[Scene], task: Task) -> di
 def differences(found: Answers, expected: Answers) -> Iterator[tuple[str, float]]:
     """How far two answers of a stage are apart in what is used of them.
 
-    Of boxes those of the surest regions, or of classes that are probable, each with the best match on the other side,
-    inside the image: a box far beyond it has a size that rounding alone changes by many pixels, and two paths of
-    arithmetic may rank equal scores differently.
+    Of boxes those of the surest regions, or of classes that are probable, each with its best match, inside the image:
+    rounding alone changes a box far beyond it by many pixels, and equal scores may be ranked differently.
     """
     shares = "shares" if "shares" in expected else "scores"
     for one, other in ((found, expected), (expected, found)):

@@ -7,6 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from bracket_cell.viewing.advice import ADVICE
 from bracket_cell.viewing.guidance import step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
@@ -26,7 +27,6 @@ STAYS_S = 0.6  # a sentence stands at least so long, unless an urgent one comes
 NEAR_S = 0.4  # a hand is near for so long before the person is asked to take it away
 LIKELY = 0.05  # goals below this are not told
 GIVES_WAY = {"WaitForHandClear", "WaitForHandClearOfPart", "WaitForHandClearOfSpot", "GiveWay"}
-NO_VIEW = ("camera_lost", "camera_unhealthy", "bench_not_seen", "bench_stale", "hand_unknown", "hand_cues_disagree")
 FINISHED = "the bracket is assembled"
 Fate = Literal["placed", "robot", "you", "open"]
 
@@ -81,6 +81,7 @@ class Instructor:
         self._running: dict[int, str] = {}
         self._seen: Observation | None = None
         self._judgement = Judgement()
+        self._since_s: dict[str, float] = {}  # by signal that is there
         self._display = Display()
         self._asks = False
         self._ended: Outcome | None = None
@@ -102,6 +103,7 @@ class Instructor:
         """One more tick."""
         self._seen = seen = record.observation
         self._judgement = record.judgement or Judgement()
+        self._since_s = {name: self._since_s.get(name, seen.time_s) for name, _ in self._judgement.reasons}
         if seen.acknowledged or not self._judgement.reasons:
             self._asks = False
         self._display = record.command.display or self._display
@@ -129,6 +131,18 @@ class Instructor:
     def end(self, outcome: Outcome) -> None:
         """The run is over."""
         self._ended = outcome
+
+    @property
+    def cause(self) -> tuple[str, str] | None:
+        """The signal that was there first of those that hold the arm, with its words; where none holds it, the gravest.
+
+        Others follow from it: a flood of alarms of one cause is one alarm (ISA-18.2).
+        """
+        reasons = [reason for reason in self._judgement.reasons if reason[0] not in USUAL]
+        holding = [reason for reason in reasons if reason[0] in self._judgement.held_by]
+        return min(
+            holding, key=lambda reason: self._since_s.get(reason[0], math.inf), default=next(iter(reasons), None)
+        )
 
     @property
     def asks(self) -> bool:
@@ -210,6 +224,8 @@ class Instructor:
 
     def _fresh(self) -> Instruction:
         if self._ended is not None:
+            if (cause := self.cause) is not None and self._judgement.action is Action.STOP:
+                return Instruction("over", Message("The run is over. {do}", do=Message(ADVICE[cause[0]])))
             return Instruction("over", Message("The run is over: {why}", why=self._ended.reason))
         if self._seen is None:
             return self._told
@@ -218,19 +234,19 @@ class Instructor:
     def _trouble(self) -> Instruction | None:
         judged, seen = self._judgement, self._seen
         assert seen is not None
-        words = listed(list(dict.fromkeys(what for signal, what in judged.reasons if signal not in USUAL)))
-        if self._asks and words:
-            return Instruction("alarm", Message("Look: {what}. If all is well, press Acknowledge", what=words))
+        cause = self.cause
+        if self._asks and cause is not None:
+            do = Message(ADVICE[cause[0]])
+            return Instruction("alarm", Message("{do}. If all is well, press Acknowledge", do=do))
         if seen.operator.pause == "now":
             return Instruction("paused", "The robot stands still. Press Resume to go on")
-        signals = [signal for signal, _ in judged.reasons]
-        if signals == ["bench_stale"] and not self._display.goal_belief:  # the cameras begin
+        if [signal for signal, _ in judged.reasons] == [
+            "bench_stale"
+        ] and not self._display.goal_belief:  # the cameras begin
             return None
-        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,) or not words or seen.bench is None:
+        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,) or cause is None or seen.bench is None:
             return None
-        if judged.action is Action.HOLD and any(signal in NO_VIEW for signal in signals):
-            return Instruction("alarm", Message("Clear the view of the camera above: {what}", what=words))
-        return Instruction("alarm", Message("The robot stands still: {what}", what=words))
+        return Instruction("alarm", Message(ADVICE[cause[0]]))
 
     def _asked(self) -> Instruction | None:
         questions = self._display.questions

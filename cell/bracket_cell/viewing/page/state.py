@@ -16,7 +16,7 @@ from bracket_cell.watching.observer import Level, Outcome, TickRecord
 from bracket_cell.watching.why_now import WhyNow
 from bracket_ground.files.words.message import data_of
 from bracket_ground.interfaces.command import Display
-from bracket_ground.interfaces.faults import ACKNOWLEDGE, USUAL
+from bracket_ground.interfaces.faults import ACKNOWLEDGE
 from bracket_ground.interfaces.operator import Question
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from btxml.engine.tree import Tree
@@ -121,8 +121,7 @@ class PageState:
     def now(self, record: TickRecord) -> dict[str, Any]:
         """Everything that changes, as it is after this tick."""
         seen, judged, told = record.observation, record.judgement, self.instructor.now()
-        reasons = [] if judged is None else [(name, data_of(what)) for name, what in judged.reasons]
-        alarms = [list(reason) for reason in reasons if reason[0] not in USUAL]
+        alarms = [] if (cause := self.instructor.cause) is None else [[cause[0], data_of(cause[1])]]
         if self.instructor.asks:
             alarms.append(["acknowledge", ACKNOWLEDGE])
         following = self.instructor.next

@@ -20,7 +20,11 @@ SAYS = {
     "brings": ("Wait: I put the globe valve into p4", ("p4",), ()),
     "waits": ("Take your hand away from p4: I wait with the globe valve", ("p4",), ()),
     "question": ("Say which one you build: bracket B, bracket A or a new one?", (), ()),
-    "alarm": ("Look: a joint is 0.030 rad off its path. If all is well, press Acknowledge", (), ()),
+    "alarm": (
+        "Take your hands off the arm. If all is well, press Acknowledge",
+        (),
+        (),
+    ),
     "finished": ("Take the bracket out: it is finished", (), ()),
 }
 

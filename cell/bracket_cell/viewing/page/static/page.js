@@ -231,7 +231,7 @@ function watchNews() {
     silent = now;
     document.body.classList.toggle("silent", silent);
     for (const id of ["front", "work", "engineer", "buttons", "speed"]) $(id).inert = silent;
-    $("words").dataset.told = front = "";
+    $("words").dataset.told = $("said").textContent = front = "";
     if (!silent) show(last);
     showButtons();
   }
@@ -239,7 +239,6 @@ function watchNews() {
   $("do").dataset.moment = "alarm";
   $("sign").textContent = SIGNS.alarm;
   $("words").textContent = t("No news for {silent_s} s. Use the stop button at the cell.", { silent_s: Math.floor(quiet / 1000) });
-  $("said").textContent = "";
   fit();
   if (Date.now() - opened > ANEW_MS) follow();
 }
@@ -267,7 +266,7 @@ function showFront(state) {
   if (now === front) return; // a button that is being pressed stays the same
   front = now;
   const blocks = state.ended ? [make("div", { class: "alarm" }, t("The run has ended: {how}", { how: state.ended }))] : [];
-  const told = ["alarm", "waits"].includes(state.instruction.moment); // the sentence says it already
+  const told = state.instruction.moment === "waits"; // the sentence says it already
   for (const [signal, words] of told ? [] : state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
   if (notice) blocks.push(make("div", { class: "notice" }, t(notice[2])));
   for (const question of state.questions) blocks.push(asked(question));

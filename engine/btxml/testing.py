@@ -86,7 +86,7 @@ class TreeBench:
         if problems := unused_entries({next(iter(self.tree.texts)): self.tree}):
             raise TreeFileError(*problems)
         self.tree.setup(services, self.clock)
-        self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
+        self._leaves = {node.uid: names_of(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
         for name in {**(answers or {}), **(writes or {})}:
             if name not in known:
@@ -147,13 +147,13 @@ class TreeBench:
         return type(tag, (StandIn,), {**properties, **attributes})
 
 
-def _names(node: TreeNode) -> tuple[str, ...]:
+def names_of(node: TreeNode) -> tuple[str, ...]:
     """What a leaf may be called, the most exact first."""
     return node.full_path, _UID.sub("", node.full_path), node.name, type(node).__name__
 
 
 def _said_of(node: TreeNode, told: Mapping[str, T], otherwise: T) -> T:
-    return next((told[name] for name in _names(node) if name in told), otherwise)
+    return next((told[name] for name in names_of(node) if name in told), otherwise)
 
 
 def assert_ticks(bench: TreeBench, statuses: str, period_s: float = 0.04) -> None:

@@ -139,6 +139,26 @@ def query(
 
 
 @log_app.command()
+def rules(
+    log: LogArgument,
+    rules: Annotated[list[Path], typer.Option("--rules", help="File of rules (*.rules.yaml); may be repeated.")],
+    own: WithOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Judge logs by rules; list each violation with tick and reason. Status 1 where there are any."""
+    from bracket_cell.log.report.rules import judge, rule_lines
+
+    files, beside = own_files(own)
+    judged = [judge(one, rules, (*files, *always_loaded()), beside) for one in log]
+    if as_json:
+        for one in judged:
+            tell_json(one.plain())
+    else:
+        say(*rule_lines(judged))
+    return int(any(one.violations for one in judged))
+
+
+@log_app.command()
 def nodes(
     log: LogArgument,
     from_s: FromOption = 0.0,

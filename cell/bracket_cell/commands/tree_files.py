@@ -22,11 +22,13 @@ from bracket_cell.commands.options import (
     registry_of,
 )
 from bracket_cell.commands.terminal import BAD_INPUT, print_json
-from bracket_cell.trees.loading import input_problem
+from bracket_cell.trees.loading import input_problem, load_tree
 from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.rules import check_rules, rules_beside
 from bracket_ground.errors import InputError, Problem
 from bracket_ground.files.files import write_new
 from btxml.files.check import Circumstances, findings
+from btxml.files.compile.registry import Registry
 from btxml.files.parse.version3 import Converted
 from btxml.files.parse.version3 import convert as to_version4
 from btxml.files.parse.xml_file import read_xml
@@ -51,6 +53,9 @@ def check(
     known = Circumstances(beside, entries_of(entries), stubs)
     levels = findings(files, registry_of(config, nodes), known)
     problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
+    if not problems:
+        broken, odd = _of_rules(files, registry_of(config, nodes), known)
+        problems, warnings = broken, [*warnings, *odd]
     if config is not None:
         stuck, odd = bench_of(config)
         problems, warnings = [*problems, *stuck], [*warnings, *odd]
@@ -73,6 +78,17 @@ def check(
     found = f"{len(warnings)} doubtful" if doubtful else "nothing wrong"
     sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: {found}{unchecked}\n")
     return int(doubtful)
+
+
+def _of_rules(files: list[Path], registry: Registry, known: Circumstances) -> tuple[list[Problem], list[Problem]]:
+    """Of the files of rules beside sound tree files: mistakes, and rules that can never be broken or kept."""
+    problems, doubts = list[Problem](), list[Problem]()
+    for file in files:
+        if (rules := rules_beside(file)) is not None:
+            tree = load_tree(file, registry, None, known.provided, known.beside)
+            broken, odd = check_rules(rules, tree)
+            problems, doubts = [*problems, *broken], [*doubts, *odd]
+    return problems, doubts
 
 
 def _problem_data(problem: Problem) -> dict[str, object]:

@@ -182,6 +182,16 @@ def logged_bench(log: Log) -> Bench:
     return _read(log, CONFIGURATION, Configuration).bench
 
 
+def logged_motion(log: Log) -> MotionSettings:
+    """How the arm was moved, and its tool.
+
+    Raises:
+        LogError: the log holds no configuration.
+        InputError: this version cannot read it.
+    """
+    return _read(log, CONFIGURATION, Configuration).motion
+
+
 def logged_product(log: Log) -> Product:
     """The product that was assembled.
 

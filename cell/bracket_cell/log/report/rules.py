@@ -1,0 +1,96 @@
+"""Rules over logs: which were broken, in which tick and why (`cell log rules`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bracket_cell.log.read.reader import Log, LoggedTick, read_log
+from bracket_cell.log.replay.loading import Changes
+from bracket_cell.log.replay.logged_tree import logged_motion, logged_tree
+from bracket_cell.log.replay.replay import Replay, Step
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.trees.rules import Situation, watch_of
+from btxml.rules import Nodes, Violation, nodes_of
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What became of the rules in one log.
+
+    Attributes:
+        unknown: rules that were neither kept nor broken in any tick: what they name is not there.
+        lacks: what is missing from the log, in words; else empty.
+    """
+
+    log: Path
+    ticks: int
+    violations: tuple[Violation, ...]
+    unknown: tuple[str, ...]
+    lacks: str = ""
+
+    def plain(self) -> dict[str, object]:
+        """For programs."""
+        found = [{"rule": v.rule, "tick": v.tick, "time_s": v.time_s, "reason": v.reason} for v in self.violations]
+        told = {"log": str(self.log), "ticks": self.ticks, "violations": found, "unknown": list(self.unknown)}
+        return {**told, "lacks": self.lacks}
+
+
+def judge(path: Path, rules: Sequence[Path], nodes: Sequence[str] = (), beside: Sequence[Path] = ()) -> Judged:
+    """Judge a log by the rules of some files; where they name entries, the log is replayed to know them.
+
+    Raises:
+        InputError, LogError: a file or the log cannot be used.
+    """
+    watch, log = watch_of(rules), read_log(path)
+    known, kinematics = nodes_of(logged_tree(log, nodes)), Kinematics(logged_motion(log))
+    violations: list[Violation] = []
+    count = 0
+
+    def take(tick: LoggedTick, entries: Mapping[str, Any]) -> None:
+        nonlocal count
+        count += 1
+        known.follow(tick.changes)
+        violations.extend(watch.step(tick.number, _situation(tick, entries, known, kinematics)))
+
+    lacks = [log.unfinished] if log.unfinished else []
+    if watch.names_entries:
+        lacks += _replayed(log, Changes(nodes=tuple(nodes), beside=tuple(beside)), lambda step: take(*step))
+    else:
+        for tick in log.ticks:
+            take(tick, {})
+    return Judged(path, count, tuple(violations), tuple(watch.unknown), "; ".join(lacks))
+
+
+def _replayed(log: Log, changes: Changes, take: Any) -> list[str]:
+    """Replay a log for its entries; what of it does not go as it was, in words."""
+    found: list[str] = []
+
+    def step(one: Step) -> None:
+        if one.differences and not found:
+            found.append(f"from {one.logged.time_s:.2f} s on the replay differs: its entries are not those of the run")
+        take((one.logged, one.blackboard))
+
+    Replay(log, changes).run(watch=step)
+    return found
+
+
+def _situation(tick: LoggedTick, entries: Mapping[str, Any], nodes: Nodes, kinematics: Kinematics) -> Situation:
+    return Situation(tick.time_s, tick.observation, tick.command, entries, nodes, kinematics)
+
+
+def rule_lines(judged: Sequence[Judged]) -> list[str]:
+    """For people: each violation with its log, then in how many logs each rule was broken."""
+    lines = [f"{one.log}: {violation}" for one in judged for violation in one.violations]
+    lines += [f"{one.log}: {one.lacks}" for one in judged if one.lacks]
+    broken = {name: {one.log for one in judged for v in one.violations if v.rule == name} for name in _names(judged)}
+    lines += [f"{name}: broken in {len(logs)} of {len(judged)} logs" for name, logs in broken.items()]
+    unknown = sorted({name for one in judged for name in one.unknown})
+    lines += [f"{name}: unknown in {sum(name in one.unknown for one in judged)} logs" for name in unknown]
+    return lines or [f"{len(judged)} logs: every rule was kept"]
+
+
+def _names(judged: Sequence[Judged]) -> list[str]:
+    return sorted({violation.rule for one in judged for violation in one.violations})

@@ -17,7 +17,7 @@ from bracket_ground.interfaces.devices import Arm, Camera, Gripper, Panel
 from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 
-GUIDES = {"product.md": 2, "bench.md": 1}  # how often each runs the cell
+GUIDES = {"product.md": 1, "bench.md": 1}  # how often each runs the cell
 
 
 def quick_steps(page: str) -> list[Step]:

@@ -130,11 +130,12 @@ def _shape_entity(stamp_ns: int, shape: Shape) -> messages.SceneEntity:
 
 
 def _in_hole(stamp_ns: int, product: Product, part: str, position: str, alpha: float) -> messages.SceneEntity:
-    x, y = product.bracket.holes_m[position]
     kind = product.parts[part]
     colour = (*kind.colour_rgb, alpha)
     name = f"{part} at {position}"
-    return _body(stamp_ns, name, BRACKET, Pose((x, y, 0.0)), kind.size_m, colour, part if alpha < 1.0 else name)
+    return _body(
+        stamp_ns, name, BRACKET, Pose(product.slot_m(position)), kind.size_m, colour, part if alpha < 1.0 else name
+    )
 
 
 def _body(

@@ -33,6 +33,9 @@ def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
             if all(goal in limits for goal in some)
         },
         "accepts": {_of(name, slot): types for name in names for slot, types in file.get("accepts", {}).items()},
+        "carried_by": {
+            _of(name, slot): _of(name, low) for name in names for slot, low in file.get("carried_by", {}).items()
+        },
         "before": [[_of(name, step) for step in pair] for name in names for pair in file.get("before", ())],
         "fastenings": {
             _of(name, step): {**one, "at": [_of(name, slot) for slot in one["at"]]}

@@ -123,8 +123,10 @@ class AssemblyPlan:
             part: tuple(at for at in to if self.next_belief.get((part, at), 0.0) >= least)
             for part, to in self.guidance.items()
         }
+        wanted = {part for (part, _), share in self.next_belief.items() if share > 1.0 - least}
         undecided = sorted(at for part, to in self.guidance.items() for at in to if at not in sure[part])
-        return {part: to for part, to in sure.items() if to or not self.guidance[part]}, tuple(undecided)
+        done = {part for part, to in self.guidance.items() if not to and part not in wanted}
+        return {part: to for part, to in sure.items() if to or part in done}, tuple(undecided)
 
     def with_told(self, told: Mapping[str, str]) -> AssemblyPlan:
         """The plan where a person said what goes into some open positions.

@@ -129,6 +129,8 @@ class Product(Model):
         accepts: by slot, the part types that fit into it; without an entry all do.
         fastenings: steps that fasten what is placed, by name.
         before: pairs of steps of which the first comes before the second: slots, and names of fastenings.
+        carried_by: by slot of a second layer, the slot whose part carries it. Its place (x, y) is among
+            `bracket.holes_m`, its height is that of the part.
         brackets: by name, where copies of the bracket stand (x, y), in its frame. Each is built as any goal, whatever
             the others are: slots are named like left_p1, goals like g0+g2.
     """
@@ -142,6 +144,7 @@ class Product(Model):
     accepts: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
     fastenings: dict[str, Fastening] = {}  # noqa: RUF012
     before: tuple[tuple[str, str], ...] = ()
+    carried_by: dict[str, str] = {}  # noqa: RUF012
     brackets: dict[str, tuple[Coordinate, Coordinate]] = {}  # noqa: RUF012 - gone after loading, see with_brackets
 
     @cached_property
@@ -189,6 +192,26 @@ class Product(Model):
         named = zip(self.positions, parts, strict=False)
         return self.goal_of({slot: part for slot, part in named if part != EMPTY})
 
+    def slot_m(self, slot: str) -> tuple[float, float, float]:
+        """Where a part stands in a slot, in the bracket's frame."""
+        return *self.bracket.holes_m[slot], self.height_m(slot)
+
+    def height_m(self, slot: str) -> float:
+        """Of a slot above the plate."""
+        below = self.carried_by.get(slot)
+        if below is None:
+            return 0.0
+        return self.height_m(below) + max(self.parts[part].size_m[2] for part in self.types_at(below))
+
+    def types_at(self, slot: str) -> frozenset[str]:
+        """Part types that some goal puts into a slot."""
+        return frozenset(part for goal in self.goals for part in self._accepted[goal].get(slot, ()))
+
+    @property
+    def through(self) -> dict[str, tuple[float, float]]:
+        """Centres (x, y) of the holes in the plate, by slot; slots on parts have none."""
+        return {slot: at for slot, at in self.bracket.holes_m.items() if slot not in self.carried_by}
+
     @cached_property
     def varies(self) -> bool:
         """Whether goals differ in more than the arrangement of the same parts over all slots."""
@@ -215,6 +238,8 @@ class Product(Model):
         found: dict[str, set[str]] = {step: set() for step in (*self.positions, *self.fastenings)}
         for first, then in self.before:
             found[then].add(first)
+        for slot, below in self.carried_by.items():
+            found[slot].add(below)
         for name, fastening in self.fastenings.items():
             found[name] |= set(fastening.at)
         return {step: frozenset(steps) for step, steps in found.items()}
@@ -331,7 +356,8 @@ class Product(Model):
             for name in self.fastenings
             if name in self.positions
         ]
-        named = [(("accepts", slot), slot) for slot in self.accepts]
+        named: list[tuple[Location, str]] = [(("accepts", slot), slot) for slot in self.accepts]
+        named += [(("carried_by", slot), one) for slot, below in self.carried_by.items() for one in (slot, below)]
         named += [(("fastenings", name, "at"), slot) for name, one in self.fastenings.items() for slot in one.at]
         slots, listed = ", ".join(self.positions), ", ".join(sorted(steps))
         problems += [(at, f"no slot {slot}; slots: {slots}") for at, slot in named if slot not in self.positions]
@@ -342,4 +368,20 @@ class Product(Model):
                 in_order(sorted(steps), self.predecessors)
             except ValueError as error:
                 problems.append((("before",), f"no step can be the first of these: {error}"))
-        return problems
+        return problems or [
+            (("carried_by", slot), what) for slot in self.carried_by if (what := self._unsupported(slot))
+        ]
+
+    def _unsupported(self, slot: str) -> str:
+        """Why the parts below a slot cannot carry it; empty where they can."""
+        below = self.carried_by[slot]
+        heights = sorted({self.parts[part].size_m[2] for part in self.types_at(below)})
+        if bare := [goal for goal in self.goals if slot in self._accepted[goal] and below not in self._accepted[goal]]:
+            return f"goal {bare[0]} fills {slot}, but leaves {below} below it empty"
+        if len(heights) > 1:
+            return (
+                f"the parts at {below} end at {', '.join(f'{one:g}' for one in heights)} m: they must be equally high"
+            )
+        if both := sorted(self.types_at(slot) & self.types_at(below)):
+            return f"{both[0]} may stand at {slot} and at {below}: the camera above could not tell which it is"
+        return ""

@@ -179,7 +179,13 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
     _check_bracket(product, bench, product.hole_radius_m)
     for positions in product.bracket.plates or (product.positions,):
-        _add_plate(bracket, product, [product.bracket.holes_m[one] for one in positions], pose.position_m[2], rgb)
+        _add_plate(
+            bracket,
+            product,
+            [product.through[one] for one in positions if one in product.through],
+            pose.position_m[2],
+            rgb,
+        )
     for geom in bracket.geoms:
         geom.solref = PLATE_TOUCH
 
@@ -233,7 +239,7 @@ def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
             f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m"
         )
         raise SettingError((("bench", "bracket", "position_m"), what))
-    holes = list(product.bracket.holes_m.items())
+    holes = list(product.through.items())
     for i, (name, (x, y)) in enumerate(holes):
         for other, (x2, y2) in holes[i + 1 :]:
             if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:

@@ -134,9 +134,15 @@ class GroundTruthPerception:
     def _holes_seen(self, exposure: Exposure) -> Mapping[str, HoleView]:
         world = self._world
         eye = np.array(exposure.world_from_camera.position_m)
-        for name, xy in world.product.bracket.holes_m.items():
-            hole = world.bench.bracket.pose.transform(np.array([*xy, 0.0]))
-            near = (one for one in world.parts if _in_hole(world.data.body(one).xpos - hole))
+        slots = {name: np.array(world.product.slot_m(name)) for name in world.product.positions}
+        holes = {name: world.bench.bracket.pose.transform(slot) for name, slot in slots.items()}
+        for name, hole in holes.items():
+            near = (
+                one
+                for one in world.parts
+                if _in_hole(world.data.body(one).xpos - hole)
+                and min(holes, key=lambda at: np.linalg.norm(world.data.body(one).xpos - holes[at])) == name
+            )
             part = next(near, None)
             top_m = 0.0 if part is None else world.product.parts[world.parts[part]].size_m[2]
             if self._visible(eye, hole + np.array([0.0, 0.0, top_m + ABOVE_M]), part or "bracket"):

@@ -48,7 +48,7 @@ class Score:
         self._world, self._job = world, job
         bracket = world.bench.bracket.pose
         self._holes = {
-            name: bracket.transform(np.array([*xy, 0.0])) for name, xy in world.product.bracket.holes_m.items()
+            name: bracket.transform(np.array(world.product.slot_m(name))) for name in world.product.positions
         }
         names = [world.model.body(index).name for index in range(world.model.nbody)]
         self._robot = np.array([name.startswith("finger_") for name in names])
@@ -88,7 +88,7 @@ class Score:
         found = {}
         for position, hole in self._holes.items():
             for part in self._world.bodies:
-                if self._near(part, hole):
+                if self._near(part, hole) and self._nearest(part) == position:
                     found[position] = Placement(part.part, self._seated(part, hole), self._touched.get(part.name))
                     break
         return found
@@ -109,6 +109,10 @@ class Score:
             "robot_placements": sum(one.by == "robot" for one in found.values()),
             "human_placements": sum(one.by == "human" for one in found.values()),
         }
+
+    def _nearest(self, part: WorldPart) -> str:
+        place = self._world.data.xpos[part.body]
+        return min(self._holes, key=lambda name: float(np.linalg.norm(place - self._holes[name])))
 
     def _near(self, part: WorldPart, hole: Array) -> bool:
         x, y, z = self._world.data.xpos[part.body] - hole

@@ -67,7 +67,7 @@ class BracketWork:
         return next(iter(self._product.unfastened(self.wanted, self._done())), None)
 
     def _done(self) -> set[str]:
-        if not self._product.before and not self._product.fastenings:
+        if not any(self._product.predecessors.values()):
             return set()  # nothing asks for it
         return {*(position for position in self._order if self.placing.right(position)), *self.fastened}
 

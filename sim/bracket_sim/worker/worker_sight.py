@@ -71,7 +71,7 @@ class Sight:
         self._bodies = {name: (int(model.body(name).id), part) for name, part in world.parts.items()}
         bracket = bench.bracket.pose
         self.holes_m = {
-            position: bracket.transform(np.array([*xy, 0.0])) for position, xy in product.bracket.holes_m.items()
+            position: bracket.transform(np.array(product.slot_m(position))) for position in product.positions
         }
         joints = [name for index in range(model.njnt) for name in [model.joint(index).name] if _is_arm(name)]
         self._arm_qpos = [int(model.joint(name).qposadr[0]) for name in joints]
@@ -92,9 +92,15 @@ class Sight:
         for body in self._bodies:
             seen = self.part(body)
             offset = np.array(seen.pose.position_m) - hole
-            if math.hypot(offset[0], offset[1]) < NEAR_HOLE_M and abs(offset[2]) < NEAR_HOLE_HEIGHT_M:
+            near = math.hypot(offset[0], offset[1]) < NEAR_HOLE_M and abs(offset[2]) < NEAR_HOLE_HEIGHT_M
+            if near and self._is_nearest(position, np.array(seen.pose.position_m)):
                 return seen
         return None
+
+    def _is_nearest(self, position: str, at_m: Array) -> bool:
+        """Whether no other slot of the same stack is nearer to a place."""
+        away_m = float(np.linalg.norm(at_m - self.holes_m[position]))
+        return all(float(np.linalg.norm(at_m - other)) >= away_m for other in self.holes_m.values())
 
     @property
     def tops_m(self) -> Array:

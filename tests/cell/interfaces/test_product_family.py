@@ -96,9 +96,21 @@ def test_two_brackets_are_built_as_any_goals() -> None:
     assert some.parts["o1"].quantity == 6
 
 
+def test_a_slot_on_a_part_is_as_high_as_the_part_and_comes_after_it() -> None:
+    goals = {"a": ["o3", "o1", "o2", "o1", "o1", "o1"], "b": ["o3", "o2", "o1", "o1", "o1", EMPTY]}
+    some = family(goals=goals, goal_titles={}, carried_by={"p2": "p1"})
+    assert some.slot_m("p2") == (*BASE["bracket"]["holes_m"]["p2"], BASE["parts"]["o3"]["size_m"][2])
+    assert some.slot_m("p1")[2] == 0.0
+    assert some.missing_before("p2", ()) == ["p1"]
+    assert "p2" not in some.through
+
+
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
+        ({"carried_by": {"p1": "p6"}}, "they must be equally high"),
+        ({"carried_by": {"p9": "p1"}}, "no slot p9; slots: p1"),
+        ({"carried_by": {"p1": "p2", "p2": "p1"}}, "no step can be the first of these"),
         ({"before": [["p1", "p2"], ["p2", "p1"]]}, "no step can be the first of these"),
         ({"before": [["p1", "p9"]]}, "no step p9; steps: p1"),
         ({"accepts": {"p1": ["o2"]}}, "goal g0 puts o1 into p1, which accepts o2"),

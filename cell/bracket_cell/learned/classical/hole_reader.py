@@ -78,6 +78,7 @@ class ClassicalHoleReader:
         self._tops_m2 = top_areas_m2(list(product.parts.values()))
         self._window = self._plate_window(bracket.transform(_plate_corners(product)))
         self._masks = {position: self._hole_masks(position) for position in product.positions}
+        self._legal = {position: _labels_in_stack(product, position) for position in product.positions}
         self._judged: dict[str, tuple[_Blob, Reading | None]] = {}
         self._candidates: dict[str, tuple[Reading, int]] = {}
         self._views: dict[str, HoleView] = {}
@@ -92,12 +93,20 @@ class ClassicalHoleReader:
         blobs, pieces = self._blobs(crop)
         for position in self._product.positions:
             blob = self._blob_at(position, blobs)
-            if blob is None:
+            if blob is None and (below := self._product.carried_by.get(position)) is not None:
+                carrying = self._blob_at(below, blobs)
+                clear = carrying is not None and not self._touched(carrying, labels)
+                reading = Reading(None, confidence=1.0) if clear else self._empty(below, crop, grey)
+            elif blob is None:
                 reading = self._empty(position, crop, grey)
             else:
                 reading = self._standing(position, blob, labels, pieces[blob.label])
             self._settle(position, reading, frame.time_s)
         return {position: self._views[position] for position in self._product.positions if position in self._views}
+
+    def _foot_m(self, position: str) -> float:
+        """Height of the bottom of a part that stands in a slot."""
+        return self._plate_m + self._product.height_m(position)
 
     def _plate_window(self, corners_m: Array) -> tuple[int, int, int, int]:
         """The part of the image where plate and standing parts can be seen."""
@@ -138,8 +147,9 @@ class ClassicalHoleReader:
         """The blob whose body would stand nearest to a hole, if near enough."""
         best: tuple[float, _Blob] | None = None
         parts = list(self._product.parts.values())
-        for blob in blobs:
-            middle_m = self._plate_m + parts[blob.label - 1].size_m[2] / 2
+        legal = self._legal[position]
+        for blob in (one for one in blobs if legal is None or one.label in legal):
+            middle_m = self._foot_m(position) + parts[blob.label - 1].size_m[2] / 2
             place = self._view.on_plane(np.array([blob.centroid_px]), middle_m)[0]
             distance_m = float(np.linalg.norm(place - self._holes_m[position]))
             if distance_m < BELONGS_M and (best is None or distance_m < best[0]):
@@ -182,7 +192,7 @@ class ClassicalHoleReader:
         own = np.zeros(labels.shape, np.uint8)
         own[top:bottom, left:right] = pieces == blob.index
         hidden = ((labels != BACKGROUND) & (labels != blob.label)).astype(np.uint8)
-        fitter = ShapeFitter(self._view, self._product.parts[name], self._plate_m)
+        fitter = ShapeFitter(self._view, self._product.parts[name], self._foot_m(position))
         fit = fitter.refine([self._seed(position, own, name)], own, hidden)[0]
         if fit.support < LEAST_SUPPORT:
             return None
@@ -192,7 +202,7 @@ class ClassicalHoleReader:
     def _seed(self, position: str, own: Labels, name: str) -> ShapeFit:
         """The part in the middle of its hole, turned as its blob lies in the image."""
         rows, columns = np.nonzero(own)
-        height_m = self._plate_m + self._product.parts[name].size_m[2]
+        height_m = self._foot_m(position) + self._product.parts[name].size_m[2]
         places = self._view.on_plane(np.column_stack([columns, rows]), height_m)
         spread = np.cov(places.T)
         axis = np.linalg.eigh(spread)[1][:, 1]
@@ -214,6 +224,13 @@ class ClassicalHoleReader:
 def _alike(known: _Blob, blob: _Blob) -> bool:
     moved = math.dist(known.centroid_px, blob.centroid_px)
     return known.label == blob.label and moved < SAME_PX and abs(known.area - blob.area) < SAME_AREA * known.area
+
+
+def _labels_in_stack(product: Product, position: str) -> frozenset[int] | None:
+    """Colour labels of the parts that may stand in a slot which carries another one or is carried; None for all."""
+    if position not in product.carried_by and position not in product.carried_by.values():
+        return None
+    return frozenset(number for number, part in enumerate(product.parts, 1) if part in product.types_at(position))
 
 
 def _plate_corners(product: Product) -> Array:

@@ -128,8 +128,7 @@ def held_boxes(part: str, kind: PartType, settings: MotionSettings, hold: Hold, 
 
 def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
     """World pose of a part that sits in a hole: its length across the row of holes."""
-    x, y = product.bracket.holes_m[position]
-    return bench.bracket.pose @ Pose((x, y, 0.0))
+    return bench.bracket.pose @ Pose(product.slot_m(position))
 
 
 def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings, hold: Hold) -> tuple[Pose, Pose]:

@@ -102,8 +102,7 @@ def frame_pose(services: Services, frame: str) -> Pose:
     if frame == TOOL:
         return tool_pose(services)
     if frame in product.bracket.holes_m:
-        x, y = product.bracket.holes_m[frame]
-        return bench.bracket.pose @ Pose((x, y, 0.0))
+        return bench.bracket.pose @ Pose(product.slot_m(frame))
     raise NodeError(f"the cell has no frame '{frame}'; one of {', '.join((*FRAMES, *product.positions))}")
 
 

@@ -4,97 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Literal
 
-from pydantic import model_validator
-
-from bracket_ground.files.model import Model
+from bracket_lab.evaluations.figures import FIGURES, Row, Table, topics
 from bracket_lab.evaluations.paper import paper
 from bracket_lab.experiments.experiments import markdown
-from tests import ROOT
 
-FIGURES, PAGES = ROOT / "docs" / "figures", "docs/research"
+PAGES = "docs/research"
 RESULTS = "results"  # its page begins with all that falls short, from every file
-Number = int | float | str
 HEAD = "`make pictures` writes this page from [{name}.json](../figures/{name}.json); edit that file, not the page."
-
-
-class Row(Model):
-    """One figure.
-
-    Attributes:
-        claim: the measured quantity, with its unit.
-        interval, n: of 95 %, from and to, unknown where nobody estimated it; how many were counted.
-        trivial: what an answer without looking gets.
-        paper: the paper's figure under the same conditions, as TABLE/ROW/COLUMN of its file.
-        met: whether the measured value meets the bar.
-        command, commit, release: what measured it, and where.
-        note: what a reader must know to compare it.
-    """
-
-    claim: str
-    figure: Number
-    interval: tuple[float, float] | Literal["unknown"]
-    n: int | str
-    trivial: Number | None = None
-    bar: Number | None = None
-    paper: str | None = None
-    met: bool | None = None
-    command: str
-    commit: str
-    release: str
-    note: str | None = None
-
-    @model_validator(mode="after")
-    def _bar_and_verdict(self) -> Row:
-        if (self.bar is None) != (self.met is None):
-            raise ValueError(f"{self.claim}: a bar needs a verdict, and a verdict a bar")
-        return self
-
-
-class Table(Model):
-    """Figures that belong together: as rows, or as a table with columns of its own (`head`, `cells`).
-
-    Attributes:
-        command, commit, release: of the cells.
-    """
-
-    title: str
-    about: str = ""
-    command: str | None = None
-    commit: str | None = None
-    release: str | None = None
-    rows: tuple[Row, ...] = ()
-    head: tuple[str, ...] = ()
-    cells: tuple[tuple[str, ...], ...] = ()
-
-    def printed(self, row: Row) -> Row:
-        """A row with the paper's own figure in the place of where it is printed.
-
-        Raises:
-            InputError: the paper has none there, or counted it under other conditions than this row.
-        """
-        if row.paper is None:
-            return row
-        return row.model_copy(update={"paper": paper().printed(row.paper, f"{self.title}: {row.claim}")})
-
-    def shown(self, line: tuple[str, ...]) -> list[str]:
-        """Cells of a line: `=TABLE/ROW/COLUMN` is the paper's own figure, `@...` a figure of another table."""
-        beside = " ".join((self.title, *self.head, *(cell for cell in line if not cell.startswith(("=", "@")))))
-        return [paper().printed(cell[1:], beside) if cell.startswith("=") else _looked_up(cell) for cell in line]
-
-
-class Topic(Model):
-    """A file of figures."""
-
-    title: str
-    about: str = ""
-    tables: tuple[Table, ...]
-
-
-def topics() -> dict[str, Topic]:
-    """All files of figures, by name."""
-    return {path.stem: Topic.model_validate_json(path.read_text()) for path in sorted(FIGURES.glob("*.json"))}
 
 
 def made() -> dict[str, Callable[[], str]]:
@@ -113,9 +30,15 @@ def page(name: str) -> str:
             parts.append(f"## {table.title}")
         parts += [table.about, f"`{table.command}`" if table.command else ""]
         parts += [f"Measured at {table.commit}, release {table.release}."] if table.commit else []
-        parts += [markdown(table.head, [table.shown(line) for line in table.cells])] if table.head else []
+        parts += [markdown(table.head, [shown(table, line) for line in table.cells])] if table.head else []
         parts += [markdown(*columns([table.printed(row) for row in table.rows]))] if table.rows else []
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def shown(table: Table, line: tuple[str, ...]) -> list[str]:
+    """Cells of a line: `=TABLE/ROW/COLUMN` is the paper's own figure, `@...` a figure of another table."""
+    beside = " ".join((table.title, *table.head, *(cell for cell in line if not cell.startswith(("=", "@")))))
+    return [paper().printed(cell[1:], beside) if cell.startswith("=") else _looked_up(cell) for cell in line]
 
 
 def _looked_up(cell: str) -> str:

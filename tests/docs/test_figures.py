@@ -12,9 +12,10 @@ import pytest
 from pydantic import ValidationError
 
 from bracket_ground.errors import InputError
+from bracket_lab.evaluations.figures import FIGURES, Row, Table, topics
 from tests import ROOT
 from tests.cell.commands.test_surface import command
-from tests.docs.figures import FIGURES, PAGES, RESULTS, Row, Table, columns, falls_short, page, topics
+from tests.docs.figures import PAGES, RESULTS, columns, falls_short, page, shown
 
 SHOWN_RELEASES = 6  # whose figures stand in the pages: the one in the making and those of the last days before it
 PLACE = {"interval": (0.4, 0.6), "n": 9, "command": "cell", "commit": "a", "release": "1"}
@@ -51,10 +52,10 @@ def version_of(text: str) -> str:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_figure_is_older_than_the_last_releases(name: str) -> None:
-    shown = releases()[:SHOWN_RELEASES]
+    latest = releases()[:SHOWN_RELEASES]
     for table in topics()[name].tables:
-        assert [row.claim for row in table.rows if row.release not in shown] == []
-        assert not table.cells or table.release in shown, table.title
+        assert [row.claim for row in table.rows if row.release not in latest] == []
+        assert not table.cells or table.release in latest, table.title
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -82,7 +83,7 @@ def test_a_figure_beside_the_papers_is_of_the_same_conditions() -> None:
         with pytest.raises(InputError, match=wrong.split("/")[0]):
             Table(title="Table 3").printed(row.model_copy(update={"paper": wrong}))
     with pytest.raises(InputError, match="does not say executed"):
-        Table(title="Table 3", head=("", "paper")).shown(("one image, 3 parts", "=Table 3/executed/3 parts"))
+        shown(Table(title="Table 3", head=("", "paper")), ("one image, 3 parts", "=Table 3/executed/3 parts"))
 
 
 def test_every_printed_figure_in_a_page_comes_from_the_file_of_the_paper() -> None:

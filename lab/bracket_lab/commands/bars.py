@@ -1,4 +1,4 @@
-"""`cell lab eval bars`: what every shipped network reaches today, beside what it is to reach."""
+"""`cell lab eval bars`: measures what the pages of figures show, beside what is to be reached."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ from bracket_cell.commands.terminal import BESIDE, console, print_json
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from bracket_cell.kinds import WEIGHTS
 from bracket_cell.learned.inference.onnx_model import digest_of
+from bracket_cell.packages import version
+from bracket_cell.recording.identity import code_version
 from bracket_ground.errors import InputError
 from bracket_ground.files.model import Model
 from bracket_ground.files.row_store import RowStore
 from bracket_ground.files.yaml_file import load_yaml, write_values
+from bracket_lab.evaluations.figures import Row, write_rows
 
 BARS = Path(__file__).parents[1] / "evaluations" / "bars.yaml"
 FIRST_SEED, LAST_SEED = 900_000, 1_000_000  # of the test split
@@ -35,8 +38,10 @@ class Figure(Model):
 
     Attributes:
         key: names on the way through the command's JSON.
-        least, most: the bar.
+        least, most: the bar; neither for what is only told.
         trivial: what an answer without looking gets.
+        paper: the paper's figure under the same conditions.
+        n: how many are counted, where the answer does not say it.
     """
 
     claim: str
@@ -44,11 +49,13 @@ class Figure(Model):
     least: float | None = None
     most: float | None = None
     trivial: float | None = None
+    paper: str | None = None
+    n: int | str | None = None
 
     @model_validator(mode="after")
     def _one_bar(self) -> Figure:
-        if (self.least is None) == (self.most is None):
-            raise ValueError(f"{self.claim}: must have either `least` or `most`")
+        if self.least is not None and self.most is not None:
+            raise ValueError(f"{self.claim}: must not have both `least` and `most`")
         return self
 
     def of(self, told: Any) -> dict[str, Any]:
@@ -65,20 +72,27 @@ class Figure(Model):
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{self.claim}: the answer holds no number `{self.key}`") from None
         low, high = (told.get(f"{last}_{end}", told.get(end) if last == "share" else None) for end in ("low", "high"))
-        met = value >= self.least if self.least is not None else self.most is not None and value <= self.most
-        bar = {"bar": self.least if self.least is not None else self.most, "met": met, "trivial": self.trivial}
-        return {"claim": self.claim, "figure": value, "interval": None if low is None else [low, high], **bar}
+        count = self.n or (told.get("n") if last == "share" else None)
+        bar = self.least if self.least is not None else self.most
+        met = None if bar is None else value >= bar if self.least is not None else value <= bar
+        beside = {"bar": bar, "met": met, "trivial": self.trivial, "paper": self.paper, "n": count}
+        return {"claim": self.claim, "figure": value, "interval": None if low is None else [low, high], **beside}
 
 
 class Measured(Model):
     """A command below `cell lab eval`, and its figures.
 
     Attributes:
+        page, table: of docs/figures, where its figures stand.
+        minutes: what it costs, on one core.
         seeds: on how many it runs; None for its own draw, by --seed.
         settings: of the configuration, by dotted names, where they are others than the shipped ones.
     """
 
     command: str
+    page: str
+    table: str
+    minutes: float = Field(gt=0)
     seeds: int | None = Field(default=None, ge=1)
     settings: Mapping[str, JsonValue] = Field(default_factory=dict)
     figures: tuple[Figure, ...]
@@ -104,20 +118,27 @@ def bars(
     out: Annotated[
         Path | None, Option("--out", "-o", help="File that keeps the answers; interrupted, the command goes on there.")
     ] = None,
+    write: Annotated[bool, Option("--write", help="Write the figures into docs/figures, each in its table.")] = False,
+    plan: Annotated[bool, Option("--plan", help="Only print what would be run, and what it costs.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Score all shipped networks on one fresh draw, beside their bars.
+    """Measure what the pages of figures show on one fresh draw, beside bars, trivial answers and the paper.
 
     A row for each figure; ends with status 1 where a bar is missed.
     """
     chosen = chosen_bars(only)
+    if plan:
+        console().print(_cost(chosen, first_seed))
+        return 0
     weights = {path.name: digest_of(path.read_bytes())[:16] for path in sorted(WEIGHTS.glob("*.onnx"))}
     store = RowStore(out, ["command"], {"first_seed": first_seed, "weights": weights})
     rows = list(measured(chosen, first_seed, store, ask))
+    if write:
+        _write(chosen, rows)
     console().print(_table(rows))
     if as_json:
         print_json({"first_seed": first_seed, "rows": rows})
-    return 0 if all(row["met"] for row in rows) else 1
+    return 1 if any(row["met"] is False for row in rows) else 0
 
 
 def chosen_bars(only: Sequence[str] | None = None, path: Path = BARS) -> list[Measured]:
@@ -176,12 +197,41 @@ def ask(words: list[str], settings: Mapping[str, JsonValue]) -> Any:
     return json.loads(lines[-1])
 
 
+def _write(chosen: Sequence[Measured], rows: Sequence[dict[str, Any]]) -> None:
+    """Rows into their tables, of this commit and release."""
+    commit, clean = code_version().values()
+    if clean != "true":
+        raise InputError("--write: the code has changes that no commit holds; commit them first")
+    rest = iter(rows)
+    for one in chosen:
+        seeds = f"{one.seeds} seeds"
+        found = [next(rest) for _ in one.figures]
+        told = ({**row, "interval": row["interval"] or "unknown", "n": row["n"] or seeds} for row in found)
+        write_rows(one.page, one.table, [Row(**row, commit=commit[:8], release=version()) for row in told])
+
+
+def _cost(chosen: Sequence[Measured], first_seed: int) -> Table:
+    drawn = Table(
+        "command", "page", "minutes of a core", title=f"{sum(one.minutes for one in chosen) / 60:.1f} h in all"
+    )
+    for one in chosen:
+        drawn.add_row(f"cell lab eval {' '.join(one.words(first_seed))}", one.page, f"{one.minutes:g}")
+    return drawn
+
+
 def _table(rows: Sequence[dict[str, Any]]) -> Table:
     drawn = Table("claim", "figure", "interval", "bar", "trivial", "")
     for row in rows:
         low_high = "" if row["interval"] is None else "{:.3g} - {:.3g}".format(*row["interval"])
         trivial = "" if row["trivial"] is None else f"{row['trivial']:.3g}"
         drawn.add_row(
-            row["claim"], f"{row['figure']:.4g}", low_high, f"{row['bar']:.4g}", trivial, "" if row["met"] else "missed"
+            *(
+                row["claim"],
+                f"{row['figure']:.4g}",
+                low_high,
+                "" if row["bar"] is None else f"{row['bar']:.4g}",
+                trivial,
+            ),
+            "missed" if row["met"] is False else "",
         )
     return drawn

@@ -29,10 +29,9 @@ from bracket_ground.interfaces.perception import Action
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.actions import Told, matched, share
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
+from bracket_lab.evaluations.paper import paper
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.settings import settings_of
-
-PAPER = {3: "AD .955, SG .938, SC .918"}  # Table 1, by the number of goals
 
 
 @dataclass
@@ -173,10 +172,16 @@ def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             "SC": share(sum(row["correct"] for row in of_count), len(of_count)),
             "contradictions": total["contradictions"],
             **_corrected(of_count),
-            **({"paper": PAPER[count]} if count in PAPER else {}),
+            **_printed(count),
             "not_finished": sum(row["end"] != "finished" for row in of_count),
         }
     return found
+
+
+def _printed(count: int) -> dict[str, Any]:
+    """The paper's figures for as many goals; nothing where it has none."""
+    found = paper().tables["Table 1"].rows.get(f"{count} goal{'s' * (count > 1)}")
+    return {} if found is None else {"paper": ", ".join(f"{name} {value}" for name, value in found.items())}
 
 
 def _by_hand(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

@@ -14,9 +14,37 @@ from bracket_cell.configuration import Configuration, load_configuration
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import RowStore
 from bracket_lab.commands.bars import BARS, Figure, Measured, ask, chosen_bars, measured
+from bracket_lab.evaluations.figures import FIGURES, topics, write_rows
+from bracket_lab.evaluations.paper import paper
 
 FOUND = Figure(claim="found", key="trackers.slim.found", least=0.9)
-ONE = Measured(command="hands --look hard", seeds=10, figures=(FOUND,))
+ONE = Measured(command="hands --look hard", page="seeing", table="Hands", minutes=1, seeds=10, figures=(FOUND,))
+
+
+def test_what_is_measured_has_its_place_in_the_pages_and_beside_the_paper() -> None:
+    for one in chosen_bars():
+        assert one.page in topics(), one.command
+        for figure in one.figures:
+            if figure.paper is not None:
+                assert paper().printed(figure.paper, f"{one.table}: {figure.claim}")
+
+
+def test_measured_rows_take_the_places_of_those_before(tmp_path: Path) -> None:
+    (tmp_path / "seeing.json").write_text((FIGURES / "seeing.json").read_text())
+    (before,) = (table for table in topics(tmp_path)["seeing"].tables if table.title == "Hands")
+    again = before.rows[1].model_copy(update={"figure": 0.5, "bar": None, "met": None})
+    write_rows("seeing", "Hands", [again, again.model_copy(update={"claim": "new"})], tmp_path)
+    (after,) = (table for table in topics(tmp_path)["seeing"].tables if table.title == "Hands")
+    assert after.rows == (before.rows[0], again, *before.rows[2:], again.model_copy(update={"claim": "new"}))
+    write_rows("seeing", "Feet", [again], tmp_path)
+    assert topics(tmp_path)["seeing"].tables[-1].rows == (again,)
+    with pytest.raises(InputError, match="no page of figures 'smelling'; there are: seeing"):
+        write_rows("smelling", "Feet", [again], tmp_path)
+
+
+def test_the_cost_is_told_before_anything_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["lab", "eval", "bars", "--first-seed", "982000", "--only", "holes", "--plan"]) == 0
+    assert "h in all" in capsys.readouterr().err
 
 
 def test_every_shipped_bar_names_a_command_and_one_bar() -> None:
@@ -63,8 +91,11 @@ def test_what_was_asked_is_not_asked_again(tmp_path: Path) -> None:
 
 def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:
     wrong = tmp_path / "bars.yaml"
-    wrong.write_text("bars:\n- command: hands\n  figures:\n  - {claim: found, key: found}\n")
-    with pytest.raises(InputError, match=r"bars\.yaml:4:5: .*must have either `least` or `most`"):
+    place = "  page: seeing\n  table: Hands\n  minutes: 1\n"
+    wrong.write_text(
+        f"bars:\n- command: hands\n{place}  figures:\n  - {{claim: found, key: found, least: 1, most: 2}}\n"
+    )
+    with pytest.raises(InputError, match=r"bars\.yaml:7:5: .*must not have both `least` and `most`"):
         chosen_bars(path=wrong)
     with pytest.raises(InputError, match="--only feet: no such command; legal: actions, grasp, hands"):
         chosen_bars(["feet"])
@@ -80,7 +111,8 @@ def test_what_is_set_otherwise_is_set_for_the_command_alone(tmp_path: Path, monk
 
     monkeypatch.setattr(subprocess, "run", run)
     settings: dict[str, Any] = {"bench.overhead.depth": True, "perception.hands": {"kind": "mediapipe"}}
-    one = Measured(command="hands", seeds=2, settings=settings, figures=(Figure(claim="f", key="found", least=1),))
+    figures = (Figure(claim="f", key="found", least=1),)
+    one = ONE.model_copy(update={"command": "hands", "seeds": 2, "settings": settings, "figures": figures})
     (row,) = measured([one], 900_000, RowStore(tmp_path / "bars.jsonl", ["command"], {}), ask)
     assert given[0].bench.overhead.depth
     assert given[0].perception.hands is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import FOLDER, load_robot
 
 SETTINGS = MotionSettings()
 
@@ -158,3 +160,54 @@ def test_obstacles_of_the_bench_are_seen(
     contact = checker.first_contact(at(kinematics, 0.55, -0.40, top_m - 0.01), 0.0)
     assert contact is not None
     assert contact.endswith("would touch the camera post")
+
+
+SHAPES = {
+    "box": '<box size="1.0 1.0 0.5"/>',
+    "cylinder": '<cylinder radius="0.5" length="0.5"/>',
+    "sphere": '<sphere radius="0.4"/>',
+    "mesh": '<mesh filename="package://ur10/collision/base.stl" scale="6 6 20"/>',
+}
+
+
+def carrying(tmp_path: Path, *shapes: str) -> MotionSettings:
+    """A UR10 with more shapes on its forearm."""
+    text = (FOLDER / "ur10/ur10.urdf").read_text()
+    link = '<link name="forearm_link">'
+    more = "".join(f'<collision><origin xyz="0 0 0.3"/><geometry>{one}</geometry></collision>' for one in shapes)
+    head, tail = text.split(link)
+    first, rest = tail.split("</collision>", 1)
+    (tmp_path / "more.urdf").write_text(f"{head}{link}{first}</collision>{more}{rest}")
+    robot = (FOLDER / "ur10.yaml").read_text().replace("package://ur10/ur10.urdf", "more.urdf")
+    (tmp_path / "more.yaml").write_text(robot)
+    return SETTINGS.of(load_robot("more.yaml", tmp_path))
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_every_shape_of_a_urdf_is_there(kind: str, tmp_path: Path, product: Product, bench: Bench) -> None:
+    settings = carrying(tmp_path, SHAPES[kind])
+    checker = CollisionChecker(Kinematics(settings), product, bench, settings)
+    assert "forearm_link (1)" in {shape.name for shape in checker.shapes}
+    contact = checker.first_contact(np.array([bench.arm_park_rad]), 0.085)
+    assert contact is not None
+    assert "forearm link (1)" in contact
+
+
+def test_a_link_without_a_mesh_is_there(tmp_path: Path, product: Product, bench: Bench) -> None:
+    settings = carrying(tmp_path)
+    text = re.sub(
+        r'<mesh filename="[^"]*forearm[^"]*"\s*/>', '<cylinder radius="0.05" length="0.5"/>', settings.robot.urdf_text
+    )
+    assert "forearm.stl" not in text
+    (tmp_path / "more.urdf").write_text(text)
+    settings = SETTINGS.of(load_robot("more.yaml", tmp_path))
+    checker = CollisionChecker(Kinematics(settings), product, bench, settings)
+    assert "forearm_link" in {shape.name for shape in checker.shapes}
+    assert checker.first_contact(np.array([bench.arm_park_rad]), 0.085) is None
+
+
+def test_the_arm_meets_itself_wherever_its_links_can(checker: CollisionChecker) -> None:
+    folded = np.array([[0.0, -1.0, 3.0, 0.5, 0.0, 0.0]])
+    contact = checker.first_contact(folded, 0.085)
+    assert contact is not None
+    assert "link" in contact

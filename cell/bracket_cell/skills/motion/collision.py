@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from itertools import product as pairs_of
 
 import coal
@@ -36,17 +38,10 @@ RIM_THICKNESS_M = 0.008
 BIN_ROOM_M = 0.04  # around each part in a bin
 
 HELD = "held part"
-_BASE_LINKS = ("base_link", "shoulder_link", "upper_arm_link")
-_TOOL = ("palm", "finger_left", "finger_right", "camera")
-# Links that can meet another one of the arm: neighbours on the chain always touch.
-_SELF_PAIRS = (
-    *pairs_of(
-        ("base_link", "shoulder_link", "upper_arm_link", "forearm_link"), ("wrist_2_link", "wrist_3_link", *_TOOL)
-    ),
-    ("forearm_link", "base_link"),
-    ("wrist_1_link", "base_link"),
-    ("wrist_1_link", "upper_arm_link"),
-)
+BASE_JOINTS = 2  # what base, shoulder and upper arm carry is not compared with what stands on the bench
+WRIST_JOINTS = 3  # the last ones, whose links lie beside what the gripper holds
+ALWAYS = 0.9  # share of postures in which two links touch that belong together
+POSTURES = 40  # that tell: two links free in half of them are taken for such with a chance of 1e-7
 
 
 @dataclass(frozen=True)
@@ -83,9 +78,9 @@ class CollisionChecker:
         self._geometry = self._arm_geometry()
         self._add_tool(bench.wrist.mount.pose)
         self._arm_alone = self._geometry.copy()
-        self._arm = tuple(item.name for item in self._geometry.geometryObjects)
+        self._arm = tuple(item.parentJoint for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
-        _add_pairs(self._geometry, _SELF_PAIRS)
+        _add_pairs(self._geometry, _self_pairs(self._model, self._geometry, kinematics.range_rad))
         for box in standing_boxes(product, bench):
             self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
         for obstacle in bench.obstacles:
@@ -124,7 +119,8 @@ class CollisionChecker:
         for box in obstacles:
             self._add_obstacle(geometry, box.name, box.pose, coal.Box(*box.size_m))
         fixed = range(len(self._arm), len(geometry.geometryObjects))
-        links = [geometry.getGeometryId(name) for name in ("forearm_link", "upper_arm_link", "base_link")]
+        before = self._wrist - WRIST_JOINTS
+        links = [number for number, joint in enumerate(self._arm) if joint <= before]
         for number, box in enumerate(held):
             name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
             placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
@@ -154,15 +150,17 @@ class CollisionChecker:
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         urdf = self._settings.robot.urdf_text
-        meshes = pinocchio.buildGeomFromUrdfString(self._model, urdf, pinocchio.GeometryType.COLLISION)
-        geometry = pinocchio.GeometryModel()
-        for item in meshes.geometryObjects:
-            if isinstance(item.geometry, coal.BVHModelBase):
-                item.geometry.buildConvexHull(True, "Qt")
-                name = item.name.removesuffix("_0")
-                geometry.addGeometryObject(
-                    pinocchio.GeometryObject(name, item.parentJoint, item.placement, item.geometry.convex)
-                )
+        drawn = pinocchio.buildGeomFromUrdfString(self._model, urdf, pinocchio.GeometryType.COLLISION)
+        geometry, shapes_of = pinocchio.GeometryModel(), Counter[str]()
+        for item in drawn.geometryObjects:
+            shape = item.geometry
+            if isinstance(shape, coal.BVHModelBase):
+                shape.buildConvexHull(True, "Qt")
+                shape = shape.convex
+            link = self._model.frames[item.parentFrame].name
+            name = f"{link} ({shapes_of[link]})" if shapes_of[link] else link
+            shapes_of[link] += 1
+            geometry.addGeometryObject(pinocchio.GeometryObject(name, item.parentJoint, item.placement, shape))
         return geometry
 
     def _add_tool(self, tool_from_camera: Pose) -> None:
@@ -185,8 +183,8 @@ class CollisionChecker:
         self, geometry: pinocchio.GeometryModel, name: str, pose: Pose, shape: coal.CollisionGeometry
     ) -> None:
         own = geometry.addGeometryObject(pinocchio.GeometryObject(name, 0, _se3(pose), shape))
-        for link, of_arm in enumerate(self._arm):
-            if of_arm not in _BASE_LINKS:
+        for link, joint in enumerate(self._arm):
+            if joint > BASE_JOINTS:
                 geometry.addCollisionPair(pinocchio.CollisionPair(link, own))
 
 
@@ -331,11 +329,22 @@ def _tray_boxes(bench: Bench) -> tuple[Box, ...]:
     return (Box("the tray", Pose((x, y, floor / 2)), (length, width, floor)), *rim)
 
 
-def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[str, str]]) -> None:
+def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[int, int]]) -> None:
     for first, second in pairs:
-        geometry.addCollisionPair(
-            pinocchio.CollisionPair(geometry.getGeometryId(first), geometry.getGeometryId(second))
-        )
+        geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
+
+
+def _self_pairs(model: pinocchio.Model, geometry: pinocchio.GeometryModel, range_rad: Array) -> list[tuple[int, int]]:
+    """Shapes of the arm that can meet: neither neighbours on the chain nor such as touch in nearly all postures."""
+    joints = [item.parentJoint for item in geometry.geometryObjects]
+    pairs = [(a, b) for a, b in combinations(range(len(joints)), 2) if abs(joints[a] - joints[b]) > 1]
+    tried = geometry.copy()
+    _add_pairs(tried, pairs)
+    data, results, touching = model.createData(), tried.createData(), np.zeros(len(pairs))
+    for posture in np.random.default_rng(0).uniform(-range_rad, range_rad, (POSTURES, len(range_rad))):
+        pinocchio.computeCollisions(model, data, tried, results, posture, False)
+        touching += [result.isCollision() for result in results.collisionResults]
+    return [pair for pair, often in zip(pairs, touching / POSTURES, strict=True) if often < ALWAYS]
 
 
 def _se3(pose: Pose) -> pinocchio.SE3:

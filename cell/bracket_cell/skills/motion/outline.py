@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import coal
@@ -13,6 +14,7 @@ from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.pose import Array, Pose
 
 BASE, WORLD = "base_link", "world"
+ROUND = 4  # faces in a quarter of a turn, where a round shape is drawn
 _AXES = {"JointModelRX": (1.0, 0.0, 0.0), "JointModelRY": (0.0, 1.0, 0.0), "JointModelRZ": (0.0, 0.0, 1.0)}
 
 
@@ -93,11 +95,29 @@ def _shape(item: pinocchio.GeometryObject, frame: str) -> Shape:
     if isinstance(item.geometry, coal.Box):
         x, y, z = (2 * float(half) for half in item.geometry.halfSide)
         return Shape(item.name, frame, pose, (x, y, z))
-    hull = item.geometry
+    hull = item.geometry if isinstance(item.geometry, coal.ConvexBase) else _turned(item.geometry)
     points = np.array([hull.point(number) for number in range(hull.num_points)])
     corners = (hull.polygons(number) for number in range(hull.num_polygons))
     triangles = np.array([[one[0], one[1], one[2]] for one in corners], np.int64)
     return Shape(item.name, frame, pose, None, points, triangles)
+
+
+def _turned(shape: coal.ShapeBase) -> coal.ConvexBase:
+    """Hull around a cylinder, a cone, a sphere or a capsule: its outline (radius, height) turned about z."""
+    half, radius = getattr(shape, "halfLength", 0.0), shape.radius
+    if isinstance(shape, coal.Cylinder):
+        outline = np.array([[radius, -half], [radius, half]])
+    elif isinstance(shape, coal.Cone):
+        outline = np.array([[radius, -half], [0.0, half]])
+    else:
+        angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * ROUND)
+        rise = np.sign(angles) * half
+        outline = np.column_stack([radius * np.cos(angles), radius * np.sin(angles) + rise])
+    points = coal.StdVec_Vec3s()
+    for turn in np.arange(4 * ROUND) * math.pi / (2 * ROUND):
+        for away, height in outline:
+            points.append(np.array([away * math.cos(turn), away * math.sin(turn), height]))
+    return coal.Convex.convexHull(points, True, "Qt")
 
 
 def _links(model: pinocchio.Model) -> dict[int, str]:

@@ -166,7 +166,7 @@ SHAPES = {
     "box": '<box size="1.0 1.0 0.5"/>',
     "cylinder": '<cylinder radius="0.5" length="0.5"/>',
     "sphere": '<sphere radius="0.4"/>',
-    "mesh": '<mesh filename="package://ur10/collision/base.stl" scale="6 6 20"/>',
+    "mesh": '<mesh filename="package://ur10/collision/base.stl" scale="10 10 8"/>',
 }
 
 

@@ -91,9 +91,10 @@ class Configuration(Model):
     def _poses_are_in_range(self) -> Configuration:
         places = []
         for name in ("arm_park_rad", "arm_look_rad"):
-            for joint, value, most in zip(JOINTS, getattr(self.bench, name), self.robot.range_rad, strict=True):
-                if abs(value) > most:
-                    what = f"{name}: {joint} has {value:g}, {self.robot.name} turns by {most:.3f} each way"
+            limits = self.robot.limits_rad.T.tolist()
+            for joint, value, (least, most) in zip(JOINTS, getattr(self.bench, name), limits, strict=True):
+                if not least <= value <= most:
+                    what = f"{name}: {joint} has {value:g}, {self.robot.name} turns from {least:.3f} to {most:.3f}"
                     places.append((("bench", name), what))
         if places:
             raise Disagreement(places)

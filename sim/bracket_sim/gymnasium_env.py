@@ -49,15 +49,15 @@ class AbovePart(gymnasium.Env[dict[str, Array], Array]):
         self._product = load_product(self._configuration, path)
         bench, settings = self._configuration.bench, self._configuration.motion
         self._motion = MotionPlanner(self._product, bench, settings)
-        limits = np.array(self._motion.settings.robot.range_rad)
+        least, most = limits = self._motion.settings.robot.limits_rad
         opening = np.array([1.0])
         far = np.full(len(OF_ENVIRONMENT), FARTHEST_M)
         box, self._limits = gymnasium.spaces.Box, limits
-        state = np.concatenate([limits + 0.1, opening])
+        state = np.concatenate([least - 0.1, -opening]), np.concatenate([most + 0.1, opening])
         self.observation_space: Any = gymnasium.spaces.Dict(
-            {STATE: box(-state, state, (len(OF_STATE),), np.float64), ENVIRONMENT: box(-far, far, dtype=np.float64)}
+            {STATE: box(*state, (len(OF_STATE),), np.float64), ENVIRONMENT: box(-far, far, dtype=np.float64)}
         )
-        self.action_space: Any = box(-limits, limits, dtype=np.float64)
+        self.action_space: Any = box(least, most, dtype=np.float64)
         self._cell: SimCell | None = None
         self._part_m: tuple[float, ...] = ()
 
@@ -84,7 +84,7 @@ class AbovePart(gymnasium.Env[dict[str, Array], Array]):
         assert self._cell is not None, "reset comes first"
         arm, clock = self._cell.devices.arm, self._cell.devices.clock
         start = np.array(arm.state().positions_rad)
-        goal = np.clip(np.asarray(action, np.float64), -self._limits, self._limits)
+        goal = np.clip(np.asarray(action, np.float64), *self._limits)
         way = self._motion.free_move(start, goal, Load(0.085))
         if not isinstance(way, str) and way.duration_s > 0:
             arm.follow(way)

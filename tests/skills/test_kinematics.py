@@ -57,8 +57,8 @@ def test_answer_is_wrapped_towards_where_the_arm_is(kinematics: Kinematics) -> N
 def test_wrapping_keeps_the_pose_and_the_limits(kinematics: Kinematics) -> None:
     rng = np.random.default_rng(0)
     for _ in range(200):
-        joints: Array = rng.uniform(-1, 1, 6) * np.array(default_robot().range_rad)
-        near: Array = rng.uniform(-1, 1, 6) * np.array(default_robot().range_rad)
+        joints: Array = rng.uniform(*default_robot().limits_rad)
+        near: Array = rng.uniform(*default_robot().limits_rad)
         turned = kinematics.wrapped(joints, near)
         assert kinematics.within_limits(turned)
         turns = (turned - joints) / (2 * math.pi)

@@ -41,9 +41,10 @@ class FollowPolicy(FreeMove):
             joints = self.wants(observation)
         except ModelError as error:
             return str(error)
-        limits = np.array(self.planner.settings.robot.range_rad)
-        if (np.abs(joints) > limits).any():
-            return f"the policy wants joints {np.round(joints, 3).tolist()} rad; legal: up to {limits.tolist()}"
+        robot = self.planner.settings.robot
+        if not robot.within(joints).all():
+            legal = " to ".join(str(np.round(side, 3).tolist()) for side in robot.limits_rad)
+            return f"the policy wants joints {np.round(joints, 3).tolist()} rad; legal: {legal}"
         tool_m = self.planner.kinematics.position_m(joints)
         least, most = np.array(self.zone).reshape(3, 2).T
         if (tool_m < least).any() or (tool_m > most).any():

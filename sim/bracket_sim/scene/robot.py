@@ -5,6 +5,8 @@ The jaw has the 2F-85's stroke, speed and force. One description of the arm serv
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mujoco
 
 from bracket_ground.interfaces.bench import JOINTS, CameraSetup
@@ -23,7 +25,7 @@ STIFFNESS = (4000.0, 4000.0, 4000.0, 1000.0, 1000.0, 1000.0)
 TORQUE_LIMITS_NM = (330.0, 330.0, 150.0, 54.0, 54.0, 54.0)
 ARMATURE_KGM2 = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 DAMPING_NMS = (10.0, 10.0, 10.0, 2.0, 2.0, 2.0)
-TOUCHING_LINKS = ("forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link")
+TOUCHING_FROM = f"{JOINTS[2]}_joint"  # what it and the later joints carry touches parts and bench
 
 
 def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
@@ -49,14 +51,20 @@ def _drive_joints(spec: mujoco.MjSpec) -> None:
 
 
 def _finish_links(spec: mujoco.MjSpec) -> None:
+    touching = [body.name for body in _carried(spec.joint(TOUCHING_FROM).parent)]
     for body in spec.bodies:
         body.gravcomp = 1.0
         for geom in body.geoms:
             geom.rgba = [*(palette.JOINT if "wrist" in body.name or "shoulder" in body.name else palette.LINK), 1.0]
-            touch = palette.ROBOT_TOUCH if body.name in TOUCHING_LINKS else palette.HAND_ONLY_TOUCH
+            touch = palette.ROBOT_TOUCH if body.name in touching else palette.HAND_ONLY_TOUCH
             geom.contype, geom.conaffinity = touch
-    for geom in spec.body("ee_link").geoms:
-        spec.delete(geom)
+
+
+def _carried(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
+    """A body and all that hangs on it."""
+    yield body
+    for child in body.bodies:
+        yield from _carried(child)
 
 
 def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup, mounted: Tool) -> None:

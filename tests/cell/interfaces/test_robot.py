@@ -153,5 +153,5 @@ def test_a_robot_that_is_none_is_told_with_its_line(tmp_path: Path, robot: str, 
 
 def test_a_pose_beyond_the_robots_range_is_told(tmp_path: Path) -> None:
     path = changed_configuration(tmp_path, "-1.5998, 1.8490,", "-1.5998, 3.5,")
-    with pytest.raises(InputError, match=r"arm_park_rad: elbow has 3.5, ur10 turns by 3.142 each way"):
+    with pytest.raises(InputError, match=r"arm_park_rad: elbow has 3.5, ur10 turns from -3.142 to 3.142"):
         load_configuration(path)

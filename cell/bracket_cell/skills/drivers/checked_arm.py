@@ -77,10 +77,10 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
             f"trajectory starts {jump.max():.3f} rad from where {JOINTS[int(jump.argmax())]} is, "
             f"limit {START_TOLERANCE_RAD} rad",
         )
-    beyond = (np.abs(positions) - np.array(robot.range_rad)).max(axis=0)
-    if beyond.max() > 0:
-        joint = int(beyond.argmax())
-        raise DeviceFault("arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{robot.range_rad[joint]:.3f} rad")
+    if not (inside := robot.within(positions).all(axis=0)).all():
+        joint = int(inside.argmin())
+        least, most = robot.limits_rad[:, joint]
+        raise DeviceFault("arm", f"trajectory leaves the range of {JOINTS[joint]}, {least:.3f} to {most:.3f} rad")
     if trajectory.times_s[0] != 0:
         raise DeviceFault("arm", f"trajectory begins at {trajectory.times_s[0]:g} s, must begin at 0")
     _refuse_fast(trajectory, np.array(robot.speed_rad_s), np.array(robot.acceleration_rad_s2))

@@ -95,7 +95,7 @@ class ArmMonitor:
     _mismatches: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(JOINTS), dtype=np.int64), init=False)
 
     def __post_init__(self) -> None:
-        self._range_rad = np.array(self.robot.range_rad) + RANGE_SLACK_RAD
+        self._limits_rad = self.robot.limits_rad + np.array([[-RANGE_SLACK_RAD], [RANGE_SLACK_RAD]])
         self._speed_rad_s = np.array(self.robot.speed_rad_s) * SPEED_SLACK
         self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
 
@@ -272,7 +272,7 @@ class ArmMonitor:
         if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s, path_s))):
             return "the arm told a value that is not finite"
         positions, speeds = np.array(arm.positions_rad), np.array(arm.velocities_rad_s)
-        if (np.abs(positions) > self._range_rad).any():
+        if ((positions < self._limits_rad[0]) | (positions > self._limits_rad[1])).any():
             return "the arm told a joint beyond its range"
         if arm.mode not in BRAKED and (np.abs(speeds) > self._speed_rad_s).any():
             return "the arm told a joint faster than it can be"

@@ -80,7 +80,7 @@ class CollisionChecker:
         self._arm_alone = self._geometry.copy()
         self._arm = tuple(item.parentJoint for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
-        _add_pairs(self._geometry, _self_pairs(self._model, self._geometry, kinematics.range_rad))
+        _add_pairs(self._geometry, _self_pairs(self._model, self._geometry, kinematics.limits_rad))
         for box in standing_boxes(product, bench):
             self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
         for obstacle in bench.obstacles:
@@ -334,14 +334,14 @@ def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[int, int
         geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
 
 
-def _self_pairs(model: pinocchio.Model, geometry: pinocchio.GeometryModel, range_rad: Array) -> list[tuple[int, int]]:
+def _self_pairs(model: pinocchio.Model, geometry: pinocchio.GeometryModel, limits_rad: Array) -> list[tuple[int, int]]:
     """Shapes of the arm that can meet: neither neighbours on the chain nor such as touch in nearly all postures."""
     joints = [item.parentJoint for item in geometry.geometryObjects]
     pairs = [(a, b) for a, b in combinations(range(len(joints)), 2) if abs(joints[a] - joints[b]) > 1]
     tried = geometry.copy()
     _add_pairs(tried, pairs)
     data, results, touching = model.createData(), tried.createData(), np.zeros(len(pairs))
-    for posture in np.random.default_rng(0).uniform(-range_rad, range_rad, (POSTURES, len(range_rad))):
+    for posture in np.random.default_rng(0).uniform(*limits_rad, (POSTURES, limits_rad.shape[1])):
         pinocchio.computeCollisions(model, data, tried, results, posture, False)
         touching += [result.isCollision() for result in results.collisionResults]
     return [pair for pair, often in zip(pairs, touching / POSTURES, strict=True) if often < ALWAYS]

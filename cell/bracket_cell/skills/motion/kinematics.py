@@ -11,6 +11,7 @@ import placo
 
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.robot import SAME_RAD
 
 FLANGE = "tool0"
 Posture = tuple[float, float]  # which way the shoulder leans, and the sign of wrist_2
@@ -30,13 +31,13 @@ class Kinematics:
     """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base.
 
     Attributes:
-        range_rad: (6,) how far each joint turns, each way.
+        limits_rad: (2, 6) the least and the most of each joint.
     """
 
     def __init__(self, settings: MotionSettings | None = None) -> None:
         settings = settings or MotionSettings()
         robot = settings.robot
-        self.range_rad = np.array(robot.range_rad)
+        self.limits_rad = robot.limits_rad
         self._flange_from_tool = Pose((0.0, 0.0, robot.tool.tcp_from_flange_m))
         self._tool_from_flange = self._flange_from_tool.inverse()
         self.model = pinocchio.buildModelFromXML(robot.urdf_text)
@@ -71,12 +72,13 @@ class Kinematics:
         joints = self._solve(target, self._seed(target, shoulder, wrist))
         if joints is None or joints[2] * shoulder < 0:
             return None
-        return self.wrapped(joints, np.zeros(6) if near_rad is None else near_rad)
+        return self._allowed(self.wrapped(joints, np.zeros(6) if near_rad is None else near_rad))
 
     def follow(self, world_from_tool: Pose, previous_rad: Array) -> Array | None:
         """Joint angles (6,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
         target = (world_from_tool @ self._tool_from_flange).matrix
-        return self._solve(target, previous_rad)
+        joints = self._solve(target, previous_rad)
+        return None if joints is None else self._allowed(joints)
 
     def wrapped(self, joints_rad: Array, near_rad: Array) -> Array:
         """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits.
@@ -85,15 +87,19 @@ class Kinematics:
         """
         near = np.array(near_rad, dtype=float)
         level = near[1:4].sum() - joints_rad[1:3].sum()
-        near[3] = np.clip(level, -self.range_rad[3], self.range_rad[3])
+        least, most = self.limits_rad
+        near[3] = np.clip(level, least[3], most[3])
         nearest = joints_rad + np.round((near - joints_rad) / (2 * math.pi)) * 2 * math.pi
-        over = np.abs(nearest) > self.range_rad
-        answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
+        answer: Array = nearest + 2 * math.pi * ((nearest < least).astype(float) - (nearest > most))
         return answer
 
     def within_limits(self, joints_rad: Array) -> bool:
         """Whether all joints (..., 6) lie within the arm's limits."""
-        return bool(np.all(np.abs(joints_rad) <= self.range_rad + 1e-9))
+        least, most = self.limits_rad
+        return bool(np.all((joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)))
+
+    def _allowed(self, joints_rad: Array) -> Array | None:
+        return joints_rad if self.within_limits(joints_rad) else None
 
     def _offset_m(self) -> float:
         """How far the wrist's plane lies beside the base's axis (d4 of a UR), without the noise of its sum."""

@@ -163,11 +163,11 @@ class MotionPlanner:
         for lift_m, drop_m in LIFTS_M:
             yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
         if not (scene.touches(start_rad) or scene.touches(goal_rad)):
-            range_rad = self.kinematics.range_rad
+            limits_rad = self.kinematics.limits_rad
             ends = np.array([start_rad, goal_rad])
             wide = self.scene(load, SPARE_M)
             searched = scene if any(wide.touches(end) for end in ends) else wide
-            for way in ways_around(scene, searched, ends, range_rad, CHECKS_A_TICK):
+            for way in ways_around(scene, searched, ends, limits_rad, CHECKS_A_TICK):
                 yield None
                 if way is not None:
                     yield self._through(scene, way)

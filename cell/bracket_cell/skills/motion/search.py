@@ -32,7 +32,7 @@ util.setLogLevel(util.LOG_NONE)
 
 
 def ways_around(
-    scene: Scene, searched: Scene, ends_rad: Array, range_rad: Array, checks: int
+    scene: Scene, searched: Scene, ends_rad: Array, limits_rad: Array, checks: int
 ) -> Iterator[Array | None]:
     """Joints (k, 6) with straight ways between them, as the last answer; None after every piece of the work before it.
 
@@ -41,12 +41,12 @@ def ways_around(
     Args:
         searched: the same as the scene with room to spare, which lets the search go in coarse steps.
         ends_rad: (2, 6) start and goal.
-        range_rad: (6,) how far each joint turns, each way.
+        limits_rad: (2, 6) the least and the most of each joint.
         checks: of postures, in a piece.
     """
     for beyond_rad, most in ((BEYOND_RAD, LEVEL_CHECKS), (TILTED_RAD, TILTED_CHECKS)):
         for step_m in STEPS_M:
-            search = Search(Room(searched, ends_rad, range_rad, beyond_rad), step_m, most)
+            search = Search(Room(searched, ends_rad, limits_rad, beyond_rad), step_m, most)
             while (found := search.go_on(checks)) is None and not search.over:
                 yield None
             if found is None:
@@ -64,12 +64,12 @@ class Room:
     Knows nothing of OMPL, which knows it: two that knew one another would never be freed.
     """
 
-    def __init__(self, scene: Scene, ends_rad: Array, range_rad: Array, beyond_rad: Array = BEYOND_RAD) -> None:
-        self.checks, self._scene, self._range_rad = 0, scene, range_rad
+    def __init__(self, scene: Scene, ends_rad: Array, limits_rad: Array, beyond_rad: Array = BEYOND_RAD) -> None:
+        self.checks, self._scene, self._wrist_rad = 0, scene, limits_rad[:, 3]
         ends = ends_rad @ PITCH_FROM_JOINTS.T
         low, high = ends.min(axis=0) - beyond_rad, ends.max(axis=0) + beyond_rad
         joints = [0, 1, 2, 4, 5]
-        low[joints], high[joints] = np.maximum(low, -range_rad)[joints], np.minimum(high, range_rad)[joints]
+        low[joints], high[joints] = np.maximum(low, limits_rad[0])[joints], np.minimum(high, limits_rad[1])[joints]
         free = np.flatnonzero(high - low > SAME_RAD)
         scale = REACH_M[free]
         fixed = ends[0].copy()
@@ -87,7 +87,7 @@ class Room:
         """Whether nothing touches there."""
         self.checks += 1
         joints = self.joints(state)
-        return bool(abs(joints[3]) <= self._range_rad[3]) and not self._scene.touches(joints)
+        return bool(self._wrist_rad[0] <= joints[3] <= self._wrist_rad[1]) and not self._scene.touches(joints)
 
 
 class Search:

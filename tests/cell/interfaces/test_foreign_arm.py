@@ -1,0 +1,109 @@
+"""An arm of another maker: what its URDF says counts, and what the program cannot move is said in words."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.skills.motion.grasp_pose import tool_down
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import CellError
+from bracket_ground.interfaces.robot import FOLDER, RobotModel, load_robot
+from bracket_sim.scene.world import build_world
+
+CONFIGURATION = load_configuration()
+URDF = (FOLDER / "ur10/ur10.urdf").read_text()
+
+
+def robot(folder: Path, urdf: str = URDF, range_rad: str | None = None) -> RobotModel:
+    (folder / "arm.urdf").write_text(urdf)
+    text = (FOLDER / "ur10.yaml").read_text().replace("package://ur10/ur10.urdf", "arm.urdf")
+    text = re.sub(r"range_rad: .*\n", f"range_rad: {range_rad}\n" if range_rad else "", text)
+    (folder / "arm.yaml").write_text(text)
+    return load_robot("arm.yaml", folder)
+
+
+def test_limits_come_from_the_urdf_where_none_are_given(tmp_path: Path) -> None:
+    one_sided = URDF.replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="-3.9" upper="1.5"')
+    assert robot(tmp_path, one_sided).limits_rad[:, 2].tolist() == [-3.9, 1.5]
+
+
+def test_narrower_limits_of_the_file_count_for_each_side(tmp_path: Path) -> None:
+    limits = robot(tmp_path, range_rad="[[-1.0, 2.0], 3.0, [-9, 1.5], 6.0, 6.0, 6.0]").limits_rad
+    assert limits[:, 0].tolist() == [-1.0, 2.0]
+    assert limits[:, 1].tolist() == [-3.0, 3.0]
+    np.testing.assert_allclose(limits[:, 2], [-np.pi, 1.5])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_answer_of_the_inverse_is_beyond_a_limit(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    least, most = rng.uniform(-4, -0.5, 6), rng.uniform(0.5, 4, 6)
+    given = [[float(a), float(b)] for a, b in zip(least, most, strict=True)]
+    arm = Kinematics(MotionSettings().of(robot(tmp_path, range_rad=str(given))))
+    answers = [
+        arm.inverse(tool_down((x, y, 0.2), yaw), near_rad=rng.uniform(least, most))
+        for x, y, yaw in rng.uniform((0.2, -0.7, -3), (0.9, 0.7, 3), (100, 3))
+    ]
+    found = [one for one in answers if one is not None]
+    assert all(arm.within_limits(one) for one in found)
+    assert all(
+        ((one >= np.maximum(least, [-9, -9, -np.pi, -9, -9, -9]) - 1e-6) & (one <= most + 1e-6)).all() for one in found
+    )
+
+
+def with_type(joint: str, kind: str) -> str:
+    return re.sub(rf'name="{joint}" type="\w+"', f'name="{joint}" type="{kind}"', URDF)
+
+
+ELBOW = 'lower="-3.14159265359" upper="3.14159265359"'
+RING = """<robot name="a"><link name="tool0"/><link name="b"/>
+<joint name="1" type="fixed"><parent link="tool0"/><child link="b"/></joint>
+<joint name="2" type="fixed"><parent link="b"/><child link="tool0"/></joint></robot>"""
+BROKEN = {
+    "another moves": (with_type("ee_fixed_joint", "revolute"), "ee_fixed_joint must be fixed"),
+    "5 joints": (with_type("elbow_joint", "fixed"), "5 joints move the flange 'tool0', must be 6"),
+    "no flange": (URDF.replace("tool0", "flange"), "no link is the flange 'tool0' .*links: .*base_link"),
+    "no limit": (re.sub(r"<limit[^>]*54[^>]*/>", "", URDF), "wrist_1_joint has no limit"),
+    "prismatic": (with_type("elbow_joint", "prismatic"), "elbow_joint is prismatic"),
+    "no room": (URDF.replace(ELBOW, ""), "elbow: no angle is within its limits"),
+    "not XML": (URDF[:900], "not a URDF"),
+    "another format": ("<mujoco/>", "its root is <mujoco>"),
+    "empty": ("<robot name='a'/>", "links: none"),
+    "no mesh": (URDF.replace("forearm.stl", "missing.stl"), "there is no mesh .*missing.stl"),
+    "bad number": (URDF.replace('lower="-3.14159265359"', 'lower="a lot"'), "elbow_joint: <limit> has lower='a lot'"),
+    "infinite": (URDF.replace('xyz="0.0 -0.1719 0.612"', 'xyz="0 0 inf"'), "elbow_joint: <origin> has xyz='0 0 inf'"),
+    "ring": (RING, "make a ring"),
+    "two bases": (URDF.replace("</robot>", '<link name="b"/></robot>'), "must have one base, has .*b"),
+    "no such link": (URDF.replace('<child link="forearm_link"', '<child link="fore"'), "child 'fore' is no link"),
+}
+
+
+@pytest.mark.parametrize("why", BROKEN)
+def test_what_the_program_cannot_move_is_said_in_words(why: str, tmp_path: Path) -> None:
+    urdf, words = BROKEN[why]
+    with pytest.raises((ValueError, CellError), match=words):
+        robot(tmp_path, urdf)
+
+
+def test_names_of_joints_and_flange_are_the_makers_own(tmp_path: Path) -> None:
+    """Joints count by their places on the chain."""
+    other = (
+        URDF.replace("shoulder_pan_joint", "joint_1").replace("wrist_3_joint", "joint_6").replace('"ee_link"', '"x"')
+    )
+    other = (
+        other.replace("base_link", "link_0").replace("forearm_link", "link_3").replace('"tool0"', '"mounting_plate"')
+    )
+    (tmp_path / "arm.urdf").write_text(other)
+    text = (FOLDER / "ur10.yaml").read_text().replace("package://ur10/ur10.urdf", "arm.urdf\nflange: mounting_plate")
+    (tmp_path / "arm.yaml").write_text(text)
+    foreign = MotionSettings().of(load_robot("arm.yaml", tmp_path))
+    joints = np.random.default_rng(1).uniform(-2, 2, 6)
+    expected = Kinematics(MotionSettings().of(load_robot("ur10"))).forward(joints)
+    np.testing.assert_allclose(Kinematics(foreign).forward(joints).matrix, expected.matrix, atol=1e-9)
+    build_world(load_product(CONFIGURATION), CONFIGURATION.bench, (), robot=foreign.robot)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -21,13 +19,12 @@ from bracket_ground.files.units import Point
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.urdf import FLANGE, chain_to, named_alike, parsed, turning_joints
 
 PACKAGE = "package://"
 FOLDER = shipped("bracket_cell.config", "robots")
 DEFAULT = "ur10"
-FLANGE = "tool0"
 WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
-NUMBERS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, **dict.fromkeys(("lower", "upper", "radius", "length"), 1)}
 SAME_RAD = 1e-9  # two angles are the same
 ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
@@ -185,7 +182,7 @@ def _urdf_text(
     path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
     text = re.sub(r"<visual>.*?</visual>", "", read_text(path), flags=re.DOTALL)
     text = re.sub(r'(<mesh[^>]*?filename=")([^"]+)', lambda found: found[1] + str(_mesh(found[2], path)), text)
-    text = _named_alike(_parsed(_moved(text, dict(origins_m)), path, flange), flange)
+    text = named_alike(parsed(_moved(text, dict(origins_m)), path, flange), flange)
     return text if calibration is None else _calibrated(text, calibration)
 
 
@@ -233,7 +230,7 @@ def _calibrated(text: str, calibration: Calibration) -> str:
     root = ElementTree.fromstring(text)
     parent = nominal = np.eye(4)
     frames = calibration.frames()
-    for joint in _chain(root):
+    for joint in chain_to(root):
         origin = joint.find("origin")
         assert origin is not None
         at, angles = (np.array(origin.get(name, "0 0 0").split(), float) for name in ("xyz", "rpy"))
@@ -250,92 +247,10 @@ def _calibrated(text: str, calibration: Calibration) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _parsed(text: str, path: Path, flange: str) -> ElementTree.Element:
-    """A URDF whose flange is moved by as many joints as the program knows.
-
-    Raises:
-        ValueError: with what is wrong with it.
-    """
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: not a URDF: {error}") from None
-    if root.tag != "robot":
-        raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
-    if wrong := [*_wrong_tree(root, flange), *_wrong_numbers(root)] or [*_wrong_joints(root, flange)]:
-        raise ValueError(f"{path}: {'; '.join(wrong)}")
-    return root
-
-
-def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
-    """Whether links and joints are a tree with the flange in it."""
-    links = [link.get("name", "") for link in root.findall("link")]
-    if flange not in links:
-        yield f"no link is the flange {flange!r} (`flange` of the robot's file); links: {', '.join(links) or 'none'}"
-    yield from (f"two links are named {link!r}" for link, count in Counter(links).items() if count > 1)
-    ends = {side: [_end(joint, side) for joint in root.findall("joint")] for side in ("parent", "child")}
-    yield from (f"a joint's {side} {end!r} is no link" for side in ends for end in ends[side] if end not in links)
-    yield from (f"two joints carry {link!r}" for link, count in Counter(ends["child"]).items() if count > 1)
-    if len(loose := [link for link in links if link not in ends["child"]]) != 1:
-        yield f"must have one base, has {', '.join(loose) or 'none, as its joints make a ring'}"
-
-
-def _wrong_numbers(root: ElementTree.Element) -> Iterator[str]:
-    for item in root:
-        for part in item.iter():
-            for key, count in NUMBERS.items():
-                if key in part.attrib and not _are_numbers(part.attrib[key], count):
-                    where = f"{item.get('name')}: <{part.tag}> has {key}={part.attrib[key]!r}"
-                    yield f"{where}, must be finite numbers: {count}"
-
-
-def _are_numbers(text: str, count: int) -> bool:
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        return False
-    return len(values) == count and all(map(math.isfinite, values))
-
-
-def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
-    """Whether the joints up to the flange are such as the program moves, and no other moves."""
-    turning = _turning(root, flange)
-    if len(turning) != len(JOINTS):
-        yield f"{len(turning)} joints move the flange {flange!r}, must be {len(JOINTS)}"
-    for joint in turning:
-        if joint.get("type") != "revolute":
-            yield f"{joint.get('name')} is {joint.get('type')}, must be revolute"
-        elif joint.find("limit") is None:
-            yield f"{joint.get('name')} has no limit"
-    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed" and joint not in turning]
-    if moving:
-        yield f"{', '.join(joint.get('name', '') for joint in moving)} must be fixed, as nothing moves them"
-
-
-def _named_alike(root: ElementTree.Element, flange: str) -> str:
-    """The URDF with the names of joints and flange that the program has for them, by their places on the chain."""
-    for joint, name in zip(_turning(root, flange), JOINTS, strict=True):
-        joint.set("name", f"{name}_joint")
-    for item in root.iter():
-        for key in ("name", "link"):
-            if item.tag in ("link", "parent", "child") and item.get(key) == flange:
-                item.set(key, FLANGE)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _end(joint: ElementTree.Element, side: str) -> str:
-    return next((end.get("link", "") for end in joint.findall(side)), "")
-
-
-def _turning(root: ElementTree.Element, flange: str = FLANGE) -> list[ElementTree.Element]:
-    """The joints that move the flange, from the base on."""
-    return [joint for joint in _chain(root, flange) if joint.get("type") != "fixed"]
-
-
 @cache
 def _limits_rad(urdf_text: str, range_rad: tuple[Range, ...] | None) -> Array:
     """(2, n) the narrower of the URDF's limits, which check_arm found there, and those of the robot's file."""
-    drawn = [joint.find("limit") for joint in _turning(ElementTree.fromstring(urdf_text))]
+    drawn = [joint.find("limit") for joint in turning_joints(ElementTree.fromstring(urdf_text))]
     own = np.array(
         [[float(limit.get(side, 0.0)) for limit in drawn if limit is not None] for side in ("lower", "upper")]
     )
@@ -343,17 +258,6 @@ def _limits_rad(urdf_text: str, range_rad: tuple[Range, ...] | None) -> Array:
         return own
     asked = np.array([one if isinstance(one, tuple) else (-one, one) for one in range_rad]).T
     return np.array([np.maximum(own[0], asked[0]), np.minimum(own[1], asked[1])])
-
-
-def _chain(root: ElementTree.Element, flange: str = FLANGE) -> list[ElementTree.Element]:
-    """The joints from the base to the flange."""
-    above = {child.get("link"): joint for joint in root.iter("joint") for child in joint.iter("child")}
-    chain: list[ElementTree.Element] = []
-    link: str | None = flange
-    while link in above:
-        chain.insert(0, above[link])
-        link = next(chain[0].iter("parent")).get("link")
-    return chain
 
 
 def _on_axis(nominal: Array, axis: Array, frame: Array) -> Array:

@@ -119,8 +119,7 @@ class CollisionChecker:
         for box in obstacles:
             self._add_obstacle(geometry, box.name, box.pose, coal.Box(*box.size_m))
         fixed = range(len(self._arm), len(geometry.geometryObjects))
-        before = self._wrist - WRIST_JOINTS
-        links = [number for number, joint in enumerate(self._arm) if joint <= before]
+        links = [number for number, joint in enumerate(self._arm) if joint <= self._wrist - WRIST_JOINTS]
         for number, box in enumerate(held):
             name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
             placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)

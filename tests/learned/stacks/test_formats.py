@@ -228,3 +228,40 @@ def test_v2_tells_the_line_in_the_common_file(tmp_path: Path) -> None:
 def test_another_folder_is_refused_without_a_traceback(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "eval", "stacks", "--data", str(tmp_path)]) == 2
     assert "no folder of stacks" in capsys.readouterr().err
+
+
+def by_another_program(folder: Path) -> Path:
+    """A folder of VMRD by lxml, as tools for Pascal VOC write it: declaration, all their fields, names of two words."""
+    from lxml import etree
+    from lxml.builder import E
+
+    def thing(name: str, index: int, box: tuple[int, ...], fathers: list[int], children: list[int]) -> etree._Element:
+        sides = (E(side, str(value)) for side, value in zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
+        families = (
+            E(tag, *(E.num(str(one)) for one in some)) for tag, some in (("father", fathers), ("children", children))
+        )
+        voc = (E.pose("Unspecified"), E.truncated("0"), E.difficult("0"))
+        return E.object(E.name(name), *voc, E.bndbox(*sides), E.index(str(index)), *families)
+
+    for name in ("00001", "00002"):
+        size = E.size(E.width("120"), E.height("90"), E.depth("3"))
+        head = (E.folder("VMRD"), E.filename(f"{name}.jpg"), E.source(E.database("VMRD")), size, E.segmented("0"))
+        things = (thing("wrist developer", 1, (11, 11, 81, 71), [], [3]), thing("cup", 3, (21, 21, 51, 51), [1], []))
+        text = etree.tostring(E.annotation(*head, *things), pretty_print=True, xml_declaration=True, encoding="utf-8")
+        put(folder / "Annotations" / f"{name}.xml", text.replace(b"\n", b"\r\n"))
+        put(folder / "JPEGImages" / f"{name}.jpg", picture())
+    put(folder / "ImageSets/Main/trainval.txt", "00001\r\n")
+    put(folder / "ImageSets/Main/test.txt", "00002\r\n")
+    return folder
+
+
+def test_a_folder_by_another_program_is_read(tmp_path: Path) -> None:
+    found = read_stacks(by_another_program(tmp_path))
+    (scene,) = found.test
+    assert [(one.name, one.fathers, one.children) for one in scene.objects] == [
+        ("wrist developer", (), (3,)),
+        ("cup", (1,), ()),
+    ]
+    assert scene.objects[0].box_px == (10, 10, 80, 70)
+    assert above_of(scene) == {1: {3}, 3: set()}
+    assert found.images["00001"].is_file()

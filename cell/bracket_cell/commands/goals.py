@@ -16,6 +16,7 @@ from bracket_cell.configuration import load_configuration
 from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
 from bracket_cell.log.training.demonstrations import finished_bracket
 from bracket_ground.errors import InputError
+from bracket_ground.interfaces.variants import written
 
 goals_app = typer.Typer(help="Show, learn and edit goals: those of the product file and those of finished brackets.")
 
@@ -44,7 +45,7 @@ def show(
         finished = goals.finished[name].finished if name in goals.finished else 0
         listed = name in goals.listed.goals
         rows.append({"goal": name, "parts": parts, "finished": finished, "expected": float(expected), "listed": listed})
-        table.add_row(name, " ".join(parts), str(finished), f"{expected:.3f}")
+        table.add_row(name, " ".join(map(written, parts)), str(finished), f"{expected:.3f}")
     table.add_row("none of these", "", "", f"{prior[-1]:.3f}")
     console().print(table)
     if as_json:

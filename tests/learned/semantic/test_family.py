@@ -19,7 +19,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import EMPTY, arrangements
 from tests.learned.products import DEFAULT
 
-GOALS = {
+GOALS: dict[str, list[Any]] = {
     "a": ["o1", "o1", "o1", "o2", "o2", "o3"],
     "b": ["o2", ["o1", "o3"], "o2", EMPTY, ["o1", "o2"], "o1"],
     "c": [EMPTY, EMPTY, "o3", "o1", ["o1", "o2"], ["o1", "o2"]],

@@ -10,16 +10,20 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.semantic.hypotheses import Floats, Hypotheses, Ints
+from bracket_cell.learned.semantic import hypotheses
+from bracket_cell.learned.semantic.hypotheses import Hypotheses
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import Choice, completed, types_of, written
 
+Ints: TypeAlias = hypotheses.Ints
+Floats: TypeAlias = hypotheses.Floats
 Bools = NDArray[np.bool_]
 
 EMPTY = -1  # stands where a position holds nothing

@@ -176,7 +176,8 @@ def _agreeing(reports: int, quantity: int) -> Floats:
 
 def _products(factors: list[Floats]) -> tuple[Floats, list[Floats]]:
     """The product of polynomials, and the product of all but each of them."""
-    before, after = [np.ones(1)], [np.ones(1)]
+    before: list[Floats] = [np.ones(1)]
+    after: list[Floats] = [np.ones(1)]
     for factor in factors:
         before.append(np.convolve(before[-1], factor))
     for factor in reversed(factors):

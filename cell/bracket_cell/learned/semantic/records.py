@@ -34,6 +34,7 @@ from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.files import write_whole
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.variants import Choice
 
 FORMAT: Final = "cell.demonstrations"
 
@@ -48,7 +49,7 @@ class Header(Model):
     version: Literal[1]
     parts: tuple[str, ...]
     positions: tuple[str, ...]
-    goals: dict[str, tuple[str, ...]]
+    goals: dict[str, tuple[Choice, ...]]
     source: str = ""
 
 

@@ -3,10 +3,11 @@
 python -m tests.benchmarks.open_list --first-seed 5001 --seeds 20
 
 streams: 60 brackets, three of the goals in use being listed, 5 % of the actions taken for an alike type; every finished
-bracket is learned from; while nobody is asked, and with one question before the first act at the guard's doubt.
+bracket is learned from; while nobody is asked, and while one question is answered.
 meetings: 400 brackets of listed goals, 400 of goals that were never shown, and of these after they were finished twice.
 confusions: brackets of listed goals; the matrix is learned from 500 confirmed actions of others, 5 or 10 % wrong.
-After each of 1 to 5 actions the robot acts or waits; a camera sees which holes are filled. 95 % intervals by Wilson.
+After each of 1 to 5 actions the robot acts, asks or waits; a camera sees which holes are filled. 95 % intervals by
+Wilson.
 """
 
 from __future__ import annotations
@@ -23,15 +24,12 @@ from bracket_cell.learned.semantic.confusions import PATTERNS, Confusions, Patte
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import Ints, Layout
 from bracket_cell.learned.semantic.model import BayesPlanner
-from bracket_cell.learned.semantic.risk import act_probability
-from bracket_cell.trees.guard import GuardSettings
+from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_lab.experiments.experiments import Values
 from bracket_lab.experiments.semantic_streams import (
     BRACKETS,
-    DOUBT,
     ERROR,
     IN_USE,
-    NEVER,
     assemble,
     first_meetings,
     unlisted,
@@ -47,12 +45,12 @@ States = Sequence[dict[str, bool]]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["all", "streams", "meetings", "confusions"], nargs="?", default="all")
-    parser.add_argument("--act", type=float, default=GuardSettings().act_probability, help="guard.act_probability")
-    parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_share, help="guard.wrong_share")
+    parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_act_s, help="guard.wrong_act_s")
+    parser.add_argument("--question", type=float, default=GuardSettings().question_s, help="guard.question_s")
     parser.add_argument("--first-seed", type=int, default=1001)
     parser.add_argument("--seeds", type=int, default=10)
     options = parser.parse_args()
-    guard = GuardSettings(act_probability=options.act, wrong_share=options.wrong)
+    guard = GuardSettings(wrong_act_s=options.wrong, question_s=options.question)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     tables = {"streams": streams, "meetings": meetings, "confusions": known}
     for name, table in tables.items():
@@ -63,9 +61,9 @@ def main() -> None:
 def streams(seeds: Sequence[int], guard: GuardSettings) -> Table:
     """Wrong acts by goals in use; in all, and in the second half."""
     table = Table("in use", "", "half", "acts", "wrong", "95 % interval", "bar", "acts in", "asked", title="streams")
-    for rule, doubt in (("nobody asked", NEVER), ("one question", DOUBT)):
+    for rule, answers in (("nobody asked", False), ("one question", True)):
         for in_use in IN_USE:
-            found = [states for seed in seeds for states in enumerate(stream(in_use, seed, guard, doubt))]
+            found = [states for seed in seeds for states in enumerate(stream(in_use, seed, guard, answers=answers))]
             for second in (False, True):
                 some = [states for number, states in found if not second or number >= BRACKETS // 2]
                 bar = BARS.get((rule, in_use, second))
@@ -77,7 +75,7 @@ def streams(seeds: Sequence[int], guard: GuardSettings) -> Table:
     return table
 
 
-def stream(in_use: int, seed: int, guard: GuardSettings, doubt: float = NEVER) -> Iterator[States]:
+def stream(in_use: int, seed: int, guard: GuardSettings, *, answers: bool = False) -> Iterator[States]:
     """The states of one bracket after the other; every finished one is learned from."""
     rng = np.random.default_rng([seed, in_use])
     used = [*LAYOUT.types[: min(in_use, len(LAYOUT.types))], *unlisted(LAYOUT, in_use - len(LAYOUT.types), rng)]
@@ -86,8 +84,7 @@ def stream(in_use: int, seed: int, guard: GuardSettings, doubt: float = NEVER) -
     for _ in range(BRACKETS):
         types = used[rng.integers(in_use)]
         planner = BayesPlanner(PRODUCT, goals, confusions)
-        act = act_probability(planner, goals, confusions, guard.act_probability, guard.wrong_share)
-        yield assemble(planner, LAYOUT, types, confusions, rng, doubt, act)
+        yield assemble(planner, Guard(goals.product, guard), types, confusions, rng, answers=answers)
         goals = goals.with_bracket(tuple(LAYOUT.parts[part] for part in types))
 
 
@@ -96,7 +93,7 @@ def meetings(seeds: Sequence[int], guard: GuardSettings) -> Table:  # noqa: ARG0
     columns = ("confused", "never shown: wrong assemblies (bar .10)", "asked", "known: acts in (bar .85)", "wrong acts")
     table = Table(*columns, "asked", "acts after finished twice, of a listed goal's (bar .90)", title="first meetings")
     for pattern in PATTERNS:
-        found = first_meetings(PRODUCT, "bayes", pattern, DOUBT, seeds[0])
+        found = first_meetings(PRODUCT, "bayes", pattern, True, seeds[0])
         names = ("wrong_assemblies_unknown", "asked_unknown", "coverage_known", "wrong_acts_known", "asked_known")
         shown = [_share(found, name) for name in names]
         twice = found["coverage_seen_twice"] / found["coverage_as_listed"]
@@ -109,20 +106,20 @@ def known(seeds: Sequence[int], guard: GuardSettings) -> Table:
     table = Table("confused", "acts", "wrong", "95 % interval", "bar", "acts in", title="learned confusions")
     for pattern in PATTERNS:
         for error in (ERROR, 2 * ERROR):
-            brackets = (one for seed in seeds for one in _brackets(pattern, error, seed, guard.act_probability))
+            brackets = (one for seed in seeds for one in _brackets(pattern, error, seed, guard))
             acts, wrong, interval, share = _cells([state for one in brackets for state in one])
             bar = "0.005" if pattern == "neighbouring holes" and error > ERROR else ""
             table.add_row(f"{pattern}, {error:.0%}", acts, wrong, interval, bar, share)
     return table
 
 
-def _brackets(pattern: Pattern, error: float, seed: int, act: float) -> Iterator[States]:
+def _brackets(pattern: Pattern, error: float, seed: int, guard: GuardSettings) -> Iterator[States]:
     rng = np.random.default_rng([seed, 7])
     true = Confusions.of(LAYOUT, pattern, error)
     learned = Confusions.learned(LAYOUT, _reports(true, rng))
     planner = BayesPlanner(PRODUCT, OpenGoals.of(PRODUCT), learned)
     for types in LAYOUT.types[rng.integers(len(LAYOUT.types), size=KNOWN)]:
-        yield assemble(planner, LAYOUT, types, true, rng, NEVER, act)
+        yield assemble(planner, Guard(PRODUCT, guard), types, true, rng, answers=False)
 
 
 def _reports(confusions: Confusions, rng: np.random.Generator) -> Iterator[tuple[tuple[str, str], tuple[str, str]]]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from bracket_cell.configuration import load_configuration
 from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from bracket_ground.interfaces.product import Product
@@ -58,8 +61,10 @@ def test_nothing_remaining_waits() -> None:
 
 def test_out_of_reach_and_unknown_goals_ask() -> None:
     assert GUARD.judge(PLAN, STATE, EMPTY, "o1", "p1", reachable=False).decision == "ask"
-    strange = replace(PLAN, goal_belief={"g0": 0.3, UNKNOWN_GOAL: 0.7})
+    strange = replace(PLAN, goal_belief={"g0": 0.3, UNKNOWN_GOAL: 0.7}, next_belief={("o1", "p1"): 0.5})
     assert GUARD.judge(strange, STATE, EMPTY, "o1", "p1", reachable=True).decision == "ask"
+    alone = GUARD.judge(strange, STATE, EMPTY, "o1", "p1", reachable=True, may_ask=False, waited_s=1e6)
+    assert alone.decision == "wait", "where nobody answers, it is not guessed"
 
 
 def test_a_possible_plan_is_not_refused() -> None:
@@ -88,14 +93,73 @@ def test_impossible_plans_are_refused_with_the_reason(change: dict[str, object],
     assert reason in refusal
 
 
-def test_where_many_goals_are_in_use_a_thin_margin_is_asked_about_or_waits() -> None:
-    wary = Guard(PRODUCT, GuardSettings(), 0.95)
-    thin = replace(PLAN, next_belief={("o1", "p1"): 0.93}, goal_belief={"g0": 1.0, "g1": 0.0, "g2": 0.0})
-    holes = {"p1": HoleView(None, 1.0, 0.0)}
-    asked = wary.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True)
-    alone = wary.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True, may_ask=False)
-    assert (asked.decision, alone.decision) == ("ask", "wait")
-    assert "0.930 < 0.950" in alone.reason
-    assert wary.asks_for_goal(thin, AssemblyState({}))
-    assert not GUARD.asks_for_goal(thin, AssemblyState({}))
-    assert GUARD.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True).decision == "act"
+def believed(**goals: float) -> AssemblyPlan:
+    """A plan of this belief over goals; a placement is as probable as the goals that want it, after p1 to p3."""
+    unknown = 1.0 - sum(goals.values())
+    wanted = {goal: PRODUCT.goal_placements(goal) for goal in goals}
+    nexts = {
+        (part, at): sum(belief for goal, belief in goals.items() if wanted[goal][at] == part)
+        for part in PRODUCT.parts
+        for at in ("p4", "p5", "p6")
+    }
+    return replace(PLAN, goal_belief={**goals, UNKNOWN_GOAL: unknown}, next_belief=nexts)
+
+
+def test_what_the_next_part_shows_is_not_asked() -> None:
+    either = believed(g0=0.495, g1=0.495, g2=0.0)
+    outlook = GUARD.outlook(either, AssemblyState({"p1": "o1"}))
+    assert not outlook.asks
+    assert outlook.wait_s < outlook.ask_s < outlook.act_s
+    assert not GUARD.asks_for_goal(either, AssemblyState({"p1": "o1"}))
+
+
+def test_a_question_is_asked_where_looks_tell_nothing_or_nothing_comes() -> None:
+    assert GUARD.asks_for_goal(believed(g0=0.3, g1=0.0, g2=0.0), AssemblyState({"p1": "o1"}))
+    either = believed(g0=0.495, g1=0.495, g2=0.0)
+    assert GUARD.asks_for_goal(either, AssemblyState({"p1": "o1"}), waited_s=80.0)
+    assert not GUARD.asks_for_goal(either, AssemblyState({}), waited_s=80.0), "nobody has begun"
+
+
+@pytest.mark.parametrize("question_s", [1.0, 10.0, 30.0])
+@pytest.mark.parametrize("waited_s", [0.0, 1e4])
+def test_no_act_is_expected_to_cost_more_than_a_question(question_s: float, waited_s: float) -> None:
+    settings = GuardSettings(question_s=question_s)
+    guard = Guard(PRODUCT, settings)
+    for belief in np.linspace(0.5, 1.0, 101):
+        plan = replace(PLAN, next_belief={("o1", "p1"): float(belief)})
+        verdict = guard.judge(plan, STATE, EMPTY, "o1", "p1", True, may_ask=False, waited_s=waited_s)
+        if verdict.decision == "act":
+            assert (1.0 - belief) * settings.wrong_act_s <= question_s + 1e-9
+
+
+def test_a_dearer_wrong_act_is_done_later_and_a_dearer_question_is_asked_more_rarely() -> None:
+    sure, doubtful = believed(g0=0.96, g1=0.02, g2=0.0), believed(g0=0.7, g1=0.0, g2=0.0)
+    state = AssemblyState({"p1": "o1"})
+    for wrong_s, decision in ((100.0, "act"), (10000.0, "ask")):
+        guard = Guard(PRODUCT, GuardSettings(wrong_act_s=wrong_s))
+        assert guard.judge(sure, state, EMPTY, "o2", "p4", reachable=True).decision == decision
+    asked = [
+        Guard(PRODUCT, GuardSettings(question_s=cost_s)).asks_for_goal(doubtful, state) for cost_s in (5.0, 30.0, 300.0)
+    ]
+    assert asked == [True, True, False]
+
+
+def test_a_part_taken_out_speaks_against_every_goal_that_wants_it_there() -> None:
+    plan = believed(g0=0.9, g1=0.04, g2=0.0)
+    gone = AssemblyState({"p2": "o1"}, taken_out={"p1": "o1"})
+    after = plan.after_reactions(PRODUCT, gone)
+    assert after.goal == UNKNOWN_GOAL
+    assert sum(after.goal_belief.values()) == pytest.approx(1.0)
+    assert after.goal_belief["g0"] < 0.15
+    assert GUARD.judge(after, gone, EMPTY, "o2", "p4", reachable=True, may_ask=False).decision == "wait"
+    told = replace(gone, told_goal="g0")
+    assert plan.after_reactions(PRODUCT, told) is plan
+
+
+@pytest.mark.parametrize("key", ["act_probability", "doubt_probability", "ask_probability", "wrong_share"])
+def test_a_file_with_a_threshold_of_before_is_told_what_to_write(key: str, tmp_path: Path) -> None:
+    text = Path("config/cell.yaml").read_text().replace("  wrong_act_s: 300.0", f"  {key}: 0.9")
+    path = tmp_path / "cell.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"cell.yaml:\d+.*write wrong_act_s and question_s"):
+        load_configuration(path)

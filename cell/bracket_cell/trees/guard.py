@@ -6,40 +6,46 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from bracket_cell.trees.outlook import Outlook, after_looks, waiting_s
 from bracket_ground.files.model import Model
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import HoleView
-from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
 from bracket_ground.interfaces.product import Product
 
 Decision = Literal["act", "wait", "ask"]
 TOLD = "if somebody said which goal it is"
+MOVED = "the robot decides by two costs now: write wrong_act_s and question_s [s], or leave the key out"
 
 
 class GuardSettings(Model):
-    """Thresholds of the guard.
+    """What the guard weighs: it acts, asks or waits, whichever is expected to cost least time.
 
     Attributes:
-        act_probability: least posterior of the next (part, position) at which the robot acts.
-        wrong_share: share of acts that may be wrong, as the semantic planner itself expects. If it knows goals that the
-            product does not list, the robot may need a higher probability to act, and asks or waits below it; 1 never.
-        ask_probability: posterior of "none of these goals" from which the robot asks.
-        doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
-            acting, until it gets an answer; 1 never asks. It counts if a person can answer: in a shift and
+        wrong_act_s: what a wrong act costs [s]: the part comes out again, and people trust the robot less. Never more
+            than question_s / wrong_act_s of the acts of a kind are expected to be wrong: from there on it is cheaper
+            to ask, and where nobody answers the robot waits.
+        question_s: what a question costs [s], until it is answered. It is asked if a person can answer: in a shift and
             beside the operator's page.
         holes: what says that a hole is empty: seen, a reading of the camera, or graph, the assembly graph where nothing
             was read, as in the paper, whose cell reads no holes: the robot may then put a part onto another.
     """
 
-    act_probability: float = Field(default=0.9, ge=0.01, le=1)
-    wrong_share: float = Field(default=0.02, ge=0.001, le=1)
-    ask_probability: float = Field(default=0.5, ge=0.01, le=1)
-    doubt_probability: float = Field(default=0.01, ge=0.001, le=1)
+    wrong_act_s: float = Field(default=300.0, ge=1, le=1e5)
+    question_s: float = Field(default=30.0, ge=0.1, le=1e4)
     holes: Literal["seen", "graph"] = "seen"
+    moved: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("act_probability", "doubt_probability", "ask_probability", "wrong_share"), MOVED
+    )
+
+    @property
+    def act_probability(self) -> float:
+        """Least probability of a placement at which a wrong act is expected to cost no more than a question."""
+        return max(0.0, 1.0 - self.question_s / self.wrong_act_s)
 
 
 @dataclass(frozen=True)
@@ -58,18 +64,14 @@ class Verdict:
 class Guard:
     """Judges plans and placements against the product, the seen occupancy, the belief and the arm's reach."""
 
-    def __init__(self, product: Product, settings: GuardSettings, act_probability: float | None = None) -> None:
-        """Args:
-        act_probability: from which the robot acts unasked, where the goals that are known ask for more than the
-            settings' own.
-        """
-        self._product = product
+    def __init__(self, product: Product, settings: GuardSettings) -> None:
+        self.product = self._product = product
         self._settings = settings
-        self._act_probability = settings.act_probability if act_probability is None else act_probability
+        self._looked: tuple[AssemblyPlan, AssemblyState, tuple[float, ...]] | None = None
 
     @property
     def sure_probability(self) -> float:
-        """From which a placement is right by the settings, whatever the goal is."""
+        """From which a placement is right by the costs, whatever the goal is."""
         return self._settings.act_probability
 
     @property
@@ -92,11 +94,13 @@ class Guard:
         position: str,
         reachable: bool,
         may_ask: bool = True,
+        waited_s: float = 0.0,
     ) -> Verdict:
         """Whether the robot may put `part` into `position` now.
 
         Args:
-            may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
+            may_ask: somebody is there who answers.
+            waited_s: since a part was placed last.
         """
         if self.contradicted(plan, state):
             goal = plan.goal if state.told_goal is None else state.told_goal
@@ -121,43 +125,57 @@ class Guard:
         if hole is not None and hole.part is not None:
             words = Message("{position} is seen to hold {part}", position=position, part=hole.part)
             return Verdict("wait", words, empty)
-        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        if unknown >= self._settings.ask_probability and state.told_goal is None:
-            words = Message("this looks like no known goal (probability {unknown:.2f})", unknown=unknown)
-            return Verdict("ask", words, f"if that were below {self._settings.ask_probability}, or {TOLD[3:]}")
-        probability, least = plan.next_belief.get((part, position), 0.0), self._settings.act_probability
-        placement = Message("{part} at {position}", part=part, position=position)
-        too_low = "{placement} has probability {probability:.2f} < {least}"
-        if probability < least:
-            words = Message(too_low, placement=placement, probability=probability, least=least)
-            return Verdict("wait", words, f"if {placement} had at least {least}")
         if not reachable:
             words = Message("the arm cannot reach {position} with {part}", position=position, part=part)
             return Verdict("ask", words, f"if {position} were within reach")
-        if may_ask and state.told_goal is None and self._doubts(unknown, probability):
-            question = "is this {goal}? A goal that I do not know has probability {unknown:.3f}"
-            return Verdict("ask", Message(question, goal=plan.goal, unknown=unknown), TOLD)
-        if probability < self._act_probability:
-            least = self._act_probability
-            too_low = "{placement} has probability {probability:.3f} < {least:.3f}, as many goals are in use"
-            words = Message(too_low, placement=placement, probability=probability, least=least)
-            return Verdict("wait", words, f"if {placement} had at least {least:.3f}")
-        words = Message("{placement} has probability {probability:.2f}", placement=placement, probability=probability)
-        return Verdict("act", words, f"if {placement} had less than {least}")
+        return self._cheapest(plan, state, (part, position), may_ask, waited_s)
 
-    def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
-        """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.
+    def outlook(self, plan: AssemblyPlan, state: AssemblyState, may_ask: bool = True, waited_s: float = 0.0) -> Outlook:
+        """What acting, waiting and asking are expected to cost."""
+        settings, told = self._settings, state.told_goal is not None
+        looked = self._looked
+        if looked is None or looked[0] is not plan or looked[1] != state:
+            left_s = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
+            self._looked = looked = plan, state, left_s
+        return Outlook(
+            act_s=min((self._risk_s(belief) for belief in plan.next_belief.values()), default=math.inf),
+            wait_s=waiting_s(looked[2], waited_s if state.placed else 0.0),
+            ask_s=settings.question_s if may_ask and not told else math.inf,
+        )
 
-        So it is where what is placed fits no known goal, and none is so probable that something must be wrong; and
-        where a person showed that it is not the most probable one, see AssemblyState.
+    def _cheapest(
+        self, plan: AssemblyPlan, state: AssemblyState, placement: Placement, may_ask: bool, waited_s: float
+    ) -> Verdict:
+        """Act, ask or wait; never act where a question would be cheaper, even if nobody answers it."""
+        probability = plan.next_belief.get(placement, 0.0)
+        risk_s, outlook = self._risk_s(probability), self.outlook(plan, state, may_ask, waited_s)
+        most_s = min(self._settings.question_s, outlook.wait_s)
+        least = 1.0 - most_s / self._settings.wrong_act_s
+        words = Message("{part} at {position}", part=placement[0], position=placement[1])
+        if risk_s <= most_s:
+            reason = Message("{placement} has probability {probability:.2f}", placement=words, probability=probability)
+            return Verdict("act", reason, f"if {words} had less than {least:.3f}")
+        if outlook.asks:
+            question = "is this {goal}? Acting may cost {act_s:.0f} s, waiting {wait_s:.0f} s, a question {ask_s:.0f} s"
+            return Verdict("ask", Message(question, goal=plan.goal, **vars(outlook)), TOLD)
+        too_low = "{placement} has probability {probability:.3f} < {least:.3f}"
+        reason = Message(too_low, placement=words, probability=probability, least=least)
+        return Verdict("wait", reason, f"if {words} had at least {least:.3f}")
+
+    def asks_for_goal(
+        self, plan: AssemblyPlan, state: AssemblyState, may_ask: bool = True, waited_s: float = 0.0
+    ) -> bool:
+        """Whether a person should say which goal is built, as that costs less than to act or to wait.
+
+        So it is, too, where what is placed fits no known goal, and none is so probable that something must be wrong;
+        and where a person showed that it is not the most probable one, see AssemblyState.
         """
-        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if self.contradicted(plan, state) or state.told_goal is not None:
             return self.contradicted(plan, state)
         if self.fits_none(state) and self.sure_goal(plan, state) is None:
             return True
-        best = max(plan.next_belief.values(), default=0.0)
-        return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown, best))
+        full = len(state.placed) == len(self._product.positions)
+        return plan.goal == UNKNOWN_GOAL if full else self.outlook(plan, state, may_ask, waited_s).asks
 
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
         """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""
@@ -192,10 +210,9 @@ class Guard:
         otherwise = any(part not in wanted.get(position, ()) for position, part in right.items())
         return otherwise or _has_taken_out(wanted, state)
 
-    def _doubts(self, unknown: float, best: float) -> bool:
-        """Whether to ask rather than act: it may be none of the known goals, or another one of many."""
-        doubt = self._settings.doubt_probability
-        return doubt < 1 and (unknown >= doubt or best < self._act_probability)
+    def _risk_s(self, probability: float) -> float:
+        """What it costs to make a placement that is right with this probability."""
+        return self._settings.wrong_act_s * max(0.0, 1.0 - probability)
 
     def _remaining(self, state: AssemblyState) -> Counter[str]:
         needed = Counter(self._product.most)

@@ -14,7 +14,6 @@ from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import Layout
 from bracket_cell.learned.semantic.model import BayesPlanner, FactoredPlanner
-from bracket_cell.learned.semantic.risk import act_probability
 from bracket_cell.settings import Perception
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.guard import Guard
@@ -135,7 +134,7 @@ def make_services(
         rule_semantic=planners.rule_semantic,
         grasp=planners.grasp,
         rule_grasp=planners.rule_grasp,
-        guard=_guard(configuration, planners.semantic, planners.goals, planners.confusions),
+        guard=Guard(planners.known, configuration.guard),
         journal=journal,
         files=files or WorkingFolder(),
         answers=answers,
@@ -146,17 +145,6 @@ def make_services(
     for parts in left_off.finished:
         services.learn(parts)
     return services
-
-
-def _guard(
-    configuration: Configuration, planner: SemanticPlanner, goals: OpenGoals, confusions: Confusions | None
-) -> Guard:
-    """The guard of the goals that are known, as wary as their number asks for."""
-    settings = configuration.guard
-    if not isinstance(planner, FactoredPlanner | BayesPlanner):
-        return Guard(goals.product, settings)
-    least = act_probability(planner, goals, confusions, settings.act_probability, settings.wrong_share)
-    return Guard(goals.product, settings, least)
 
 
 def _teacher(
@@ -199,7 +187,7 @@ def learner(
             else planner
             for planner in (tools.semantic, tools.rule_semantic)
         )
-        guard = _guard(configuration, semantic, goals, planners.confusions)
+        guard = Guard(known, configuration.guard)
         tools = replace(tools, product=known, semantic=semantic, rule_semantic=rule_semantic, guard=guard)
         return tools, goals.name_of(parts)
 

@@ -32,6 +32,7 @@ class Memory:
         turned: by type, how often one that lay was turned since any of them was seen to stand.
         unplaced: by type and position ("o1 at p2"), how often in a row a part did not go in.
         let_go: part type by position, of what was let go in a hole and is not yet seen there.
+        placed_s: when a part was placed or taken out last, as it is believed; negative before.
         fingers_doubted: a part that was let go was not seen in its hole: it may stick to a finger.
         questions: how many were asked in this run.
         brackets: how many were begun in this run.
@@ -49,6 +50,7 @@ class Memory:
     turned: Mapping[str, int] = field(default_factory=dict)
     unplaced: Mapping[str, int] = field(default_factory=dict)
     let_go: Mapping[str, str] = field(default_factory=dict)
+    placed_s: float = NEVER_S
     fingers_doubted: bool = False
     questions: int = 0
     brackets: int = 0

@@ -14,6 +14,7 @@ Placement = tuple[str, str]  # (part type, position), for example ("o1", "p3")
 
 UNKNOWN_GOAL = "none of these"
 FOLLOWS_ORDER = 0.95  # share of brackets that are what the work order says
+TAKEN_IN_ERROR = 0.01  # share of the parts that people take out again though they belong there
 
 
 def weights_file(planner: str, kind: str) -> str:
@@ -149,10 +150,27 @@ class AssemblyPlan:
         Args:
             variant: name of the goal that was ordered.
         """
+        if variant not in product.goals:
+            return self
         rare = (1.0 - FOLLOWS_ORDER) / max(len(self.goal_belief) - 1, 1)
-        joint = {goal: p * (FOLLOWS_ORDER if goal == variant else rare) for goal, p in self.goal_belief.items()}
+        shares = {goal: FOLLOWS_ORDER if goal == variant else rare for goal in self.goal_belief}
+        return self._given(shares, product, state)
+
+    def after_reactions(self, product: Product, state: AssemblyState) -> AssemblyPlan:
+        """The plan where a person took out again what the robot placed: by Bayes' rule, as evidence against a goal."""
+        against = {
+            goal
+            for goal in product.goals
+            if any(product.accepted(goal).get(at) == (part,) for at, part in state.taken_out.items())
+        }
+        shares = {goal: TAKEN_IN_ERROR if goal in against else 1.0 for goal in self.goal_belief}
+        return self._given(shares, product, state) if against else self
+
+    def _given(self, shares: Mapping[str, float], product: Product, state: AssemblyState) -> AssemblyPlan:
+        """The plan after evidence that has these likelihoods, by goal."""
+        joint = {goal: p * shares[goal] for goal, p in self.goal_belief.items()}
         total = sum(joint.values())
-        if state.told_goal is not None or variant not in product.goals or total <= 0.0:
+        if state.told_goal is not None or total <= 0.0:
             return self
         belief = {goal: share / total for goal, share in joint.items()}
         wanted = {goal: product.goal_placements(goal, state.placed) for goal in product.goals if goal in belief}

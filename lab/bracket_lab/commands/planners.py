@@ -241,7 +241,8 @@ def _certify(limit: float, logs: list[Path], product: Product, shared: Shared) -
     if not cases:
         raise InputError("--certify needs logs of finished brackets; name them with --from LOG")
     found = certificate(cases, limit)
-    act = configuration.guard.act_probability
+    guard = configuration.guard
+    act = guard.act_probability
     say = console().print
     runs = f"{found.runs} run{'s' * (found.runs > 1)}"
     if found.threshold is None:
@@ -250,7 +251,9 @@ def _certify(limit: float, logs: list[Path], product: Product, shared: Shared) -
     else:
         say(
             f"at most {100 * limit:g} % wrong acts with 90 % confidence, from {runs}: "
-            f"guard.act_probability: {found.threshold:g}; the robot then acts in {found.coverage:.3f} of the states"
+            f"act from probability {found.threshold:g} on, guard.wrong_act_s: "
+            f"{guard.question_s / (1.0 - found.threshold):.0f}; "
+            f"the robot then acts in {found.coverage:.3f} of the states"
         )
     say(f"at {act:g}, as configured, they certify at most {100 * least_limit(cases, act):.2g} %")
     if shared.as_json:

@@ -19,7 +19,7 @@ from bracket_lab.experiments.semantic_cells import (
     size_cells,
 )
 from bracket_lab.experiments.semantic_models import KINDS
-from bracket_lab.experiments.semantic_streams import BRACKETS, DOUBT, ERROR, IN_USE, NEVER, SEEDS, SINGLE, stream_cells
+from bracket_lab.experiments.semantic_streams import BRACKETS, ERROR, IN_USE, SEEDS, SINGLE, stream_cells
 
 ACTIONS = range(1, 6)
 ALL = (OPTIMUM, *KINDS)
@@ -134,16 +134,15 @@ def stream_section(cells: Cells) -> str:
         "## Goals that nobody listed: an open list, and a question\n"
         f"{100 * ERROR:g} % of the actions are misdetected, in three patterns: as any other action, as the same type "
         "at a neighbouring hole, as an alike type at the same hole; planners know which. A camera sees which holes are "
-        "filled. After each of 1 to 5 actions the robot would act where a placement has .9 and `none of these` less "
-        "than .5. `doubt`: from which probability of `none of these` on it asks instead of its first act which goal it "
-        f"is; it is told truly, once an assembly. `wrong`: assemblies of {SINGLE} with a wrong act, of goals never "
+        "filled. After each of 1 to 5 actions the robot acts, asks or waits by the guard's costs. `answers`: whether "
+        f"somebody is there, who says once, and truly, which goal it is. `wrong`: assemblies of {SINGLE} with a wrong act, of goals never "
         "shown. `twice`: acts after that goal was finished twice, as a share of those that a listed goal would allow."
         "\n\n"
         + markdown(
             [
                 "",
                 "confusions",
-                "doubt",
+                "answers",
                 "wrong, unknown",
                 "asked",
                 "acts, known",
@@ -165,8 +164,8 @@ def _first_meetings(cells: Cells) -> list[list[str]]:
     rows = []
     for kind in STREAM_KINDS:
         for pattern in PATTERNS:
-            for doubt in (NEVER, DOUBT):
-                key = {"kind": kind, "pattern": pattern, "doubt": doubt}
+            for answers in (False, True):
+                key = {"kind": kind, "pattern": pattern, "answers": answers}
                 names = (
                     "wrong_assemblies_unknown",
                     "asked_unknown",
@@ -178,7 +177,15 @@ def _first_meetings(cells: Cells) -> list[list[str]]:
                     values_of(cells, score_of(f"coverage_{name}"), **key) for name in ("seen_twice", "as_listed")
                 )
                 share = shown([a / b for a, b in zip(twice, listed, strict=True)])
-                rows.append([kind, pattern, f"{doubt:g}", *(shown_share(cells, name, **key) for name in names), share])
+                rows.append(
+                    [
+                        kind,
+                        pattern,
+                        "yes" if answers else "no",
+                        *(shown_share(cells, name, **key) for name in names),
+                        share,
+                    ]
+                )
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,9 +12,11 @@ from bracket_cell.learned.inference.scores import ScoreCounter
 from bracket_cell.learned.semantic.confusions import PATTERNS, Confusions, Pattern
 from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
 from bracket_cell.learned.semantic.graph import EMPTY, Ints, Layout
+from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.model import BayesPlanner, FactoredPlanner
-from bracket_cell.learned.semantic.risk import act_probability, seen_after
-from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
 from bracket_lab.experiments.experiments import Cell, Values
 from bracket_lab.experiments.semantic_models import planner_of
@@ -24,8 +27,6 @@ IN_USE = (3, 6, 12)  # goals, three of them listed
 BRACKETS = 60
 SINGLE = 400  # assemblies of goals that are met for the first time, and of known ones
 ERROR = 0.05
-ACT, ASK, DOUBT, WRONG = 0.9, 0.5, 0.01, 0.02  # the guard's thresholds, and the share of acts that may be wrong
-NEVER = 1.0  # a doubt that never asks
 AS_LISTED = 4  # finished brackets that make a goal as probable as a listed one
 
 
@@ -39,9 +40,9 @@ def stream_cells(product: Product) -> list[Cell]:
                     key = {"experiment": "streams", "kind": kind, "in_use": in_use, "rule": rule, "seed": seed}
                     cells.append(Cell(key, partial(_stream, product, kind, in_use, rule, seed)))
         for pattern in PATTERNS:
-            for doubt in (NEVER, DOUBT):
-                met = {"experiment": "streams", "kind": kind, "pattern": pattern, "doubt": doubt, "seed": SEEDS[0]}
-                cells.append(Cell(met, partial(first_meetings, product, kind, pattern, doubt, SEEDS[0])))
+            for answers in (False, True):
+                met = {"experiment": "streams", "kind": kind, "pattern": pattern, "answers": answers, "seed": SEEDS[0]}
+                cells.append(Cell(met, partial(first_meetings, product, kind, pattern, answers, SEEDS[0])))
     return cells
 
 
@@ -51,39 +52,37 @@ def _stream(product: Product, kind: str, in_use: int, rule: str, seed: int) -> V
     confusions = Confusions.of(layout, "alike types", ERROR)
     make = _maker(kind, product, confusions, seed)
     goals = OpenGoals.of(product)
-    planner, act, counter = make(goals), ACT, ScoreCounter()
+    planner, counter = make(goals), ScoreCounter()
     for number in range(BRACKETS):
         types = used[rng.integers(in_use)]
-        doubt = DOUBT if rule.endswith("question") else NEVER
-        found = assemble(planner, layout, types, confusions, rng, doubt, act)
+        guard = Guard(goals.product, GuardSettings())
+        found = assemble(planner, guard, types, confusions, rng, answers=rule.endswith("question"))
         for half in ("", "_second_half") if number >= BRACKETS // 2 else ("",):
             _count(counter, found, half)
         if rule != "fixed list":
             goals = goals.with_bracket(tuple(layout.parts[part] for part in types))
             planner = make(goals)
-            act = act_probability(planner, goals, confusions, ACT, WRONG)
     return dict(counter.scores())
 
 
-def first_meetings(product: Product, kind: str, pattern: Pattern, doubt: float, seed: int) -> Values:
+def first_meetings(product: Product, kind: str, pattern: Pattern, answers: bool, seed: int) -> Values:
     """Assemblies of listed goals, of goals that were never shown, and of those after they were finished twice."""
     layout, rng = Layout.of(product), np.random.default_rng([seed, 99])
     confusions = Confusions.of(layout, pattern, ERROR)
     make = _maker(kind, product, confusions, seed)
     counter = ScoreCounter()
-    fresh = make(OpenGoals.of(product))
+    fresh, guard = make(OpenGoals.of(product)), Guard(product, GuardSettings())
     for types in layout.types[rng.integers(len(layout.types), size=SINGLE)]:
-        _count(counter, assemble(fresh, layout, types, confusions, rng, doubt), "_known")
+        _count(counter, assemble(fresh, guard, types, confusions, rng, answers=answers), "_known")
     for number, types in enumerate(unlisted(layout, SINGLE, rng, repeated=True)):
-        _count(counter, assemble(fresh, layout, types, confusions, rng, doubt), "_unknown")
+        _count(counter, assemble(fresh, guard, types, confusions, rng, answers=answers), "_unknown")
         if number % 5 == 0:
             parts = tuple(layout.parts[part] for part in types)
             draws = rng.integers(2**32)
             for times, name in ((2, "_seen_twice"), (AS_LISTED, "_as_listed")):
                 goals = OpenGoals(product, {"new1": FinishedGoal(parts=parts, finished=times)})
-                planner = make(goals)
-                act = act_probability(planner, goals, confusions, ACT, WRONG)
-                found = assemble(planner, layout, types, confusions, np.random.default_rng(draws), doubt, act)
+                told = Guard(goals.product, GuardSettings())
+                found = assemble(make(goals), told, types, confusions, np.random.default_rng(draws), answers=answers)
                 _count(counter, found, name)
     return dict(counter.scores())
 
@@ -104,58 +103,61 @@ def unlisted(layout: Layout, count: int, rng: np.random.Generator, *, repeated: 
 
 def assemble(
     planner: BayesPlanner | FactoredPlanner,
-    layout: Layout,
+    guard: Guard,
     types: Ints,
-    confusions: Confusions,
+    confusions: Confusions | None,
     rng: np.random.Generator,
-    doubt: float,
-    act: float = ACT,
+    *,
+    answers: bool,
 ) -> list[dict[str, bool]]:
-    """One bracket in random order: would the robot act after each action but the last, and rightly?
+    """One bracket in random order: what would the guard do after each action but the last, and rightly?
 
-    It acts from the probability `act` on. A camera sees which holes are filled; reports of open ones are dropped. Where
-    the robot would act for the first time from ACT on, and "none of these" has the probability `doubt` or the placement
-    less than `act`, it asks which of the known goals it is, once, and is told; with a doubt of NEVER nobody is asked.
+    A camera sees which holes are filled: reports of open ones are dropped. The first wrong act is taken out again at
+    once; then that part, at that position, speaks against the goals that want it.
+
+    Args:
+        answers: the first question is answered truly, before anything else.
     """
-    m = len(types)
-    order = rng.permutation(m)
-    told: str | None = None
-    states = []
+    layout, m = planner.layout, len(types)
+    order, product = rng.permutation(m), guard.product
+    state, states = AssemblyState({}), []
     for count in range(1, m):
         true, seen = seen_after(layout, types, order[:count], confusions, rng)
-        plan = planner.plan(AssemblyState(layout.state(seen).placed, told))
-        placement = _placement(plan, layout, true, min(act, ACT))
-        thin = placement is not None and plan.next_belief[placement] < act
-        asked = (
-            placement is not None
-            and told is None
-            and doubt < NEVER
-            and (plan.goal_belief[UNKNOWN_GOAL] >= doubt or thin)
-        )
+        state = replace(state, placed=layout.state(seen).placed)
+        plan = planner.plan(state).after_reactions(product, state)
+        asked = answers and state.told_goal is None and guard.asks_for_goal(plan, state)
         if asked:
-            known = zip(planner.layout.goals, planner.layout.types.tolist(), strict=True)
-            told = next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL)
-            placement = _placement(planner.plan(AssemblyState(layout.state(seen).placed, told)), layout, true, act)
-        elif thin:
-            placement = None
-        states.append(_state(placement, layout, types, asked=asked))
+            known = zip(layout.goals, layout.types.tolist(), strict=True)
+            state = state.told(next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL))
+            plan = planner.plan(state)
+        holes = {
+            at: HoleView(None if part == EMPTY else "", 1.0, 0.0)
+            for at, part in zip(layout.positions, true, strict=True)
+        }
+        acts = [
+            (belief, placement)
+            for placement, belief in plan.next_belief.items()
+            if guard.judge(plan, state, holes, *placement, reachable=True, may_ask=answers).decision == "act"
+        ]
+        placement = max(acts)[1] if acts else None
+        wrong = placement is not None and layout.parts[types[layout.positions.index(placement[1])]] != placement[0]
+        if wrong and placement is not None:
+            state = replace(state, taken_out={**state.taken_out, placement[1]: placement[0]})
+        states.append({"acts": placement is not None, "wrong": wrong, "asked": asked})
     return states
 
 
-def _placement(plan: AssemblyPlan, layout: Layout, true: Ints, act: float) -> tuple[str, str] | None:
-    """The best placement into an open hole, where it is sure enough."""
-    if plan.goal_belief[UNKNOWN_GOAL] >= ASK:
-        return None
-    possible = {
-        place: value for place, value in plan.next_belief.items() if true[layout.positions.index(place[1])] == EMPTY
-    }
-    best = max(possible, key=possible.__getitem__, default=None)
-    return best if best is not None and possible[best] >= act else None
+def seen_after(
+    layout: Layout, types: Ints, done: Ints, confusions: Confusions | None, rng: np.random.Generator
+) -> tuple[Ints, Ints]:
+    """A bracket (m,) after the positions `done` were filled: as it is, and as it was reported.
 
-
-def _state(placement: tuple[str, str] | None, layout: Layout, types: Ints, *, asked: bool) -> dict[str, bool]:
-    wrong = placement is not None and layout.parts[types[layout.positions.index(placement[1])]] != placement[0]
-    return {"acts": placement is not None, "wrong": wrong, "asked": asked}
+    A camera sees which holes are filled: reports of open ones are dropped.
+    """
+    true: Ints = np.where(np.isin(np.arange(len(types)), done), types, EMPTY)
+    some = Scenarios(np.zeros(1, int), true[None], np.zeros(1, int))
+    reported = misdetect(layout, some, rng, confusions=None if confusions is None else confusions.matrix).seen[0]
+    return true, np.where(true == EMPTY, EMPTY, reported)
 
 
 def _count(counter: ScoreCounter, states: list[dict[str, bool]], end: str) -> None:

@@ -18,8 +18,8 @@ from tests.trees.nodes.rig import BENCH, EMPTY_HOLES, SURE, hand_at, see, servic
 
 TEXT = "put one into the tray"
 DOUBTFUL = AssemblyPlan(
-    goal_belief={"g0": 0.97, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.03},
-    next_belief={("o1", "p1"): 0.97},
+    goal_belief={"g0": 0.2, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.8},
+    next_belief={("o1", "p1"): 0.5},
     next_part="o1",
     guidance={"o1": ("p1",), "o2": (), "o3": ()},
 )

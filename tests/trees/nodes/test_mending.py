@@ -336,7 +336,8 @@ def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> Non
     puzzled = replace(SURE, goal_belief={"g0": 0.8, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.2}, next_belief={})
     assert to.tools.guard.fits_none(odd)
     assert to.tools.guard.asks_for_goal(puzzled, odd)
-    assert not to.tools.guard.asks_for_goal(puzzled, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
+    sure = replace(SURE, goal_belief={"g0": 0.99, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.01})
+    assert not to.tools.guard.asks_for_goal(sure, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
     node: Any = alone(AwaitMisfit("misfit"), to, state=odd)
     assert node.execute() is Status.RUNNING
     shows(to, 5.0)
@@ -348,11 +349,12 @@ def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> Non
 def test_a_full_bracket_of_no_known_product_waits_for_a_word_where_somebody_is_there() -> None:
     to = services()
     see(to, 1.0, holes=EMPTY_HOLES)
-    right: Any = alone(BracketIsRight("right"), to, state=AssemblyState({}), plan=NO_IDEA)
+    full = AssemblyState(dict(zip(PRODUCT.positions, ("o1", "o1", "o2", "o1", "o2", "o3"), strict=True)))
+    right: Any = alone(BracketIsRight("right"), to, state=full, plan=NO_IDEA)
     assert right.execute() is Status.SUCCESS
     to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     assert right.execute() is Status.FAILURE
-    right.state.entry.value = AssemblyState({}, told_goal=UNKNOWN_GOAL)
+    right.state.entry.value = replace(full, told_goal=UNKNOWN_GOAL)
     assert right.execute() is Status.SUCCESS
 
 

@@ -172,7 +172,7 @@ class AskWhichGoal(Asks):
             self.feedback_message = Message("it is {told}", told=told)
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
         against = self.order.get() and against_order(services, state)
-        if not (against or guard.asks_for_goal(plan, state)):
+        if not (against or guard.asks_for_goal(plan, state, waited_s=services.waited_s)):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
             return Status.SUCCESS if self._asks else Status.FAILURE
         if not (services.now.observation.operator.present or self.unattended.get()):
@@ -217,7 +217,9 @@ class AskWhichGoal(Asks):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
         services.now.show(help_request=Message("{reason}; which one is it?", reason=reason))
-        services.tools.journal.note("help", text=reason, goals=ranked)
+        outlook = services.tools.guard.outlook(plan, state, waited_s=services.waited_s)
+        costs = {name: round(cost_s, 1) for name, cost_s in vars(outlook).items() if math.isfinite(cost_s)}
+        services.tools.journal.note("help", text=reason, goals=ranked, belief=dict(plan.goal_belief), costs=costs)
         self.feedback_message = reason
 
 

@@ -39,6 +39,8 @@ class InferGoal(CellNode):
         state, job = self.state.get(), self.now.observation.operator.job
         variant = None if job is None else job.variant
         if self._plan is None or state != self._state or variant != self._variant:
+            if self._state is None or state.placed != self._state.placed:
+                self.memory.placed_s = self.now.observation.time_s
             self._plan = self.tools.infer(state, job)
             self._state, self._variant = state, variant
             self.tools.journal.note(
@@ -192,7 +194,8 @@ def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: st
     view = services.now.observation.bench
     reachable = services.reachable(part, position)
     present = services.now.observation.operator.present
-    return services.tools.guard.judge(plan, state, view.holes if view else {}, part, position, reachable, present)
+    holes = view.holes if view else {}
+    return services.tools.guard.judge(plan, state, holes, part, position, reachable, present, services.waited_s)
 
 
 def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:

@@ -102,6 +102,7 @@ class Tools:
         if refusal is not None:
             self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
             plan = self.rule_semantic.plan(state)
+        plan = plan.after_reactions(self.product, state)
         if job is not None:
             plan = plan.expecting(job.variant, self.product, state)
         return plan.with_told({at: part for at, part in state.told_parts.items() if at not in state.placed})
@@ -128,6 +129,11 @@ class Services:
     def journal(self) -> Journal:
         """Takes notes for the log."""
         return self.tools.journal
+
+    @property
+    def waited_s(self) -> float:
+        """Since a part was placed last."""
+        return 0.0 if self.memory.placed_s < 0 else self.now.observation.time_s - self.memory.placed_s
 
     @property
     def answers(self) -> LoggedAnswers | None:

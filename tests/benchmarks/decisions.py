@@ -1,0 +1,109 @@
+"""What the guard's two costs lead to: wrong acts and questions, by how many goals are listed and who answers.
+
+python -m tests.benchmarks.decisions --brackets 400 --seed 101
+The exact planner; whole brackets of the valve bracket's parts in random orders, of goals that are listed or not. Reports
+are true, or 4.5 % of them are taken for others and no camera corrects them. Nothing moves. 95 % intervals by Wilson.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.learned.semantic.confusions import Confusions
+from bracket_cell.learned.semantic.goals import OpenGoals
+from bracket_cell.learned.semantic.graph import Layout
+from bracket_cell.learned.semantic.model import BayesPlanner
+from bracket_cell.learned.semantic.settings import DETECTION_ERROR
+from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_ground.interfaces.product import Product
+from bracket_lab.experiments.semantic_streams import assemble, unlisted
+
+LISTED = (3, 12, 60)  # goals; 60 are all arrangements that there are
+Brackets = Sequence[Sequence[dict[str, bool]]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is drawn: how many goals are listed, whether the bracket is one, whether reports err, who answers."""
+
+    goals: int
+    listed: bool
+    errs: bool
+    answers: bool
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--brackets", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=101)
+    parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_act_s, help="guard.wrong_act_s")
+    parser.add_argument("--question", type=float, default=GuardSettings().question_s, help="guard.question_s")
+    options = parser.parse_args()
+    guard = GuardSettings(wrong_act_s=options.wrong, question_s=options.question)
+    print("goals bracket  reports answers | wrong acts | brackets with a wrong act | asked | acts in | first act after")
+    for row in rows():
+        print(told(row, drawn(row, guard, options.brackets, options.seed)), flush=True)
+
+
+def rows() -> Iterator[Row]:
+    """All rows; every arrangement is listed where 60 are."""
+    for goals in LISTED:
+        for listed in (True, False) if goals < max(LISTED) else (True,):
+            for errs in (False, True):
+                for answers in (False, True):
+                    yield Row(goals, listed, errs, answers)
+
+
+def drawn(row: Row, settings: GuardSettings, count: int, seed: int) -> Brackets:
+    """Brackets of a row."""
+    rng = np.random.default_rng([seed, row.goals])
+    product = with_goals(load_product(load_configuration()), row.goals)
+    layout, confusions = Layout.of(product), None
+    if row.errs:
+        confusions = Confusions.of(layout, "any", DETECTION_ERROR)
+    planner, guard = BayesPlanner(product, OpenGoals.of(product)), Guard(product, settings)
+    of = layout.types[rng.integers(len(layout.types), size=count)] if row.listed else ()
+    brackets = list(of) if row.listed else unlisted(layout, count, rng, repeated=True)
+    exact = Confusions.of(layout, "any", 0.0) if confusions is None else confusions
+    return [assemble(planner, guard, types, exact, rng, answers=row.answers) for types in brackets]
+
+
+def with_goals(product: Product, count: int) -> Product:
+    """The product with so many goals: its own, and other arrangements of its parts."""
+    bag = [name for name, part in product.parts.items() for _ in range(part.quantity)]
+    every = [one for one in sorted(set(permutations(bag))) if one not in product.goals.values()]
+    more = np.random.default_rng(5).permutation(len(every))[: count - len(product.goals)]
+    goals = {**product.goals, **{f"more{number}": every[number] for number in more}}
+    return Product.model_validate({**product.model_dump(), "goals": goals})
+
+
+def told(row: Row, brackets: Brackets) -> str:
+    """A line of the table."""
+    states = [state for bracket in brackets for state in bracket]
+    acts = [state["wrong"] for state in states if state["acts"]]
+    first = [next((n for n, state in enumerate(bracket, 1) if state["acts"]), len(bracket) + 1) for bracket in brackets]
+    shares = (
+        (sum(acts), len(acts)),
+        (sum(any(state["wrong"] for state in bracket) for bracket in brackets), len(brackets)),
+        (sum(any(state["asked"] for state in bracket) for bracket in brackets), len(brackets)),
+    )
+    cells = " | ".join(_share(*pair) for pair in shares)
+    words = f"{row.goals:5} {'listed' if row.listed else 'unlisted':8} {'4.5 %' if row.errs else 'true':7}"
+    acted = len(acts) / len(states)
+    return f"{words} {'yes' if row.answers else 'nobody':7} | {cells} | {acted:.2f} | {np.mean(first):.2f}"
+
+
+def _share(some: int, count: int) -> str:
+    low, high = wilson(some, count)
+    return f"{some / max(count, 1):.3f} ({low:.3f} - {high:.3f}, n {count})"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,9 @@
 """What the guard's two costs lead to: wrong acts and questions, by how many goals are listed and who answers.
 
 python -m tests.benchmarks.decisions --brackets 400 --seed 101
-The exact planner; whole brackets of the valve bracket's parts in random orders, of goals that are listed or not. Reports
-are true, or 4.5 % of them are taken for others and no camera corrects them. Nothing moves. 95 % intervals by Wilson.
+The exact planner; whole brackets of the valve bracket's parts in random orders, of goals that are listed or not. What
+is reported is true, or 4.5 % of it is taken for something else and no camera corrects that. Nothing moves. 95 %
+intervals by Wilson.
 """
 
 from __future__ import annotations
@@ -65,14 +66,12 @@ def drawn(row: Row, settings: GuardSettings, count: int, seed: int) -> Brackets:
     """Brackets of a row."""
     rng = np.random.default_rng([seed, row.goals])
     product = with_goals(load_product(load_configuration()), row.goals)
-    layout, confusions = Layout.of(product), None
-    if row.errs:
-        confusions = Confusions.of(layout, "any", DETECTION_ERROR)
+    layout = Layout.of(product)
+    confusions = Confusions.of(layout, "uniform", DETECTION_ERROR if row.errs else 0.0)
     planner, guard = BayesPlanner(product, OpenGoals.of(product)), Guard(product, settings)
     of = layout.types[rng.integers(len(layout.types), size=count)] if row.listed else ()
     brackets = list(of) if row.listed else unlisted(layout, count, rng, repeated=True)
-    exact = Confusions.of(layout, "any", 0.0) if confusions is None else confusions
-    return [assemble(planner, guard, types, exact, rng, answers=row.answers) for types in brackets]
+    return [assemble(planner, guard, types, confusions, rng, answers=row.answers) for types in brackets]
 
 
 def with_goals(product: Product, count: int) -> Product:

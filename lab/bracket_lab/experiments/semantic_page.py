@@ -135,8 +135,9 @@ def stream_section(cells: Cells) -> str:
         f"{100 * ERROR:g} % of the actions are misdetected, in three patterns: as any other action, as the same type "
         "at a neighbouring hole, as an alike type at the same hole; planners know which. A camera sees which holes are "
         "filled. After each of 1 to 5 actions the robot acts, asks or waits by the guard's costs. `answers`: whether "
-        f"somebody is there, who says once, and truly, which goal it is. `wrong`: assemblies of {SINGLE} with a wrong act, "
-        "of goals never shown. `twice`: acts after that goal was finished twice, as a share of those that a listed goal would allow."
+        "somebody is there, who says once, and truly, which goal it is. `wrong`: of goals never shown, assemblies of "
+        f"{SINGLE} with a wrong act. `twice`: acts after that goal was finished twice, as a share of those that a "
+        "listed goal would allow."
         "\n\n"
         + markdown(
             [

@@ -42,15 +42,15 @@ def changed_configuration(folder: Path, old: str, new: str) -> Path:
     return path
 
 
-def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, settings: str = "", act: float = 0.9) -> Log:
+def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, settings: str = "", bold: bool = False) -> Log:
     """The log of a run in simulation that ends after a while.
 
     Args:
         settings: lines of YAML for the log.
-        act: probability from which the robot acts.
+        bold: the robot acts whatever the goal is.
     """
     configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", f"max_duration_s: {duration_s}")
-    text = configuration.read_text().replace("act_probability: 0.9", f"act_probability: {act}")
+    text = configuration.read_text().replace("wrong_act_s: 300.0", f"wrong_act_s: {1.0 if bold else 300.0}")
     configuration.write_text(text.replace("\nlog:\n", f"\nlog:\n{settings}"))
     log = folder / "log.mcap"
     run(RunOptions(tree, configuration, "g0", seed, "fast", log), Console(quiet=True))
@@ -86,4 +86,4 @@ def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 @pytest.fixture(scope="session")
 def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the robot, which acts on little evidence here, has looked into the tray for the first time."""
-    return shared(tmp_path_factory, "tray", ALGORITHM_1, 12.0, seed=3, act=0.1)
+    return shared(tmp_path_factory, "tray", ALGORITHM_1, 12.0, seed=3, bold=True)

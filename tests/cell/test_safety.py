@@ -82,7 +82,7 @@ def test_what_decides_on_people_is_in_the_hash_and_named_where_it_changes(
         put("controller", "max_duration_s", 10.0),
         put("log", "jpeg_quality", 50),
         put("bench", "bins_m", "o1", [1.0, 0.3, 0.004]),
-        put("guard", "act_probability", 0.8),
+        put("guard", "wrong_act_s", 80.0),
         put("motion", "separation", {}),
     ],
 )

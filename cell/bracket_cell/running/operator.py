@@ -94,7 +94,7 @@ class OperatorChannel:
             return "too many orders at once"
         if order.kind == "pause" and order.value not in ("now", "after part"):
             return Message("a pause is 'now' or 'after part', not {value}", value=f"{order.value!r}")
-        if order.kind == "goal" and order.value not in self._goals:
+        if order.kind in ("goal", "other") and order.value not in self._goals:
             return Message(
                 "no goal {value}; legal: {goals}", value=f"{order.value!r}", goals=", ".join(sorted(self._goals))
             )

@@ -203,6 +203,8 @@ class Guard:
         goal = plan.goal if state.told_goal is None else state.told_goal
         if goal not in self._product.goals:
             return False
+        if goal in state.denied:
+            return True
         wanted = self._product.accepted(goal)
         if state.told_goal is not None:
             return any(wanted.get(position) == (part,) for position, part in state.against_told.items())

@@ -80,7 +80,7 @@ def after_looks(
         return (most_s,) * looks
     belief = np.array([plan.goal_belief[goal] for goal in likely])
     unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-    wanted = _wanted(product, likely, open_at)
+    wanted = _wanted(product, likely, state, open_at)
     rng = np.random.default_rng(len(open_at))
     reached = np.cumsum(belief)
     truth = np.searchsorted(reached, (np.arange(DRAWN) + 0.5) / DRAWN * reached[-1])
@@ -111,14 +111,14 @@ def _best(weights: Floats, wanted: npt.NDArray[np.int_], shut: npt.NDArray[np.bo
     return best
 
 
-def _wanted(product: Product, goals: list[str], open_at: list[str]) -> npt.NDArray[np.int_]:
+def _wanted(product: Product, goals: list[str], state: AssemblyState, open_at: list[str]) -> npt.NDArray[np.int_]:
     """(z, m) number of the part type that each goal wants at each open position; one more than there are for none."""
     number = {part: index for index, part in enumerate(product.parts)}
-    rows = [product.goal_placements(goal) for goal in goals]
+    rows = [product.goal_placements(goal, state.placed) for goal in goals]
     return np.array([[number.get(row.get(at, ""), len(number)) for at in open_at] for row in rows])
 
 
 def _rest(product: Product, state: AssemblyState) -> Floats:
     """(n + 1,) how many of each type remain to be placed; the last, of empty positions, is none."""
     used = Counter(state.placed.values())
-    return np.array([*(max(part.quantity - used[name], 0) for name, part in product.parts.items()), 0], dtype=float)
+    return np.array([*(max(product.most[name] - used[name], 0) for name in product.parts), 0], dtype=float)

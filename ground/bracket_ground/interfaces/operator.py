@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 OrderKind = Literal[
-    "acknowledge", "answer", "fastened", "finish", "goal", "job", "pause", "place", "resume", "speed", "stop"
+    "acknowledge", "answer", "fastened", "finish", "goal", "job", "other", "pause", "place", "resume", "speed", "stop"
 ]
 Pause = Literal["none", "now", "after part"]
 QuestionKind = Literal["help", "mend", "goal", "where", "bracket", "choice", "text"]
@@ -19,6 +19,7 @@ ORDERS: dict[OrderKind, str] = {
     "finish": "end the shift after this bracket",
     "goal": "say which goal is being built",
     "job": "take a work order: JSON with variant, amount and, if wanted, id, due, cancelled",
+    "other": "say that it is not this goal, which it was taken for",
     "pause": "now: stand still at once; after part: take no further part",
     "place": "I place the part that the robot asks for or is about to fetch",
     "resume": "go on after a pause",

@@ -42,6 +42,7 @@ class AssemblyState:
         by_robot: part type by position, of what the robot placed.
         taken_out: of that, what a person took out again: it does not belong there.
         against_told: of that, what was taken out since the goal was told, and so speaks against it.
+        denied: goals that a person said it is not.
         fastened: names of the fastenings that are done.
     """
 
@@ -54,6 +55,7 @@ class AssemblyState:
     by_robot: Mapping[str, str] = field(default_factory=dict)
     taken_out: Mapping[str, str] = field(default_factory=dict)
     against_told: Mapping[str, str] = field(default_factory=dict)
+    denied: tuple[str, ...] = ()
     fastened: tuple[str, ...] = ()
 
     def seen(self, placed: Mapping[str, str]) -> AssemblyState:
@@ -68,7 +70,12 @@ class AssemblyState:
 
     def told(self, goal: str) -> AssemblyState:
         """The state after a person said which goal it is; what was taken out before no longer counts."""
-        return replace(self, told_goal=goal, against_told={})
+        return replace(self, told_goal=goal, against_told={}, denied=())
+
+    def without(self, goal: str) -> AssemblyState:
+        """The state after a person said that it is not this goal."""
+        told = None if self.told_goal == goal else self.told_goal
+        return replace(self, told_goal=told, denied=(*self.denied, goal))
 
     @property
     def confirmed(self) -> Mapping[str, str]:
@@ -157,11 +164,15 @@ class AssemblyPlan:
         return self._given(shares, product, state)
 
     def after_reactions(self, product: Product, state: AssemblyState) -> AssemblyPlan:
-        """The plan where a person took out again what the robot placed: by Bayes' rule, as evidence against a goal."""
+        """The plan where a person took out again what the robot placed, or said that it is not a goal.
+
+        That is evidence against goals, by Bayes' rule.
+        """
         against = {
             goal
             for goal in product.goals
-            if any(product.accepted(goal).get(at) == (part,) for at, part in state.taken_out.items())
+            if goal in state.denied
+            or any(product.accepted(goal).get(at) == (part,) for at, part in state.taken_out.items())
         }
         shares = {goal: TAKEN_IN_ERROR if goal in against else 1.0 for goal in self.goal_belief}
         return self._given(shares, product, state) if against else self

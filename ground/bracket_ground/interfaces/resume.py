@@ -57,5 +57,5 @@ class ResumeState:
         others = {name: value for name, value in plain.items() if name in names}
         finished = tuple(tuple(parts) for parts in plain["finished"])
         held_part = plain["held_part"] or ""
-        graph = {**graph, "fastened": tuple(graph.get("fastened", ()))}
+        graph = {**graph, **{name: tuple(graph.get(name, ())) for name in ("denied", "fastened")}}
         return cls(**{**others, "graph": AssemblyState(**graph), "finished": finished, "held_part": held_part})

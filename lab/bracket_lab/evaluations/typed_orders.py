@@ -88,6 +88,8 @@ def order_of(line: str, questions: Sequence[Question] = ()) -> OperatorOrder:
         return OperatorOrder("pause", "now" if rest in ("", "now") else "after part")
     if first == "goal":
         return OperatorOrder("goal", NEW.get(rest, rest))
+    if first == "other":
+        return OperatorOrder("other", rest)
     if first == "place":
         return OperatorOrder("place", rest)
     if first in ("acknowledge", "finish", "resume", "stop") and not rest:

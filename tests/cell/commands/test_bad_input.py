@@ -62,7 +62,7 @@ CELL: list[tuple[str, Any]] = [
     ("motion.arrival_tolerance_rad", 100),
     ("motion.contact_lag_m", INF),
     ("motion.gripper_timeout_s", INF),
-    ("guard.act_probability", 1e-300),
+    ("guard.wrong_act_s", 1e-300),
     ("devices.gripper.heartbeat_period_s", INF),
     ("devices.gripper.start_up_s", INF),
     ("devices.gripper.database", "missing.dbc"),

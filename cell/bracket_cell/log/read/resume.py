@@ -88,7 +88,10 @@ def _after(left: ResumeState, topic: str, fields: dict[str, Any], product: Produ
         others = {name: kind for name, kind in graph.placed.items() if name != position}
         return _seen(left, placed={**others, position: part} if part is not None else others)
     if topic == "belief" and "told" in fields:
-        return _seen(left, told_goal=fields["told"])
+        return _seen(left, told_goal=fields["told"], denied=())
+    if topic == "belief" and "denied" in fields:
+        without = graph.without(fields["denied"])
+        return _seen(left, told_goal=without.told_goal, denied=without.denied)
     if topic == "belief" and "told_part" in fields:
         part, position = fields["told_part"]
         return _seen(left, told_parts={**graph.told_parts, position: part})

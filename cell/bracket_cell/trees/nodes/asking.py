@@ -211,6 +211,8 @@ class AskWhichGoal(Asks):
                 reason = Message("what is placed contradicts work order {id}", id=job.id)
         elif plan.goal == UNKNOWN_GOAL:
             reason = Message("this looks like no product that I know")
+        elif state.denied:
+            reason = "you said that it is not what I took it for"
         elif state.taken_out:
             reason = Message("I took this for {goal}, and what I placed was taken out again", goal=goal)
         elif services.tools.guard.fits_none(state):
@@ -224,7 +226,7 @@ class AskWhichGoal(Asks):
 
 
 class HearOperator(CellNode):
-    """Take over which goal the operator says is being built; each statement counts once."""
+    """Take over which goal the operator says is being built, or is not; each statement counts once."""
 
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     persistent = ("_heard_s",)
@@ -233,9 +235,14 @@ class HearOperator(CellNode):
     _heard_s = -math.inf
 
     def update(self) -> Status:
-        said = self.now.observation.operator.newest("goal", self._heard_s)
-        if said is not None:
-            self._heard_s = said.time_s
+        operator, heard_s = self.now.observation.operator, self._heard_s
+        if (other := operator.newest("other", heard_s)) is not None:
+            self._heard_s = other.time_s
+            self.state.set(self.state.get().without(other.value))
+            self.tools.journal.note("belief", denied=other.value)
+            self.feedback_message = Message("the operator says that it is not {goal}", goal=other.value)
+        if (said := operator.newest("goal", heard_s)) is not None:
+            self._heard_s = max(self._heard_s, said.time_s)
             tell_goal(self, self.state.get(), said.value)
             self.feedback_message = Message("the operator says {goal}", goal=said.value)
         return Status.SUCCESS

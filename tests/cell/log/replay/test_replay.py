@@ -100,7 +100,7 @@ def test_another_hole_differs_from_the_tick_on_that_moves_there(commission_log: 
 
 
 def test_a_bolder_guard_acts_where_the_recorded_one_waited(assembly_log: Log, tmp_path: Path) -> None:
-    config = changed_configuration(tmp_path, "act_probability: 0.9", "act_probability: 0.01")
+    config = changed_configuration(tmp_path, "wrong_act_s: 300.0", "wrong_act_s: 1.0")
     waited = next(tick for tick in assembly_log.ticks if any(topic == "verdict" for topic, _ in tick.notes))
     comparison = Replay(assembly_log, Changes(configuration=config)).run()
     verdict = comparison.first_by_aspect["verdict"]

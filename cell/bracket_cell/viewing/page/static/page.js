@@ -373,11 +373,13 @@ function showGoals({ belief, bracket }) {
   const open = Object.values(bracket).some((hole) => hole.fate === "open");
   const likely = Object.keys(still.goals).filter((goal) => (belief[goal] ?? 0) >= 0.05).sort((a, b) => belief[b] - belief[a]);
   const shown = open ? likely : likely.slice(0, 1);
-  const key = JSON.stringify([shown, document.documentElement.lang]);
+  const key = JSON.stringify([shown, operates, document.documentElement.lang]);
   if ($("goals").dataset.shown === key) return;
   $("goals").dataset.shown = key;
-  const figures = shown.map((goal) => make("figure", { "data-goal": goal }, picture(still.goals[goal].placements), t(still.goals[goal].title) + (shown.length > 1 ? "?" : "")));
-  $("goals").replaceChildren(...figures);
+  const words = (goal) => shown.length > 1 ? `${t(still.goals[goal].title)}?` : t("taken for {goal}", { goal: still.goals[goal].title });
+  const figures = shown.map((goal) => make("figure", { "data-goal": goal }, picture(still.goals[goal].placements), words(goal)));
+  const other = { id: "other", onclick: () => say("other", shown[0]), disabled: !operates };
+  $("goals").replaceChildren(...figures, ...(shown.length === 1 ? [make("button", other, t("Not this one"))] : []));
 }
 
 function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {

@@ -208,6 +208,24 @@ def test_an_operator_corrects_the_goal_once() -> None:
     assert node.state.get().told_goal is None
 
 
+def test_what_it_was_taken_for_can_be_denied_and_is_not_resumed() -> None:
+    to = services()
+    hears: Any = alone(HearOperator("hear"), to, state=AssemblyState({"p6": "o3"}, told_goal="g0"))
+    says(to, OperatorOrder("other", "g0", time_s=3.0))
+    assert hears.execute() is Status.SUCCESS
+    state = hears.state.get()
+    assert (state.told_goal, state.denied) == (None, ("g0",))
+    taken = replace(DOUBTFUL, goal_belief={"g0": 0.9, "g1": 0.05, "g2": 0.0, UNKNOWN_GOAL: 0.05})
+    assert taken.after_reactions(to.tools.product, state).goal_belief["g0"] < 0.1
+    assert to.tools.guard.asks_for_goal(taken, state)
+    node: Any = alone(AskWhichGoal("goal"), to, plan=taken, state=state)
+    assert node.execute() is Status.RUNNING
+    assert to.now.display.questions[0].reason == "you said that it is not what I took it for"
+    hears.execute()
+    assert hears.state.get().denied == ("g0",), "each statement counts once"
+    assert hears.state.get().told("g0").denied == (), "what is said later counts more"
+
+
 def test_nothing_new_begins_while_paused() -> None:
     to = services()
     node: Any = alone(WaitWhilePaused("pause"), to)

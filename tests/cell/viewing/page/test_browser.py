@@ -192,6 +192,14 @@ def test_every_goal_can_be_said(visitor: Visitor) -> None:
         visitor.says(OperatorOrder("goal", goal))
 
 
+def test_what_it_is_taken_for_is_denied_by_one_button(visitor: Visitor) -> None:
+    visitor.rig.show(goal_belief={"g0": 0.98, "g1": 0.01, "g2": 0.01})
+    visitor.catch_up()
+    assert visitor.page.inner_text('#goals [data-goal="g0"]') == "taken for bracket A"
+    visitor.page.click("#other")
+    visitor.says(OperatorOrder("other", "g0"))
+
+
 def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.show(questions=(HELP, WHICH))
     visitor.rig.judgement = HELD

@@ -337,6 +337,14 @@ def _contested(_: Observation, command: Command, __: Memory) -> Detection | None
     )
 
 
+def _rule(action: str) -> Check:
+    def check(_: Observation, command: Command, __: Memory) -> Detection | None:
+        found = [why for does, why in command.broken if does == action]
+        return Detection("; ".join(found)) if found else None
+
+    return check
+
+
 def _either(*checks: Check) -> Check:
     """The first detection of several checks."""
 
@@ -387,5 +395,6 @@ CHECKS: Mapping[str, Check] = {
     "hand_unknown": _hand_unknown,
     "hand_detector_blind": _blind,
     "hand_cues_disagree": _of_view(lambda view: view.unexplained),
+    **{f"rule_{action}s": _rule(action) for action in ("warn", "hold", "stop")},
     "command_contested": _contested,
 }

@@ -46,7 +46,7 @@ class _State:
 
 
 _Row = tuple[Fault, Check, _State]
-OF_COMMANDS = ("command_contested",)  # asked again when the tree has been ticked
+OF_COMMANDS = ("command_contested", "rule_warns", "rule_holds", "rule_stops")  # asked when the tree has been ticked
 
 
 class Supervisor:
@@ -73,7 +73,7 @@ class Supervisor:
     def judge(self, observation: Observation) -> Judgement:
         """What is allowed in the tick that saw this."""
         self._memory.see(observation)
-        return self._judge(observation, Command(), self._rows)
+        return self._judge(observation, Command(), [row for row in self._rows if row[0].signal not in OF_COMMANDS])
 
     def judge_command(self, observation: Observation, command: Command) -> Judgement:
         """The same with what the nodes ask for; what must not go out is for the controller to withhold."""

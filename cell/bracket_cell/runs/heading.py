@@ -23,6 +23,7 @@ from bracket_cell.simulator import simulator
 from bracket_cell.skills.drivers.gripper_database import SHIPPED, read_frames
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.trees.node_library import own_code
+from bracket_cell.trees.rules import RULES
 from bracket_cell.watching.brackets import BracketTally
 from bracket_cell.watching.lateness import Lateness
 from bracket_cell.watching.observer import Observer, Outcome
@@ -59,6 +60,9 @@ def _configured(options: RunOptions, files: Files) -> Attachments:
         "faults.yaml": ("application/yaml", yaml.safe_dump({"faults": rows}, sort_keys=False).encode()),
         "product.yaml": ("application/yaml", configuration.product.read_bytes()),
     }
+    if files.rules.rules:
+        text = yaml.safe_dump(files.rules.model_dump(exclude_defaults=True, mode="json"), sort_keys=False)
+        attachments[RULES] = ("application/yaml", text.encode())
     attachments[SAFETY] = ("application/json", json.dumps(dict(files.safety.values)).encode())
     attachments |= robot_files(configuration.robot)
     if isinstance(configuration.devices.gripper, CanSettings):

@@ -15,6 +15,7 @@ from bracket_cell.runs.signing import Signature
 from bracket_cell.simulator import simulator
 from bracket_cell.trees.loading import input_problem, load_tree
 from bracket_cell.trees.node_library import node_registry
+from bracket_cell.trees.rules import Rules, check_rules, load_rules, rules_beside
 from bracket_cell.wiring.safety import SafetyConfiguration, safety_of
 from bracket_cell.wiring.services import Planners
 from bracket_ground.errors import InputError
@@ -173,6 +174,19 @@ class RunOptions:
             raise InputError(*map(input_problem, unused_entries({self.tree: tree})))
         return tree
 
+    def load_rules(self, tree: Tree) -> Rules:
+        """The rules beside the tree file; none where there is no such file.
+
+        Raises:
+            InputError: everything that is wrong with them, as names that the tree does not have.
+        """
+        path = rules_beside(self.tree)
+        if path is None:
+            return Rules()
+        if problems := check_rules(path, tree)[0]:
+            raise InputError(*problems)
+        return load_rules(path)
+
 
 @dataclass(frozen=True)
 class Files:
@@ -182,6 +196,7 @@ class Files:
         left_off: of the run that this one goes on with; empty for a new beginning.
         unsafe: where table or separation do less than the shipped ones.
         signature: of the safety configuration; None in simulation.
+        rules: of the tree.
     """
 
     configuration: Configuration
@@ -192,6 +207,7 @@ class Files:
     left_off: ResumeState = field(default_factory=ResumeState)
     unsafe: tuple[str, ...] = ()
     signature: Signature | None = None
+    rules: Rules = field(default_factory=Rules)
 
     @cached_property
     def safety(self) -> SafetyConfiguration:

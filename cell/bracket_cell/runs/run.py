@@ -49,6 +49,7 @@ from bracket_cell.wiring.bench_checks import refuse_blocked
 from bracket_cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
 from bracket_cell.wiring.devices import find_drivers
 from bracket_cell.wiring.reload import WatchedTree
+from bracket_cell.wiring.ruled import RuledTree
 from bracket_cell.wiring.services import TickClock, load_planners, make_services
 from bracket_ground.errors import InputError, LogError, Place, Problem
 from bracket_ground.interfaces.devices import Devices
@@ -128,7 +129,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         refuse_blocked(motion := MotionPlanner(product, configuration.bench, configuration.motion))
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
-        files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
+        files = Files(configuration, product, tree, planners, faults, left_off, unsafe, rules=options.load_rules(tree))
         if moves_something(drivers.values()):
             files = replace(files, signature=required_signature(options.configuration, files.safety))
         console.print(f"safety configuration {files.signed}", highlight=False, soft_wrap=True)
@@ -232,9 +233,10 @@ def drive(
         )
         journal, seen = controller.journal, controller.observe()
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
-        tree.setup(services, TickClock(services))
+        ruled = RuledTree(tree, files.rules.rules, motion.kinematics)
+        ruled.setup(services, TickClock(services))
         begun(services, supervisor)
-        return controller.run(tree, services)
+        return controller.run(ruled, services)
 
 
 def _allowed_weaknesses(options: RunOptions, configuration: Configuration, table: FaultTable) -> tuple[str, ...]:

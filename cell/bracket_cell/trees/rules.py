@@ -22,7 +22,7 @@ from btxml.engine.tree import Tree
 from btxml.files.parse.library import hint
 from btxml.rules import Expression, Moment, Nodes, RuleError, Truth, Violation, Watched, nodes_of
 
-SUFFIX = ".rules.yaml"
+SUFFIX, RULES = ".rules.yaml", "rules.yaml"  # beside a tree; in a log
 OPENS_M = 0.001  # a goal that is farther from the measured opening opens or closes the fingers
 AXES = ("x_m", "y_m", "z_m")
 COMMANDED = ("moves", "stops", "opens", "closes", "opening_m")
@@ -71,7 +71,7 @@ class Rules(Model):
         rules: each has a name of its own.
     """
 
-    rules: tuple[Rule, ...]
+    rules: tuple[Rule, ...] = ()
 
     @model_validator(mode="after")
     def _names_differ(self) -> Rules:

@@ -56,5 +56,8 @@ ADVICE: Mapping[str, str] = {  # by signal
     "blind_area": _SLOWLY,
     "tick_late": _SLOWLY,
     "tick_very_late": "Call maintenance, the computer was too slow",
+    "rule_warns": "Tell whoever wrote the rule",
+    "rule_holds": "Read which rule is broken, and acknowledge it when the cell may go on",
+    "rule_stops": "Call whoever wrote the rule",
     "command_contested": "Call whoever edits the tree",
 }

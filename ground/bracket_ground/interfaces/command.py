@@ -90,6 +90,7 @@ class Command:
         activate_gripper: begin the gripper's activation, which must finish before its first motion.
         gripper: a new gripper goal, None to leave it as it is.
         contested: "arm" or "gripper" where two goals were set for it in this tick.
+        broken: rules of the tree that are broken in this tick, each with its action and why.
         look: ask the wrist camera for a frame and the part detector for its answer.
         display: what to show from now on, None to leave it as it is.
         signals: digital outputs to set now.
@@ -102,6 +103,7 @@ class Command:
     look: bool = False
     display: Display | None = None
     contested: tuple[str, ...] = ()
+    broken: tuple[tuple[str, str], ...] = ()
     signals: Mapping[str, bool] = field(default_factory=dict)
 
     def __setattr__(self, name: str, value: object) -> None:

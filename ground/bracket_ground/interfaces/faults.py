@@ -32,6 +32,7 @@ class Sign(NamedTuple):
 ARM_ANSWERS, ARM_MOVES = "the arm answers in every tick", "joints and `path_s` go on while the arm moves"
 STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
 FRAMES, HAND = "new frames, each with its own number and stamp", "a hand was seen, and left by an edge of the view"
+RULE = "`cell check` knows what the rule names"
 NOTHING = "nothing: it counts as absent until it is told"
 SIGNALS: Mapping[str, Sign] = {
     "arm_lost": Sign(
@@ -138,6 +139,9 @@ SIGNALS: Mapping[str, Sign] = {
     ),
     "tick_late": Sign("a tick began more than two periods late", "the clock"),
     "tick_very_late": Sign("a tick began more than ten periods late", "the clock"),
+    "rule_warns": Sign("a rule of the tree is broken, whose action is warn", RULE),
+    "rule_holds": Sign("a rule of the tree is broken, whose action is hold", RULE),
+    "rule_stops": Sign("a rule of the tree is broken, whose action is stop", RULE),
     "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
 HAND_TOO_NEAR, OFF_PATH, OFF_PATH_LONG = "hand_too_near", "arm_off_path", "arm_off_path_long"

@@ -17,7 +17,7 @@ from bracket_cell.running.device_writer import withhold
 from bracket_cell.running.fault_checks import CHECKS as OWN
 from bracket_cell.running.fault_checks import arm_checks, tick_checks
 from bracket_cell.running.person_checks import person_checks
-from bracket_cell.running.supervisor import Supervisor, make_supervisor
+from bracket_cell.running.supervisor import OF_COMMANDS, Supervisor, make_supervisor
 from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.command import Command, JointTrajectory
@@ -181,7 +181,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 def test_every_signal_has_a_check_and_a_test() -> None:
     assert set(CHECKS) | set(person_checks(motion_planner().separation)) == set(SIGNALS)
-    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME, *OF_HANDS} == set(SIGNALS)
+    assert set(SPOILS) | {*OF_COMMANDS, "hand_near", "blind_area", *OVER_TIME, *OF_HANDS} == set(SIGNALS)
 
 
 def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:

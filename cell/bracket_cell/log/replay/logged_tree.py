@@ -14,6 +14,7 @@ from bracket_cell.configuration import Configuration
 from bracket_cell.log.read.reader import Log, LogStream
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.node_library import node_registry, own_code, python_files
+from bracket_cell.trees.rules import RULES, Rules
 from bracket_ground.errors import LogError
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml
@@ -200,6 +201,15 @@ def logged_product(log: Log) -> Product:
         InputError: this version cannot read it.
     """
     return _read(log, PRODUCT, Product)
+
+
+def logged_rules(log: Log) -> Rules:
+    """The rules of the run; none where it had none.
+
+    Raises:
+        LogError, InputError: this version cannot read them.
+    """
+    return _read(log, RULES, Rules) if RULES in log.attachments else Rules()
 
 
 def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:

@@ -12,7 +12,7 @@ from bracket_cell.log.read.reader import Log, LoggedTick, json_of
 from bracket_cell.log.read.ticks import Gap
 from bracket_cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from bracket_cell.log.replay.loading import Changes, load, recorded_tree
-from bracket_cell.log.replay.logged_tree import code_differs, write_files
+from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, write_files
 from bracket_cell.log.replay.perceive import perceived
 from bracket_cell.recording.identity import what_changed
 from bracket_cell.running.controller import STOPPED, STOPPING
@@ -22,7 +22,9 @@ from bracket_cell.running.supervisor import make_supervisor
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.trees.nodes.files import LoggedFiles
+from bracket_cell.trees.rules import load_rules, rules_beside
 from bracket_cell.wiring.reload import take_over
+from bracket_cell.wiring.ruled import RuleLook
 from bracket_cell.wiring.run_state import go_on_from
 from bracket_cell.wiring.safety import SAFETY, other_limits
 from bracket_cell.wiring.services import TickClock, make_services
@@ -98,6 +100,9 @@ class Replay:
             log, before = self.log, self.log.ticks[max(0, place - 1)]
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)
+        own = None if self.changes.tree is None else rules_beside(self.changes.tree)
+        rules = logged_rules(log) if own is None else load_rules(own)
+        self._rules = RuleLook(rules.rules, motion.kinematics)
         self._halted = False
         self._journal = ListJournal()
         left_off = None if place else json_of(log.path, log.metadata, "left_off", ResumeState.of)
@@ -194,6 +199,7 @@ class Replay:
         command = self._services.now.command
         try:
             status = self.tree.tick().name
+            self._rules.look(self.tree, self._services.now)
             asked = replace(command)
             judgement = self._supervisor.judge_command(tick.observation, command)
             if judgement.action >= Action.HOLD and tick.judgement is not None:  # older logs were not judged

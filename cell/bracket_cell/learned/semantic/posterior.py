@@ -59,6 +59,7 @@ class Noise:
 
 UNKNOWN_PRIOR = 0.02  # how often somebody builds what was never demonstrated
 CACHED = 4096  # combinations of reported quantities that are kept
+NEGLIGIBLE = 1e-9  # share of a listed arrangement among all, below which it need not be taken out of their mean
 MOST_BAGS = 4  # quantities, of those that most goals have, in which unlisted products are expected
 ANY_SHARE = 0.5  # of a family's unlisted products that may have any type in any slot
 
@@ -118,6 +119,7 @@ class UnknownGoal:
             self._shares.append((share * _arrangements_n(bag) / others, bag))
             of += [share / others if bag == own else 0.0 for own in some.bag_of()]
         self.of_goals: Floats = of  # (r,) by how much each listed arrangement makes the mean too large
+        self.counts_listed = len(of) > 0 and float(of.max()) > NEGLIGIBLE
         self.possible = bool(known) or self.any_share > 0
         self._terms = {
             bag: (noise.terms(filled), noise.terms(filled, one_open=True))
@@ -218,8 +220,11 @@ def posterior(
         scale = prior * likelihood.usual
         alike = alike or likelihood
         of = unknown.of_goals
-        none = scale * max(mean - float(of @ alike.goals), 0.0)
-        of_goals = np.einsum("g,gm,gnm->nm", of, alike.still_open, alike.wanted)
+        listed, of_goals = 0.0, np.zeros(edges.shape)
+        if unknown.counts_listed:
+            listed = float(of @ alike.goals)
+            of_goals = np.einsum("g,gm,gnm->nm", of, alike.still_open, alike.wanted)
+        none = scale * max(mean - listed, 0.0)
         others = scale * np.maximum(open_mean[:-1, None] - of_goals, 0.0)
         right, placements, empty = right + others, placements + others, empty + scale * open_mean[-1]
     joint = np.append(goals if some is None else np.bincount(some.goal, goals), none)
@@ -291,8 +296,11 @@ class BayesPosterior:
             seen: (n, m) the edges with the detector's doubts; counts where confusions are known.
         """
         some = self._some
-        usual = Likelihood(*self._uniform(edges), some.wanted, self._prior)
+        usual = None
+        if self._counted is None or self._unknown.counts_listed:
+            usual = Likelihood(*self._uniform(edges), some.wanted, self._prior)
         if self._counted is None:
+            assert usual is not None
             return posterior(edges, usual, self._unknown, self._none, some=some)
         counted = Likelihood(*self._counted(edges if seen is None else seen), some.wanted, self._prior)
         return posterior(edges, counted, self._unknown, self._none, usual, some)

@@ -122,7 +122,7 @@ def bars(
     plan: Annotated[bool, Option("--plan", help="Only print what would be run, and what it costs.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Measure what the pages of figures show on one fresh draw, beside bars, trivial answers and the paper.
+    """Measure what the pages of figures show, on one fresh draw, beside bars, trivial answers and the paper.
 
     A row for each figure; ends with status 1 where a bar is missed.
     """

@@ -55,8 +55,7 @@ def system(
         controller = configuration.controller.model_copy(update={"max_duration_s": at_most})
         configuration = configuration.model_copy(update={"controller": controller})
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
-    told |= {"cameras": cameras, "tree": tree.name}
-    told["at_most_s"] = configuration.controller.max_duration_s
+    told |= {"cameras": cameras, "tree": tree.name, "at_most_s": f"{configuration.controller.max_duration_s:g}"}
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)

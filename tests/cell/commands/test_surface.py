@@ -89,7 +89,7 @@ def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
     assert len(evaluations) == 16
-    assert len(names) <= 55
+    assert len(names) <= 59
 
 
 def test_a_port_may_be_left_out() -> None:

@@ -187,7 +187,7 @@ def _boxes_used(answers: Answers, shares: str, limit: float) -> Tensor:
         used = boxes[np.argsort(-rank, kind="stable")[: int(REGIONS / limit)]]
     else:
         used = boxes[:, 1:][rank[:, 1:] >= USED * limit]
-    inside = clip_boxes_to_image(torch.from_numpy(np.array(used)).reshape(-1, 4), INPUT_PX[::-1])
+    inside: Tensor = clip_boxes_to_image(torch.from_numpy(np.array(used)).reshape(-1, 4), INPUT_PX[::-1])
     return inside[remove_small_boxes(inside, 1.0)]
 
 

@@ -17,7 +17,7 @@ from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import Action, Judgement, shipped_table
 from btxml.files.compile.registry import Registry
 from tests.cell.fakes import FakeServices, Rig
-from tests.cell.running.test_supervisor import motion_planner
+from tests.integration.cell_rig import motion_planner
 
 TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <Script code="n := 0"/><AsyncSequence><AlwaysSuccess/><Script code="n := 1"/></AsyncSequence>

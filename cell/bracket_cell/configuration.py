@@ -29,8 +29,7 @@ from bracket_ground.files.files import shipped
 from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.bench import JOINTS, Bench, Calibration
-from bracket_ground.interfaces.faults import SHIPPED as DEFAULT_FAULTS
-from bracket_ground.interfaces.faults import FaultTable, shipped_table, weaker
+from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import NamedRobot, default_robot
 
@@ -129,7 +128,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         "folder": read.perception.folder and folder / read.perception.folder,
         "crops": _crops(read, planners["grasp"], path),
     }
-    faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
+    faults = shipped_faults() if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     calibration = read.calibration and folder / read.calibration
     bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
@@ -249,7 +248,7 @@ def load_faults(configuration: Configuration) -> FaultTable:
     Raises:
         InputError: with every problem of the file.
     """
-    return load_yaml(configuration.faults or DEFAULT_FAULTS, FaultTable)
+    return load_yaml(configuration.faults or shipped_faults(), FaultTable)
 
 
 def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:

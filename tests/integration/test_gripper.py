@@ -12,11 +12,11 @@ import pytest
 from bracket_cell.skills.motion.grasp_pose import tool_down
 from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_ground.contracts import gripper as gripper_contract
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.devices import Gripper
 from bracket_ground.interfaces.observation import GripperState
 from bracket_sim.devices.simulated_gripper import SimGripper
-from tests.contracts import gripper as gripper_contract
 from tests.integration.robot_alone import RobotAlone
 
 PARTS_BY_WIDTH = {0.028: 0, 0.034: 1, 0.042: 2}
@@ -71,4 +71,6 @@ def test_contract(robot: RobotAlone, check: Callable[[gripper_contract.Bench], N
     def put(width_m: float) -> None:
         robot.stand(robot.parts[PARTS_BY_WIDTH[width_m]], SPOT_M, 0.0)
 
-    check(gripper_contract.Bench(GRIPPERS[kind](robot), robot.clock, put))
+    check(
+        gripper_contract.Bench(GRIPPERS[kind](robot), robot.clock, put, speed_m_s=(0.020, 0.150), force_n=(20.0, 235.0))
+    )

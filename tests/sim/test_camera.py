@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from bracket_ground.contracts import camera as camera_contract
+from bracket_ground.contracts.camera import CHECKS, Check
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
@@ -18,8 +20,6 @@ from bracket_sim.rendering.studio import Studio
 from bracket_sim.scene.clutter import standing
 from bracket_sim.scene.look import Camera
 from bracket_sim.scene.world import World, build_world
-from tests.contracts import camera as camera_contract
-from tests.contracts.camera import CHECKS, Check
 from tests.sim.conftest import MakeRig
 
 CameraName = Literal["overhead", "wrist"]

@@ -18,14 +18,14 @@ from bracket_cell.configuration import load_configuration
 from bracket_cell.skills.drivers import cameras
 from bracket_cell.skills.drivers.cameras import FileCamera, StreamCamera, V4l2Camera
 from bracket_cell.skills.drivers.settings import FileSettings, StreamSettings, V4l2Settings
+from bracket_ground.contracts import camera as camera_contract
+from bracket_ground.contracts.camera import CHECKS, Check
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
 from bracket_sim.twin.cameras import MjpegServer, TwinCamera
-from tests.contracts import camera as camera_contract
-from tests.contracts.camera import CHECKS, Check
 
 SIZE = 64, 48
 PERIOD_S = 0.02

@@ -20,11 +20,11 @@ from hypothesis import strategies as st
 from bracket_cell.skills.drivers.can_gripper import CanFrame, CanGripper
 from bracket_cell.skills.drivers.gripper_database import SHIPPED, load_gripper_database
 from bracket_cell.skills.drivers.settings import CanSettings
+from bracket_ground.contracts import gripper as gripper_contract
 from bracket_ground.errors import DeviceFault, SettingError
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.observation import ObjectStatus
-from tests.contracts import gripper as gripper_contract
 from tests.skills.scripted_node import NodeClock, ScriptedNode
 
 STATUS_ID, HEARTBEAT_ID, EMERGENCY_ID, COMMAND_ID = 0x18A, 0x70A, 0x08A, 0x20A
@@ -45,7 +45,7 @@ class Rig:
         def put(width_m: float) -> None:
             self.node.part_m = width_m
 
-        return gripper_contract.Bench(self.gripper, self.clock, put)
+        return gripper_contract.Bench(self.gripper, self.clock, put, speed_m_s=(0.020, 0.150), force_n=(20.0, 235.0))
 
 
 @pytest.fixture

@@ -15,12 +15,12 @@ from pymodbus.client import ModbusSerialClient
 from bracket_cell.skills.drivers import robotiq
 from bracket_cell.skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
 from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings
+from bracket_ground.contracts import gripper as gripper_contract
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_sim.twin.gripper import CLOSED_COUNT, OPEN_COUNT, ModbusTwin, Registers, UrcapTwin
-from tests.contracts import gripper as gripper_contract
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 
 LOST_S, PATIENCE_S = 0.5, 10.0
@@ -42,7 +42,7 @@ class Rig:
         def put(width_m: float) -> None:
             self.fingers.part_m = width_m
 
-        return gripper_contract.Bench(self.gripper, self.clock, put)
+        return gripper_contract.Bench(self.gripper, self.clock, put, speed_m_s=(0.020, 0.150), force_n=(20.0, 235.0))
 
     def until(self, holds: Callable[[], bool]) -> None:
         """Wait for something that has no time of its own."""

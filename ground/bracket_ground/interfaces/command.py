@@ -19,15 +19,16 @@ class JointTrajectory:
 
     Attributes:
         times_s: (n,) from 0, increasing.
-        positions_rad: (n, 6).
+        positions_rad: (n, joints).
     """
 
     times_s: Array = field(repr=False)
     positions_rad: Array = field(repr=False)
 
     def __post_init__(self) -> None:
-        if self.positions_rad.shape != (len(self.times_s), 6) or len(self.times_s) < 1:
-            raise ValueError(f"positions {self.positions_rad.shape} do not fit times {self.times_s.shape}")
+        shape = self.positions_rad.shape
+        if len(shape) != 2 or not shape[0] == len(self.times_s) > 0:
+            raise ValueError(f"positions {shape} do not fit times {self.times_s.shape}")
 
     @property
     def duration_s(self) -> float:

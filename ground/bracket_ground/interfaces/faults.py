@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
@@ -14,7 +15,10 @@ from bracket_ground.files.files import shipped
 from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.yaml_file import load_yaml
 
-SHIPPED = shipped("bracket_cell.config", "faults.yaml")
+
+def shipped_faults() -> Path:
+    """The table that comes with the cell; drivers are made and tried where no cell is installed."""
+    return shipped("bracket_cell.config", "faults.yaml")
 
 
 class Sign(NamedTuple):
@@ -249,7 +253,7 @@ class FaultTable(Model):
 @cache
 def shipped_table() -> FaultTable:
     """The table that comes with the program."""
-    return load_yaml(SHIPPED, FaultTable)
+    return load_yaml(shipped_faults(), FaultTable)
 
 
 CLEARS = ("itself", "standstill", "person", "never")  # the easiest first

@@ -66,7 +66,7 @@ class ArmState:
     def stands(self) -> bool:
         """No joint moves; a speed that is not a number is not slow, nor is one that is missing."""
         speeds = self.velocities_rad_s
-        return len(speeds) == len(JOINTS) and all(abs(speed) < STANDING_RAD_S for speed in speeds)
+        return len(speeds) == len(self.positions_rad) > 0 and all(abs(speed) < STANDING_RAD_S for speed in speeds)
 
     @property
     def joints_rad(self) -> tuple[float, ...] | None:

@@ -21,8 +21,9 @@ class PacedPath:
         stopping: it is given up as soon as the arm stands.
     """
 
-    def __init__(self, at_rad: Array, period_s: float) -> None:
-        self._period_s = period_s
+    def __init__(self, at_rad: Array, period_s: float, acceleration_rad_s2: Array = PACE_ACCELERATION_RAD_S2) -> None:
+        """Stand at joints (n,), of which each can brake and speed up by so much (n,)."""
+        self._period_s, self._acceleration_rad_s2 = period_s, acceleration_rad_s2
         self.rate = 1.0
         self.stand(at_rad)
 
@@ -88,7 +89,7 @@ class PacedPath:
         moves = np.abs(speeds) > 1e-6
         if not moves.any():
             return wanted
-        limits = PACE_ACCELERATION_RAD_S2[moves] / np.abs(speeds[moves])
+        limits = self._acceleration_rad_s2[moves] / np.abs(speeds[moves])
         along = bends[moves] * np.sign(speeds[moves]) * self.rate**2 / np.abs(speeds[moves])
         slowest = LEAST_BRAKING * limits.min()
         brake = max(float((limits + along).min()), slowest)

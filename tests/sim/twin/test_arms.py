@@ -10,10 +10,10 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.contracts.arm import CHECKS, Bench
 from bracket_ground.interfaces.clock import WallClock
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.settings import HARDWARE, SimSettings
-from tests.contracts.arm import CHECKS, Bench
 from tests.sim.twin.rig import Twin, running_twin
 
 TWIN = 51

@@ -15,8 +15,8 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.contracts.arm import Bench
 from bracket_ground.interfaces.clock import WallClock
-from tests.contracts.arm import Bench
 from tests.sim.twin.rig import Twin, running_twin
 
 TWIN = 71

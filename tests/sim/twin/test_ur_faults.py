@@ -10,9 +10,9 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
+from bracket_ground.contracts.arm import Bench, off_rad
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.observation import ArmMode
-from tests.contracts.arm import Bench, off_rad
 from tests.sim.twin.rig import Twin, running_twin
 
 TWINS = {"ur10": 61, "ur10e": 62}  # an e-series has local control

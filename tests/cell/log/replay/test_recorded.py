@@ -8,11 +8,11 @@ from bracket_cell.configuration import load_configuration
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.recorded import RecordedArm, RecordedCamera, RecordedGripper
 from bracket_cell.skills.drivers.settings import RecordedSettings
+from bracket_ground.contracts import arm, gripper
+from bracket_ground.contracts import camera as camera_contract
+from bracket_ground.contracts.camera import CHECKS, Check
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import ManualClock
-from tests.contracts import arm, gripper
-from tests.contracts import camera as camera_contract
-from tests.contracts.camera import CHECKS, Check
 
 
 @pytest.mark.contract

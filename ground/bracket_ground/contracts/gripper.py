@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import pytest
+import numpy as np
 
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
@@ -13,7 +13,7 @@ from bracket_ground.interfaces.devices import Gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 
 TICK_S = 0.040
-STEP_M = 0.085 / 255
+STEPS = 255  # that an opening is told in at least
 
 
 @dataclass
@@ -22,11 +22,16 @@ class Bench:
 
     Attributes:
         put_part: a part of this width now stands between the fingers.
+        stroke_m: the widest opening.
+        speed_m_s, force_n: least and most that a command is cut to; None where the maker does not say.
     """
 
     gripper: Gripper
     clock: Clock
     put_part: Callable[[float], None]
+    stroke_m: float = 0.085
+    speed_m_s: tuple[float, float] | None = None
+    force_n: tuple[float, float] | None = None
 
     def wait(self, duration_s: float) -> GripperState:
         """Let time pass in ticks; the state at the end."""
@@ -64,7 +69,7 @@ def check_reading(bench: Bench) -> None:
     bench.gripper.hold()
     state = bench.wait(0.4)
     assert first.time_s < state.time_s <= bench.clock.now_s()
-    assert state.opening_m == pytest.approx(first.opening_m, abs=0.001)
+    assert abs(state.opening_m - first.opening_m) <= 0.001
     assert not state.activated
 
 
@@ -76,39 +81,50 @@ def check_activation(bench: Bench) -> None:
 
 def check_positions_are_reached(bench: Bench) -> None:
     bench.activated()
-    for opening_m in (0.085, 0.020, 0.050):
+    for opening_m in (bench.stroke_m, 0.25 * bench.stroke_m, 0.6 * bench.stroke_m):
         sent = bench.gripper.command(GripperCommand(opening_m, 0.15, 60.0))
-        assert sent.opening_m == pytest.approx(opening_m, abs=STEP_M)
+        assert abs(sent.opening_m - opening_m) <= bench.stroke_m / STEPS
         state = bench.settle()
         assert state.object_status is ObjectStatus.AT_POSITION
-        assert state.opening_m == pytest.approx(opening_m, abs=0.003)
+        assert abs(state.opening_m - opening_m) <= 0.003
         assert not state.holding
 
 
 def check_commands_are_cut_to_the_registers(bench: Bench) -> None:
     bench.activated()
-    sent = bench.gripper.command(GripperCommand(0.2, 5.0, 1000.0))
-    assert (sent.opening_m, sent.speed_m_s, sent.force_n) == pytest.approx((0.085, 0.150, 235.0))
-    sent = bench.gripper.command(GripperCommand(-1.0, 0.0, 0.0))
-    assert (sent.opening_m, sent.speed_m_s, sent.force_n) == pytest.approx((0.0, 0.020, 20.0), abs=1e-9)
+    most = bench.gripper.command(GripperCommand(2 * bench.stroke_m, 50.0, 10000.0))
+    least = bench.gripper.command(GripperCommand(-1.0, 0.0, 0.0))
+    assert np.allclose((most.opening_m, least.opening_m), (bench.stroke_m, 0.0), atol=1e-9)
+    assert 0.0 < least.speed_m_s < most.speed_m_s < 50.0
+    assert 0.0 <= least.force_n < most.force_n < 10000.0
+    for limits, cut in (
+        (bench.speed_m_s, (least.speed_m_s, most.speed_m_s)),
+        (bench.force_n, (least.force_n, most.force_n)),
+    ):
+        assert limits is None or np.allclose(limits, cut)
+    again = bench.gripper.command(most)
+    assert np.allclose(
+        (again.opening_m, again.speed_m_s, again.force_n), (most.opening_m, most.speed_m_s, most.force_n)
+    )
 
 
 def check_a_part_is_held_and_kept(bench: Bench) -> None:
     bench.activated()
-    bench.gripper.command(GripperCommand(0.085, 0.15, 60.0))
+    bench.gripper.command(GripperCommand(bench.stroke_m, 0.15, 60.0))
     bench.settle()
-    bench.put_part(0.034)
+    part_m = 0.4 * bench.stroke_m
+    bench.put_part(part_m)
     bench.gripper.command(GripperCommand(0.0, 0.15, 60.0))
     state = bench.settle()
     assert state.holding
-    assert state.opening_m == pytest.approx(0.034, abs=0.003)
+    assert abs(state.opening_m - part_m) <= 0.003
     bench.gripper.hold()
-    assert bench.wait(1.0).opening_m == pytest.approx(0.034, abs=0.003)
+    assert abs(bench.wait(1.0).opening_m - part_m) <= 0.003
 
 
 def check_no_stale_status_after_a_command(bench: Bench) -> None:
     bench.activated()
-    bench.gripper.command(GripperCommand(0.085, 0.15, 60.0))
+    bench.gripper.command(GripperCommand(bench.stroke_m, 0.15, 60.0))
     bench.settle()
     bench.gripper.command(GripperCommand(0.010, 0.15, 60.0))
     assert bench.gripper.state().object_status is ObjectStatus.MOVING
@@ -116,14 +132,14 @@ def check_no_stale_status_after_a_command(bench: Bench) -> None:
 
 def check_hold_stops_the_fingers(bench: Bench) -> None:
     bench.activated()
-    bench.gripper.command(GripperCommand(0.085, 0.15, 60.0))
+    bench.gripper.command(GripperCommand(bench.stroke_m, 0.15, 60.0))
     bench.settle()
     bench.gripper.command(GripperCommand(0.0, 0.02, 60.0))
     bench.wait(0.4)
     bench.gripper.hold()
     stopped = bench.wait(0.2)
-    assert bench.wait(0.4).opening_m == pytest.approx(stopped.opening_m, abs=0.001)
-    assert stopped.opening_m > 0.060
+    assert abs(bench.wait(0.4).opening_m - stopped.opening_m) <= 0.001
+    assert stopped.opening_m > 0.7 * bench.stroke_m
 
 
 CHECKS = (

@@ -19,7 +19,7 @@ TICK_S = 0.04
 OFF_PATH_RAD = 0.025  # what the supervisor allows; figures of one's own are measured elsewhere
 ON_PATH_RAD = 0.002
 WAY_RAD = (0.5, -0.3, 0.4, 0.8, -0.4, 1.6)  # of the first joints; a seventh and later ones begin again
-WAY_S = 2.0  # for all of it: at most 1.3 rad/s and 4 rad/s2
+WAY_S = 2.0  # for all of it: at most 1.5 rad/s and 2.8 rad/s2
 SAMPLE_S = 0.008
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -136,15 +138,20 @@ class StrongGripper(AcmeGripper):
         return command
 
 
+def _run(check: Callable[[Any], None], bench_of: Callable[[Any], Any], driver: type) -> None:
+    """One check of a driver, on a bench of its own."""
+    check(bench_of(driver))
+
+
 def failed(kind: str) -> list[str]:
     """The checks that a driver of this kind does not pass."""
     checks: dict[str, Callable[[], None]] = {}
     for name, made in (("arm", AcmeArm), ("deaf arm", DeafArm)):
         for check in arm.CHECKS if kind == name else ():
-            checks[check.__name__] = lambda check=check, made=made: check(arm_bench(made))
+            checks[check.__name__] = partial(_run, check, arm_bench, made)
     for name, fingers in (("gripper", AcmeGripper), ("strong gripper", StrongGripper)):
         for grip in gripper.CHECKS if kind == name else ():
-            checks[grip.__name__] = lambda check=grip, made=fingers: check(gripper_bench(made))
+            checks[grip.__name__] = partial(_run, grip, gripper_bench, fingers)
     assert checks
     wrong = []
     for name, run in checks.items():

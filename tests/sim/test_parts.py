@@ -98,7 +98,7 @@ def test_parts_stand_on_their_pegs(world: World) -> None:
 def test_parts_stand_upright_in_their_holes(product: Product, bench: Bench) -> None:
     holes = [bench.bracket.pose @ Pose((x, y, 0.0005)) for x, y in product.bracket.holes_m.values()]
     for goal in product.goals:
-        types = product.goals[goal]
+        types = product.goal_placements(goal).values()
         scene = [ScenePart(part, hole) for part, hole in zip(types, holes, strict=True)]
         world = build_world(product, bench, scene)
         world.settle()

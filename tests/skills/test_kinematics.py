@@ -9,7 +9,7 @@ import pytest
 
 from bracket_cell.skills.motion.grasp_pose import tool_down
 from bracket_cell.skills.motion.kinematics import Kinematics
-from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.robot import default_robot
 
 
@@ -55,10 +55,9 @@ def test_answer_is_wrapped_towards_where_the_arm_is(kinematics: Kinematics) -> N
 
 
 def test_wrapping_keeps_the_pose_and_the_limits(kinematics: Kinematics) -> None:
-    rng = np.random.default_rng(0)
+    rng, (low, high) = np.random.default_rng(0), default_robot().limits_rad
     for _ in range(200):
-        joints: Array = rng.uniform(*default_robot().limits_rad)
-        near: Array = rng.uniform(*default_robot().limits_rad)
+        joints, near = rng.uniform(low, high), rng.uniform(low, high)
         turned = kinematics.wrapped(joints, near)
         assert kinematics.within_limits(turned)
         turns = (turned - joints) / (2 * math.pi)

@@ -76,6 +76,10 @@ class _Ticked:
     def cancel(self) -> None:
         self._made.stop(common.Status.INVALID)
 
+    @property
+    def begun(self) -> bool:
+        return True
+
 
 def as_py_trees(tree: Tree) -> Stock:
     """A tree that was set up, as py_trees' behaviours: its displays, visitors and trees take them.

@@ -216,9 +216,10 @@ class _Parser:
         self._next += 2
         first = self._peek()
         value = self._statement()
-        spelt_out = isinstance(value, ast.Constant) and self._tokens[self._next - 1] is first
+        spelt_out = self._tokens[self._next - 1] is first
+        literal = value.value if spelt_out and isinstance(value, ast.Constant) else UNSET
         entry = self._scope.entry(name.text)
-        self._uses.append(EntryUse(entry, name.offset, sign, value.value if spelt_out else UNSET))
+        self._uses.append(EntryUse(entry, name.offset, sign, literal))
         known = self._named(entry)
         if sign not in (":=", "="):
             value = _call(sign[0], _read(known), value)

@@ -38,8 +38,8 @@ def named_alike(root: ElementTree.Element, flange: str) -> str:
     names = {flange: FLANGE, FLANGE: flange}
     for item in root.iter():
         for key in ("name", "link"):
-            if item.tag in ("link", "parent", "child") and (name := item.get(key)) in names:
-                item.set(key, names[name])
+            if item.tag in ("link", "parent", "child") and (old := item.get(key, "")) in names:
+                item.set(key, names[old])
     return ElementTree.tostring(root, encoding="unicode")
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from bracket_cell.commands.goals import goals_app
 from bracket_cell.configuration import load_configuration, load_product
 
-GOAL = next(iter(load_product(load_configuration()).goals.values()))
+GOAL = tuple(load_product(load_configuration()).goal_placements("g0").values())
 NEW = (*GOAL[1:], GOAL[0])
 
 

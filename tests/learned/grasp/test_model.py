@@ -205,7 +205,9 @@ def test_pairwise_knows_sizes_and_not_names(scale: float) -> None:
 
 def test_another_product_needs_other_weights() -> None:
     parts = {f"x{name}": part for name, part in PRODUCT.parts.items()}
-    goals = {name: tuple(f"x{part}" for part in goal) for name, goal in PRODUCT.goals.items()}
+    goals: dict[str, tuple[str | tuple[str, ...], ...]] = {
+        name: tuple(f"x{part}" for part in goal) for name, goal in PRODUCT.goals.items()
+    }
     other = Product(name="other", parts=parts, bracket=PRODUCT.bracket, goals=goals)
     with pytest.raises(ModelError, match="train again"):
         load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", other)

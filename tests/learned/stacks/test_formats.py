@@ -262,6 +262,6 @@ def test_a_folder_by_another_program_is_read(tmp_path: Path) -> None:
         ("wrist developer", (), (3,)),
         ("cup", (1,), ()),
     ]
-    assert scene.objects[0].box_px == (10, 10, 80, 70)
+    assert list(scene.objects[0].box_px) == [10, 10, 80, 70]
     assert above_of(scene) == {1: {3}, 3: set()}
     assert found.images["00001"].is_file()

@@ -340,7 +340,8 @@ def _self_pairs(model: pinocchio.Model, geometry: pinocchio.GeometryModel, limit
     tried = geometry.copy()
     _add_pairs(tried, pairs)
     data, results, touching = model.createData(), tried.createData(), np.zeros(len(pairs))
-    for posture in np.random.default_rng(0).uniform(*limits_rad, (POSTURES, limits_rad.shape[1])):
+    low, high = limits_rad
+    for posture in np.random.default_rng(0).uniform(low, high, (POSTURES, len(low))):
         pinocchio.computeCollisions(model, data, tried, results, posture, False)
         touching += [result.isCollision() for result in results.collisionResults]
     return [pair for pair, often in zip(pairs, touching / POSTURES, strict=True) if often < ALWAYS]

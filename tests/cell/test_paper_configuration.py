@@ -18,8 +18,8 @@ PAPER = shipped("bracket_cell.config", "paper.yaml")
 CONFIGURATION, OURS = load_configuration(PAPER), load_configuration()
 
 
-def test_it_is_the_shipped_cell_but_for_perception_and_planners() -> None:
-    same = {"perception": OURS.perception, "planners": OURS.planners}
+def test_it_is_the_shipped_cell_but_for_perception_planners_and_what_mistakes_cost() -> None:
+    same = {"perception": OURS.perception, "planners": OURS.planners, "guard": OURS.guard}
     assert CONFIGURATION.model_copy(update=same) == OURS
     assert CONFIGURATION.perception.words == "learned, hands mediapipe, actions paper, parts rcnn"
 
@@ -51,6 +51,6 @@ def test_a_cell_that_reads_no_holes_must_trust_its_graph(tmp_path: Path) -> None
     path.write_text(text)
     with pytest.raises(InputError, match=r"guard\.holes: graph"):
         load_configuration(path)
-    path.write_text(text.replace("guard:\n", "guard:\n  holes: graph\n"))
+    path.write_text(text.replace("  wrong_act_s: 80.0", "  holes: graph\n  wrong_act_s: 80.0"))
     assert load_configuration(path).by_hand() == load_configuration(path)
     assert CONFIGURATION.by_hand().perception.chosen("holes").kind == "none"

@@ -48,14 +48,14 @@ def test_an_unknown_node_is_named_by_line(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_a_product_that_disagrees_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    product = CONFIGURATION.with_name("products.yaml").read_text().replace("quantity: 3", "quantity: 4")
+    product = CONFIGURATION.with_name("products.yaml").read_text().replace("quantity: 3", "quantity: 2")
     (tmp_path / "products.yaml").write_text(product)
     (tmp_path / "sim.yaml").write_text("{}")
     (tmp_path / "cell.yaml").write_text(CONFIGURATION.read_text())
     message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml")
     line = next(i for i, text in enumerate(product.splitlines(), 1) if text.strip().startswith("g0:"))
     assert f"{tmp_path / 'products.yaml'}:{line}:" in message
-    assert "quantities are 4 x o1" in message
+    assert "goal g0 needs 3 x o1" in message
 
 
 def test_a_log_that_cannot_be_written_moves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

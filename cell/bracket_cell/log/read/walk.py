@@ -139,7 +139,11 @@ class Walk:
         """Schemas and channels from the end of the file, for chunks that lost theirs."""
         try:
             opcode, body = cut(self._view, len(self._data) - FOOTER_BYTES)
-            at = parse(opcode, body).summary_start if opcode == Opcode.FOOTER else 0
+            footer = parse(opcode, body) if opcode == Opcode.FOOTER else None
+            at, checksum = (0, 0) if footer is None else (footer.summary_start, footer.summary_crc)
+            if at and checksum and zlib.crc32(self._view[at : -len(MAGIC) - CHECKSUM_BYTES]) != checksum:
+                self._remark("the index is damaged, and left out")
+                return
             kinds: list[tuple[int, memoryview]] = []
             while 0 < at < len(self._data) - FOOTER_BYTES:
                 opcode, body = cut(self._view, at)

@@ -22,6 +22,7 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from numbers import Real
 from typing import Any, Protocol
 
 from btxml.engine.literals import shown
@@ -247,7 +248,11 @@ def _seconds(node: ast.expr) -> float:
 
 
 def _truth(value: Any) -> Truth:
-    return None if value is None else bool(value)
+    """Unknown where a value is neither true nor false, such as an array."""
+    try:
+        return None if value is None else bool(value)
+    except (TypeError, ValueError):
+        return None
 
 
 def _not(value: Truth) -> Truth:
@@ -266,8 +271,8 @@ def _compared(sign: Callable[[Any, Any], Any], left: Any, right: Any) -> Truth:
     if left is None or right is None:
         return None
     try:
-        return bool(sign(left, right))
-    except TypeError:  # a text beside a number: nobody knows
+        return _truth(sign(left, right))
+    except (TypeError, ValueError):  # a text beside a number, arrays of two sizes: nobody knows
         return None
 
 
@@ -276,11 +281,12 @@ def _plain(value: Any, beside: Any) -> Any:
 
 
 def _calculated(calculate: Callable[[Any, Any], Any], left: Any, right: Any) -> Any:
-    if left is None or right is None:
+    """Of numbers alone: a text times a number could fill the memory."""
+    if not (isinstance(left, Real) and isinstance(right, Real)):
         return None
     try:
         return calculate(left, right)
-    except (TypeError, ZeroDivisionError, OverflowError):
+    except (ZeroDivisionError, OverflowError):
         return None
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bracket_cell.commands.main import main
@@ -93,6 +94,18 @@ def test_laws_of_logic_hold_in_every_tick(seed: int) -> None:
         ("-n + 2 == 2 - n", "n == n"),
     ):
         assert answers(left, trace) == answers(right, trace)
+
+
+@pytest.mark.parametrize("text", ["p", "p == q", "p < 1", "not p", "p + 1 > 0", "once(5, p)", "implies(p, q)"])
+@pytest.mark.parametrize("value", [np.zeros(3), np.zeros((2, 2)), object(), [1, 2]], ids=str)
+def test_what_an_entry_may_hold_ends_no_run(text: str, value: Any) -> None:
+    assert answers(text, [Facts(0.0, {"p": value, "q": np.ones(2)})])[0] in (None, True, False)
+
+
+def test_only_numbers_are_calculated_with() -> None:
+    """A rule of a log is a stranger's: this text would be 4 GB long."""
+    assert answers('"x" * 999999 * 4999 == "y"', [Facts(0.0, {})]) == [None]
+    assert answers("n * 2 > 5", [Facts(0.0, {"n": np.int64(3)})]) == [True]
 
 
 def test_what_is_unknown_is_neither_kept_nor_broken() -> None:

@@ -6,7 +6,10 @@ from collections import Counter
 from itertools import product
 from typing import Any
 
+from bracket_ground.files.model import Disagreement
+
 JOINT = "+"  # between the goals of the brackets, as in g0+g2
+MOST_GOALS = 400  # of which a plan takes some 10 ms
 
 
 def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
@@ -15,10 +18,13 @@ def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
     A bracket's goal says nothing of the others': every combination is a goal. Where goals are by slot name, they have
     been listed before.
     """
-    offsets, plate, goals = file.get("brackets"), file.get("bracket"), file.get("goals")
-    if not (isinstance(offsets, dict) and isinstance(plate, dict) and isinstance(goals, dict) and offsets):
+    offsets, plate, goals = file.get("brackets", {}), file["bracket"], file["goals"]
+    if not offsets:
         return file
     names = list(offsets)
+    if (combined := len(goals) ** len(names)) > MOST_GOALS:
+        what = f"{len(goals)} goals at {len(names)} brackets combine to {combined}, more than {MOST_GOALS}"
+        raise Disagreement([(("brackets",), what)])
     holes = {_of(name, slot): _moved(at, offsets[name]) for name in names for slot, at in plate["holes_m"].items()}
     plates = [[_of(name, slot) for slot in plate["holes_m"]] for name in names]
     chosen = list(product(goals, repeat=len(names)))

@@ -15,7 +15,15 @@ from bracket_ground.files.units import Coordinate, Length, Rgb
 from bracket_ground.interfaces.brackets import with_brackets
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
 from bracket_ground.interfaces.steps import Fastening, in_order
-from bracket_ground.interfaces.variants import EMPTY, Choice, completed, types_of, with_listed_goals, with_quantities
+from bracket_ground.interfaces.variants import (
+    EMPTY,
+    Choice,
+    can_be_expanded,
+    completed,
+    types_of,
+    with_listed_goals,
+    with_quantities,
+)
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 BOX = "box"
@@ -301,7 +309,10 @@ class Product(Model):
     @classmethod
     def _shorthands(cls, value: Any) -> Any:
         """Goals by slot name become lists, brackets copies, and quantities that are left out what the goals take."""
-        return with_quantities(with_brackets(with_listed_goals(value))) if isinstance(value, dict) else value
+        if not isinstance(value, dict):
+            return value
+        listed = with_listed_goals(value)
+        return with_quantities(with_brackets(listed)) if can_be_expanded(listed) else listed
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:
@@ -316,6 +327,10 @@ class Product(Model):
         for key in ("goal_titles", "goal_quantities"):
             unknown = sorted(set(getattr(self, key)) - set(self.goals))
             problems += [((key, goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
+        if self.brackets:
+            problems.append(
+                (("brackets",), "copies can be made of a bracket, goals and parts as files have them alone")
+            )
         problems = problems or self._unused() or self._unordered()
         if problems:
             raise Disagreement(problems)

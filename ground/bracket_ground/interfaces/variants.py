@@ -8,6 +8,8 @@ from itertools import islice, product
 from math import prod
 from typing import Any
 
+from pydantic import BaseModel, StrictFloat, StrictInt, ValidationError
+
 EMPTY = "empty"  # in a goal: nothing goes into this slot
 Choice = str | tuple[str, ...]  # a part type, several of which any one is right, or EMPTY
 Accepted = Mapping[str, tuple[str, ...]]  # part types by slot, of slots that take something
@@ -77,9 +79,45 @@ def _assigned(accepted: Accepted, quantities: Mapping[str, int], fixed: Mapping[
     return None
 
 
+_Place = tuple[StrictInt | StrictFloat, StrictInt | StrictFloat]
+
+
+class _Plate(BaseModel):
+    holes_m: dict[str, _Place]
+
+
+class _Fastened(BaseModel):
+    at: tuple[str, ...]
+
+
+class _Shape(BaseModel):
+    """What the shorthands of a product file are made of; nothing is said of other keys."""
+
+    parts: dict[str, dict[str, Any]]
+    bracket: _Plate
+    goals: dict[str, tuple[Choice, ...]]
+    goal_titles: dict[str, str] = {}
+    goal_quantities: dict[str, dict[str, StrictInt]] = {}
+    accepts: dict[str, tuple[str, ...]] = {}
+    fastenings: dict[str, _Fastened] = {}
+    before: tuple[tuple[str, str], ...] = ()
+    carried_by: dict[str, str] = {}
+    brackets: dict[str, _Place] = {}
+
+
+def can_be_expanded(file: dict[str, Any]) -> bool:
+    """Whether a product file's content has the shape that shorthands need; else its fields say what is wrong."""
+    try:
+        _Shape.model_validate(file)
+    except ValidationError:
+        return False
+    return all(isinstance(part.get("quantity", 1), int) for part in file["parts"].values())
+
+
 def with_listed_goals(file: dict[str, Any]) -> dict[str, Any]:
     """A product file's content in which goals by slot name are lists in the order of the slots."""
-    goals, holes = file.get("goals"), _of(file.get("bracket"), "holes_m")
+    goals, plate = file.get("goals"), file.get("bracket")
+    holes = plate.get("holes_m") if isinstance(plate, dict) else None
     if not isinstance(goals, dict) or not isinstance(holes, dict):
         return file
     return {**file, "goals": {name: _listed(goal, list(holes)) for name, goal in goals.items()}}
@@ -95,23 +133,10 @@ def _listed(goal: Any, slots: list[str]) -> Any:
 
 def with_quantities(file: dict[str, Any]) -> dict[str, Any]:
     """A product file's content in which part types without a quantity have what the goals take of them at most."""
-    parts, goals = file.get("parts"), file.get("goals")
-    if not isinstance(parts, dict) or not isinstance(goals, dict):
-        return file
     most: Counter[str] = Counter()
-    for name, goal in goals.items():
-        taken = Counter(part for choice in goal if isinstance(choice, str | list | tuple) for part in _named(choice))
-        limits = _of(_of(file.get("goal_quantities"), name), None)
+    for name, goal in file["goals"].items():
+        limits = file.get("goal_quantities", {}).get(name, {})
+        taken = Counter(part for one in goal for part in types_of(one if isinstance(one, str) else tuple(one)))
         most |= Counter({part: min(n, limits.get(part, n)) for part, n in taken.items()})
-    bare = [name for name, part in parts.items() if isinstance(part, dict) and "quantity" not in part and most[name]]
-    return {**file, "parts": parts | {name: {**parts[name], "quantity": most[name]} for name in bare}}
-
-
-def _named(choice: Any) -> tuple[Any, ...]:
-    return types_of(choice if isinstance(choice, str) else tuple(choice))
-
-
-def _of(value: Any, key: Any) -> Any:
-    """An entry of what may be a mapping or a model, or the mapping itself where no key is named."""
-    found = value if key is None else value.get(key) if isinstance(value, dict) else getattr(value, str(key), None)
-    return {} if found is None else found
+    bare = {name: part for name, part in file["parts"].items() if "quantity" not in part and most[name]}
+    return {**file, "parts": file["parts"] | {name: {**part, "quantity": most[name]} for name, part in bare.items()}}

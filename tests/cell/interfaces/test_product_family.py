@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from bracket_ground.errors import InputError
+from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import EMPTY, arrangements
 from tests import ROOT
+from tests.cell.log.hostile import EDITS, flipped
 
 BASE: dict[str, Any] = yaml.safe_load((ROOT / "config" / "products.yaml").read_text())
 EXAMPLES = sorted((ROOT / "config" / "examples").glob("*/product.yaml"))
@@ -124,3 +130,23 @@ def test_a_slot_on_a_part_is_as_high_as_the_part_and_comes_after_it() -> None:
 def test_what_does_not_fit_is_named(changes: dict[str, Any], what: str) -> None:
     with pytest.raises(ValidationError, match=what):
         family(**changes)
+
+
+def test_more_combinations_than_a_plan_can_weigh_are_refused_before_they_are_made() -> None:
+    with pytest.raises(ValueError, match=r"3 goals at 12 brackets combine to 531441, more than 400"):
+        family(brackets={f"b{number}": [0.0, 0.3 * number] for number in range(12)})
+
+
+@settings(max_examples=150, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+@given(sound=st.sampled_from([*EXAMPLES, ROOT / "config" / "products.yaml"]), edits=EDITS)
+def test_whatever_a_product_file_holds_it_is_taken_or_refused_with_places(
+    sound: Path, edits: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("file") / "product.yaml"
+    content = flipped(yaml.safe_load(sound.read_text()), edits)
+    try:
+        path.write_text(yaml.safe_dump(content))
+    except yaml.YAMLError:
+        return
+    with suppress(InputError):
+        load_yaml(path, Product)

@@ -100,20 +100,43 @@ def without(*names: str) -> str:
     return BLOCKED.format(blocked=names, absent=absent)
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `cell init` makes: its configuration names the simulation."""
+    folder = tmp_path_factory.mktemp("user")
+    told = finished([sys.executable, "-m", "bracket_cell", "init", "cell"], folder)
+    assert told.returncode == 0, told.stderr
+    return folder / "cell"
+
+
 @pytest.mark.parametrize(
-    "words",
-    [["check", "trees/assemble.xml"], ["doctor", "--json"], ["replay", "CASE"], ["nodes"], ["--help"]],
-    ids=lambda words: words[0],
+    ("words", "status"),
+    [
+        (["check", "trees/ahead.xml"], 0),
+        (["show", "trees/ahead.xml"], 0),
+        (["goals"], 0),
+        (["replay", "CASE"], 0),
+        (["nodes"], 0),
+        (["safety", "show"], 1),
+        (["--help"], 0),
+        (["doctor", "--json"], 1),
+        (["run"], 2),
+        (["train"], 2),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_the_cell_alone_starts_without_simulator_laboratory_mujoco_and_torch(words: list[str], tmp_path: Path) -> None:
+def test_the_cell_alone_works_without_simulator_laboratory_mujoco_and_torch(
+    words: list[str], status: int, made: Path
+) -> None:
     case = next((ROOT / "tests" / "cases").glob("*.mcap"))
-    typed = [str(case) if word == "CASE" else str(ROOT / word) if "/" in word else word for word in words]
+    typed = [str(case) if word == "CASE" else word for word in words]
     code = without("mujoco", "torch", "bracket_sim", "bracket_lab") + (
         f"from bracket_cell.commands.main import main; raise SystemExit(main({typed!r}))"
     )
-    told = finished([sys.executable, "-c", code], tmp_path)
+    told = finished([sys.executable, "-c", code], made)
     assert "Traceback" not in told.stderr
-    assert told.returncode == (1 if words[0] == "doctor" else 0), told.stdout + told.stderr
+    assert told.returncode == status, told.stdout + told.stderr
+    assert status != 2 or "install it: " in told.stderr
 
 
 def test_the_engine_and_the_ground_start_without_each_other_and_the_cell() -> None:

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from bracket_cell.plugins import Chosen
-from bracket_cell.simulator import NoSimulation, installed, simulator
+from bracket_cell.simulator import NoSimulation, installed
 from bracket_cell.skills.drivers.settings import ArmKind, CameraKind, CanSettings, GripperKind, SignalSettings, kinds_of
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml
@@ -121,7 +121,8 @@ def _from_file(value: Any, info: ValidationInfo) -> Any:
     path = Path((info.context or {}).get("folder", ".")) / value
     if not path.is_file():
         raise ValueError("there is no such file")
-    return load_yaml(path, simulator().Settings)
+    found = installed()
+    return NoSimulation() if found is None else load_yaml(path, found.Settings)  # a run says that it is missing
 
 
 def _simulation() -> Model:

@@ -16,6 +16,7 @@ from bracket_cell.packages import LABORATORY, SIMULATOR, offers
 from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from btxml.engine.errors import TreeError
 
+OWN = ("bracket_", "btxml")  # a module of these that is missing is a defect, not an installation
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
 LAB = "lab"
@@ -130,7 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
         from bracket_cell.simulator import installed
 
         message = None if (found := installed()) is None else found.missing_library(error)
-        if message is None and isinstance(error, ModuleNotFoundError):
+        if message is None and isinstance(error, ModuleNotFoundError) and not (error.name or "").startswith(OWN):
             message = f"the package {error.name} is not installed: `cell doctor` says how to get it"
         if message is None:
             raise

@@ -114,7 +114,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         (["check", "trees/ahead.xml"], 0),
         (["show", "trees/ahead.xml"], 0),
-        (["goals"], 0),
         (["replay", "CASE"], 0),
         (["nodes"], 0),
         (["safety", "show"], 1),

@@ -28,6 +28,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
+    if named := [item.nodeid for item in session.items if re.search(r" at 0x[0-9a-f]+", item.nodeid)]:
+        raise pytest.UsageError(f"an address names a test, so that workers collect different ones: {named[0]}")
     if "not torch" in str(session.config.option.markexpr) and "torch" in sys.modules:
         raise pytest.UsageError("a file without 'pytestmark = pytest.mark.torch' imports torch, which takes seconds")
 

@@ -97,7 +97,9 @@ def test_laws_of_logic_hold_in_every_tick(seed: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["p", "p == q", "p < 1", "not p", "p + 1 > 0", "once(5, p)", "implies(p, q)"])
-@pytest.mark.parametrize("value", [np.zeros(3), np.zeros((2, 2)), object(), [1, 2]], ids=["row", "table", "object", "list"])
+@pytest.mark.parametrize(
+    "value", [np.zeros(3), np.zeros((2, 2)), object(), [1, 2]], ids=["row", "table", "any", "list"]
+)
 def test_what_an_entry_may_hold_ends_no_run(text: str, value: Any) -> None:
     assert answers(text, [Facts(0.0, {"p": value, "q": np.ones(2)})])[0] in (None, True, False)
 

@@ -7,6 +7,7 @@ import os
 import resource
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,18 @@ from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"
 ALGORITHM_1 = ROOT / "trees" / "assemble.xml"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Starts a browser, called with its arguments."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
+    with sync_api.sync_playwright() as playwright:
+        yield partial(playwright.chromium.launch, executable_path=path)
 
 
 @pytest.fixture

@@ -52,6 +52,9 @@ def show(
     port: PortOption = MONITOR_PORT,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a page to browse the tree; of a log with a time line of all its ticks.")
+    ] = None,
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -66,13 +69,19 @@ def show(
         return
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
-    for drawing in filter(None, (svg, png)):
+    if html is not None and (running or not math.isinf(at_s)):
+        raise InputError("--html goes with a tree file or a whole log, without --running and --at")
+    for drawing in filter(None, (svg, png, html)):
         spared(drawing, filter(None, [source]), overwrite)
     nodes, trees = own_files(own)
     nodes = (*nodes, *always_loaded())
     of_log = source is not None and source.suffix in LOGS
     if not of_log and not math.isinf(at_s):
         raise InputError("--at goes with a log")
+    if source is not None and html is not None:
+        _write_page(source, of_log, html, nodes, trees)
+    if html is not None and svg is None and png is None:
+        return
     if source is not None and not of_log:
         _show_file(source, svg, png, nodes, trees)
         return
@@ -112,6 +121,19 @@ def _show_file(
         from btxml.views.picture import picture
 
         _draw(picture(file, registry, beside), svg, png)
+
+
+def _write_page(source: Path, of_log: bool, page: Path, own_nodes: Iterable[str], beside: Iterable[Path]) -> None:
+    from bracket_cell.log.report.tree_page import write_file_page, write_log_page
+    from bracket_cell.trees.node_library import node_registry
+
+    if of_log:
+        from bracket_cell.commands.log_terminal import read
+
+        size = write_log_page(read([source]), own_nodes, beside, page)
+    else:
+        size = write_file_page(source, node_registry(more=own_nodes), beside, page)
+    sys.stdout.write(f"{page}: {size / 1e6:.1f} MB\n")
 
 
 def _show_product(file: Path, svg: Path | None, png: Path | None, overwrite: bool) -> None:

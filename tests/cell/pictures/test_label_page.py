@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,6 @@ from bracket_lab.learned.holes.data import load_plates
 from bracket_lab.learned.parts.data import load_scenes
 from tests.cell.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PLATES, TRAYS = 12, 8
 TYPES = list(PRODUCT.parts)
 
@@ -33,14 +30,10 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if path is None:
-        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
-    with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield opened
-        opened.close()
+def browser(chromium: Callable[..., Any]) -> Iterator[Any]:
+    opened = chromium(args=["--no-sandbox"])
+    yield opened
+    opened.close()
 
 
 class Person:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 import os
 import re
-import shutil
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +23,6 @@ from tests.cell.viewing.page.moments import brought_to
 from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig, certified
 from tests.docs.page_moments import GL
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZES = ((1280, 800), (1024, 768))
 EVERY_SIZE = (*SIZES, (1920, 1080), (1200, 800))
 ARC_MIN, FAR_MM, CAPITALS, PITCH_MM = 20.0, 2000.0, 0.72, 531.3 / 1920  # of a 24-inch screen with 1920 pixels
@@ -35,15 +31,6 @@ SHOTS = os.environ.get("CELL_SCREENSHOTS")  # a folder for pictures of the page
 HELD = Judgement(Action.HOLD, 0.0, (("camera_unhealthy", "the overhead image is dark"),))
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # the driver's sockets end with its process
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if path is None:
-        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
-    with sync_api.sync_playwright() as playwright:
-        yield partial(playwright.chromium.launch, executable_path=path)
 
 
 @pytest.fixture(scope="module")
@@ -403,7 +390,7 @@ def test_by_tls_a_tablet_that_trusts_the_certificate_operates_and_no_other(
         visitor.says(OperatorOrder("pause", "now"))
         assert visitor.complaints == []
         stranger = browser.new_page()
-        with pytest.raises(sync_api.Error, match="ERR_CERT_AUTHORITY_INVALID"):
+        with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
             stranger.goto(rig.page.address)
         stranger.close()
     finally:

@@ -22,8 +22,9 @@ from btxml.engine.status import Status
 from btxml.files.compile.registry import Registry, is_leaf, is_reserved, meaning_of
 from btxml.files.parse.library import Library
 from btxml.files.parse.replacing import REPLACES
-from btxml.files.parse.xml_file import CONDITIONS, EXPLICIT, SCRIPTS_AFTER, Element, node_tag
+from btxml.files.parse.xml_file import CONDITIONS, EXPLICIT, SCRIPTS_AFTER, Element
 from btxml.views.palette import node_text, port_line
+from btxml.views.symbols import FILES_MOST, Symbol, Symbols
 
 Kind = Literal["node", "port", "condition", "entry", "value", "tree"]
 SCRIPTS = (*CONDITIONS, *SCRIPTS_AFTER)
@@ -107,9 +108,11 @@ def spot_at(text: str, offset: int) -> Spot:
     return Spot(tag[0], attributes, value=re.split(r"\s", body[:cursor])[-1])
 
 
-def offers(text: str, offset: int, registry: Registry, library: Library) -> list[Offer]:
-    """What may stand at the cursor."""
+def offers(text: str, offset: int, path: Path, registry: Registry, library: Library) -> list[Offer]:
+    """What may stand at the cursor in the text of a file."""
     spot = spot_at(text, offset)
+    if spot.tag == "include" and spot.attribute == "path":
+        return list(_files(spot.value, path))
     if spot.attribute:
         return list(_values(spot, text, offset, registry, library))
     if spot.in_tag or not spot.tag:
@@ -193,7 +196,8 @@ def _ports(spot: Spot, registry: Registry, library: Library) -> Iterator[Offer]:
             yield Offer(port.name, "port", port_line(port).strip(), f'{port.name}="$1"')
     identifier = (spot.attributes or {}).get("ID", "")
     if spot.tag == "SubTree":
-        names = {*library.models.get(identifier, {}), *_named(library.trees.get(identifier))}
+        named = {one.symbol.entry for one in _symbols(registry, library).mentions if one.symbol.tree == identifier}
+        names = {*library.models.get(identifier, {}), *named} - {""}
         yield from (Offer(name, "entry", f"an entry of {identifier}", f'{name}="{{$1}}"') for name in sorted(names))
         yield from (Offer(name, "port", snippet=f'{name}="$1"') for name in ("ID", "_autoremap"))
     yield from (Offer(name, "condition", snippet=f'{name}="$1"') for name in ("name", *SCRIPTS))
@@ -219,10 +223,31 @@ def _values(spot: Spot, text: str, offset: int, registry: Registry, library: Lib
     elif "{" in spot.value:
         closing = "" if text.startswith("}", offset) else "}"
         yield from (Offer(name, "entry", snippet=name + closing) for name in entries)
-    elif port is not None or (spot.tag == "SubTree" and not is_reserved(spot.attribute)):
-        if port is not None and port.direction == "input":
+    elif spot.tag == "SubTree" and not is_reserved(spot.attribute):
+        inner = _symbols(registry, library).ports(Symbol((spot.attributes or {}).get("ID", ""), spot.attribute))
+        words = [word for port in inner if port.direction == "input" for word in _literals(port.kind, registry)]
+        yield from (Offer(word, "value") for word in dict.fromkeys(words))
+        yield from (Offer(f"{{{name}}}", "entry") for name in entries)
+    elif port is not None:
+        if port.direction == "input":
             yield from (Offer(word, "value") for word in _literals(port.kind, registry))
         yield from (Offer(f"{{{name}}}", "entry") for name in entries)
+
+
+def _files(before: str, path: Path) -> Iterator[Offer]:
+    """Tree files beside a file and below, or in the folder that is written so far."""
+    lead = before.rpartition("/")[0]
+    folder = path.parent / lead
+    for file in sorted(folder.rglob("*.xml"))[:FILES_MOST] if folder.is_dir() else ():
+        if file.resolve() != path.resolve():
+            name = f"{lead}/{file.relative_to(folder).as_posix()}" if lead else file.relative_to(folder).as_posix()
+            yield Offer(name, "tree")
+
+
+def _symbols(registry: Registry, library: Library) -> Symbols:
+    """What the trees of a library mention, as far as they can be read."""
+    trees = [*library.trees.values()]
+    return Symbols({tree.place.file: Element("root", tree.place, {}, trees) for tree in trees[:1]}, registry)
 
 
 def _literals(kind: Any, registry: Registry) -> Iterable[str]:
@@ -253,20 +278,6 @@ def _entries_around(text: str, offset: int) -> set[str]:
         if attribute[1] in (*SCRIPTS, "code", "if"):
             found.update(_ASSIGNED.findall(attribute[2] or attribute[4] or ""))
     return found
-
-
-def _named(tree: Element | None) -> set[str]:
-    """Entries that a tree names, without those of the outermost tree."""
-    found: set[str] = set()
-    waiting = [] if tree is None else list(tree.children)
-    while waiting:
-        element = waiting.pop()
-        waiting += element.children
-        values = {name: attribute.value for name, attribute in element.attributes.items()}
-        found.update(name for value in values.values() for name in _ENTRY.findall(value))
-        if any(value.strip() == "{=}" for value in values.values()) and node_tag(element):
-            found.update(name for name, value in values.items() if value.strip() == "{=}")
-    return {name for name in found if not name.startswith("@")}
 
 
 def made_at(node: type[TreeNode]) -> Place | None:

@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from lsprotocol import types
 from pygls.lsp.client import LanguageClient
@@ -15,6 +16,7 @@ from pygls.lsp.client import LanguageClient
 from tests import ROOT
 
 LIMIT_S = 60.0  # for an answer, on a machine that does much else
+BURST_S = 0.5  # processor time that ten keystrokes may cost
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <include path="more.xml"/>
   <BehaviorTree ID="Main">
@@ -22,6 +24,24 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
       <SubTree ID="Fetch" part="{part}"/>
       <Greet who="äöü" whom="{part}"/>
       <MoveTo pose="park"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+DEEP = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <include path="more.xml"/>
+  <BehaviorTree ID="Main">
+    <Sequence name="all">
+      <Script code="tries := 3; part := 'o1'"/>
+      <SubTree ID="Own" what="{tries}" part="{=}"/>
+      <SubTree ID="Own" _autoremap="true" what="2"/>
+      <Greet who="{tries}" whom="{part}"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Own">
+    <Sequence>
+      <ScriptCondition code="what &gt; 1 &amp;&amp; @tries &gt; what"/>
+      <Greet who="x" whom="{part}" _skipIf="what == 2"/>
     </Sequence>
   </BehaviorTree>
 </root>
@@ -84,12 +104,22 @@ class Editor:
         self._told.clear()
 
     async def type(self, text: str) -> None:
+        """Make this the whole text, and wait for what is wrong with it."""
+        self.press(text)
+        await self.told()
+
+    def spent_s(self) -> float:
+        """Processor time of the server."""
+        assert self._client._server is not None
+        times = psutil.Process(self._client._server.pid).cpu_times()
+        return float(times.user + times.system)
+
+    def press(self, text: str) -> None:
         """Make this the whole text."""
         self._version += 1
         document = types.VersionedTextDocumentIdentifier(self._version, self.uri)
         change = types.TextDocumentContentChangeWholeDocument(text)
         self._client.text_document_did_change(types.DidChangeTextDocumentParams(document, [change]))
-        await self.told()
 
     async def offers(self, before: str) -> dict[str, str]:
         """What is offered where `before` is being written after MoveTo: what is inserted, by label."""
@@ -101,13 +131,44 @@ class Editor:
         assert isinstance(found, list)
         return {one.label: one.text_edit.new_text for one in found if one.text_edit is not None}
 
+    async def offered(self, text: str, mark: str) -> set[str]:
+        """What is offered behind a mark of a text."""
+        await self.type(text)
+        found = await self.call("completion", types.CompletionParams(self.document, at(text, mark, len(mark))))
+        return {one.label for one in found}
+
+    async def call(self, way: str, parameters: Any) -> Any:
+        """Any question about the file."""
+        call: Callable[[Any], Awaitable[Any]] = getattr(self._client, f"text_document_{way}_async")
+        return await asyncio.wait_for(call(parameters), LIMIT_S)
+
+    @property
+    def document(self) -> types.TextDocumentIdentifier:
+        return types.TextDocumentIdentifier(self.uri)
+
     async def ask(self, way: str, word: str, extra: int = 1) -> Any:
         """Hover or definition at a word of the file."""
-        before = TREE[: TREE.index(word) + extra]
-        position = types.Position(before.count("\n"), len(before) - before.rfind("\n") - 1)
+        position = at(TREE, word, extra)
         kind = types.HoverParams if way == "hover" else types.DefinitionParams
         call: Callable[[Any], Awaitable[Any]] = getattr(self._client, f"text_document_{way}_async")
         return await asyncio.wait_for(call(kind(types.TextDocumentIdentifier(self.uri), position)), LIMIT_S)
+
+
+def at(text: str, word: str, extra: int = 1) -> types.Position:
+    """A position behind some characters of a word."""
+    before = text[: text.index(word) + extra]
+    return types.Position(before.count("\n"), len(before) - before.rfind("\n") - 1)
+
+
+def changed(text: str, edits: list[types.TextEdit]) -> str:
+    """A text after edits that do not meet."""
+    for edit in sorted(edits, key=lambda one: (one.range.start.line, one.range.start.character), reverse=True):
+        lines = text.split("\n")
+        start, end = edit.range.start, edit.range.end
+        head = [*lines[: start.line], lines[start.line][: start.character]]
+        tail = [lines[end.line][end.character :], *lines[end.line + 1 :]]
+        text = "\n".join(head) + edit.new_text + "\n".join(tail)
+    return text
 
 
 @pytest.fixture
@@ -201,3 +262,91 @@ async def places(editor: Editor, folder: Path) -> None:
     for word, file, line in (("<SubTree", "more.xml", 1), ("<Greet", "nodes/greet.py", 4), ("<include", "more.xml", 0)):
         found = await editor.ask("definition", word)
         assert (found.uri, found.range.start.line) == ((folder / file).as_uri(), line)
+
+
+def test_trees_and_entries_are_found_and_renamed_wherever_they_are_named(folder: Path, talk: Talk) -> None:
+    caller = (
+        '<root BTCPP_format="4"><include path="tree.xml"/><BehaviorTree ID="Top"><SubTree ID="Own" part="o1" what="1"/>'
+    )
+    (folder / "caller.xml").write_text(f"{caller}</BehaviorTree></root>")
+
+    async def conversation(editor: Editor) -> None:
+        await editor.type(DEEP)
+        assert editor.marks["tree.xml"] == []
+        tree = types.ReferenceParams(types.ReferenceContext(True), editor.document, at(DEEP, 'ID="Own"', 5))
+        places = [(one.uri.rpartition("/")[2], one.range.start.line) for one in await editor.call("references", tree)]
+        assert sorted(places) == [("caller.xml", 0), ("tree.xml", 5), ("tree.xml", 6), ("tree.xml", 10)]
+        renames = types.RenameParams(editor.document, at(DEEP, 'ID="Own"', 5), "Mine")
+        edits = (await editor.call("rename", renames)).changes
+        await editor.type(changed(DEEP, edits[editor.uri]))
+        assert editor.marks["tree.xml"] == []
+        new = changed((folder / "caller.xml").read_text(), edits[(folder / "caller.xml").as_uri()])
+        assert '<SubTree ID="Mine"' in new
+
+        await editor.type(DEEP)
+        for word, offset, name, count in (("{tries}", 2, "n", 4), ("what &gt", 1, "w", 5), ("{part}", 2, "p", 4)):
+            place = at(DEEP, word, offset)
+            renamed = (await editor.call("rename", types.RenameParams(editor.document, place, name))).changes
+            assert len(renamed[editor.uri]) == count
+            await editor.type(changed(DEEP, renamed[editor.uri]))
+            assert editor.marks["tree.xml"] == [], word
+            await editor.type(DEEP)
+        taken = types.RenameParams(editor.document, at(DEEP, "{tries}", 2), "part")
+        assert await editor.call("rename", taken) is None
+
+    talk(conversation)
+
+
+def test_the_outline_links_hovers_and_offers_of_a_file(folder: Path, talk: Talk) -> None:
+    async def conversation(editor: Editor) -> None:
+        await editor.type(DEEP)
+        found = await editor.call("document_symbol", types.DocumentSymbolParams(editor.document))
+        assert [one.name for one in found] == ["Main", "Own"]
+        assert [one.name for one in found[0].children[0].children][:2] == ["Script", "SubTree Own"]
+        assert (found[0].range.start.line, found[0].range.end.line) == (2, 9)
+        (link,) = await editor.call("document_link", types.DocumentLinkParams(editor.document))
+        assert link.target == (folder / "more.xml").as_uri()
+        assert (link.range.start, link.range.end) == (types.Position(1, 17), types.Position(1, 25))
+        told = await editor.call("hover", types.HoverParams(editor.document, at(DEEP, "{tries}", 3)))
+        assert "written by Script at tree.xml:5" in told.contents.value
+        made = await editor.call("definition", types.DefinitionParams(editor.document, at(DEEP, "{tries}", 3)))
+        assert made.range.start == types.Position(4, 20)
+        assert {"o1", "o2", "{part}"} <= await editor.offered(DEEP.replace('part="{=}"', 'part=""'), 'part="')
+        wanted = DEEP.replace('ID="Own" what="{tries}" part="{=}"', 'ID="Own" ')
+        assert {"what", "part"} <= await editor.offered(wanted, 'ID="Own" ')
+        assert await editor.offered(DEEP.replace("more.xml", ""), 'path="') == {"more.xml"}
+
+    talk(conversation)
+
+
+def test_what_is_wrong_is_mended_by_a_click(talk: Talk) -> None:
+    async def conversation(editor: Editor) -> None:
+        text = DEEP.replace("<Greet who", "<Great who").replace(" whom=", " whmo=")
+        await editor.type(text)
+        while editor.marks["tree.xml"]:
+            mark = editor.marks["tree.xml"][0]
+            context = types.CodeActionContext([mark])
+            asked = types.CodeActionParams(editor.document, mark.range, context)
+            found = await editor.call("code_action", asked)
+            assert found, mark
+            text = changed(text, found[0].edit.changes[editor.uri])
+            await editor.type(text)
+        assert text == DEEP
+
+    talk(conversation)
+
+
+def test_ten_keystrokes_cost_little(talk: Talk) -> None:
+    """Each one makes the one before it needless, so that a large file is checked once or twice."""
+    large = TREE.replace('<MoveTo pose="park"/>', '<MoveTo pose="park"/>' * 1000)
+
+    async def conversation(editor: Editor) -> None:
+        await editor.type(large)
+        before_s = editor.spent_s()
+        for number in range(10):
+            editor.press(large + " " * number)
+            await asyncio.sleep(0.1)
+        await editor.told()
+        assert editor.spent_s() - before_s < BURST_S
+
+    talk(conversation)

@@ -137,7 +137,8 @@ class _Checker:
             elif name.startswith("_"):
                 self._underscore(name, attribute)
             elif name != "name" and not (name == "ID" and element.tag in EXPLICIT):
-                self._report(attribute.place, f"{tag} has no port '{name}'", hint(name, ports))
+                left = [port for port in ports if port not in element.attributes]
+                self._report(attribute.place, f"{tag} has no port '{name}'", hint(name, left or ports))
         for name, port in ports.items():
             if name not in element.attributes and not port.optional:
                 self._report(element.place, f"{tag} needs port '{name}'", f"{name}: {_wanted(port)}")

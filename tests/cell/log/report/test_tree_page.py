@@ -28,8 +28,12 @@ class Reader:
         self.page, self.complaints = page, list[str]()
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
-        page.on("request", lambda one: one.url.startswith(("file:", "data:")) or self.complaints.append(one.url))
+        page.on("request", lambda one: self.complaints.extend(self._foreign(one.url)))
         page.goto(file.as_uri())
+
+    @staticmethod
+    def _foreign(address: str) -> list[str]:
+        return [] if address.startswith(("file:", "data:")) else [address]
 
     def rows(self) -> list[str]:
         return [" ".join(text.split()) for text in self.page.locator(".row").all_inner_texts()]

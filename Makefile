@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: three help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three vsix help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -42,6 +42,7 @@ help:
 	@echo "make test-contracts  what every device must do, simulated, recorded and behind a twin's wires"
 	@echo "make check      ruff, mypy, import-linter, sizes of rooms, the site"
 	@echo "make site       the documentation as a site, in site/"
+	@echo "make vsix       the extension for Visual Studio Code, into build/ (needs npm)"
 	@echo "make sbom       all that the program is made of, as CycloneDX, in build/sbom.json"
 	@echo "make bench      benchmarks"
 	@echo "make bench-long  benchmarks that take hours"
@@ -108,6 +109,14 @@ three:
 	cd cell/bracket_cell/viewing/page/static/three && npm pack --silent three@$(THREE) && \
 	  tar -xzf three-$(THREE).tgz --strip-components=1 package/LICENSE && \
 	  tar -xzf three-$(THREE).tgz --strip-components=2 package/build/three.module.min.js && rm three-$(THREE).tgz
+
+# The client that the extension needs goes into the package; vsce is npm's own tool for it.
+VSIX ?= build/bracket-cell.vsix
+VSCE := 3.9.2
+vsix:
+	@mkdir -p build/vscode $(dir $(VSIX)) && cp -r editor/vscode/. build/vscode && cp LICENSE editor/README.md build/vscode
+	cd build/vscode && npm install --silent --no-audit --no-fund --omit=dev --no-package-lock && \
+	  npx --yes @vscode/vsce@$(VSCE) package --allow-missing-repository --out $(abspath $(VSIX))
 
 train-deps: .venv/tests
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bracket_cell.learned.classical.track_health import motion_of
 from bracket_cell.skills.motion import arm_outline
-from bracket_cell.skills.motion.arm_outline import HELD_RADIUS_M
+from bracket_cell.skills.motion.arm_outline import OUTLINE
 from bracket_cell.skills.motion.collision import CollisionChecker
 from bracket_cell.skills.motion.known_bench import EDGES, KnownBench
 from bracket_cell.skills.motion.person_space import Person, PersonSpace
@@ -381,7 +381,7 @@ def test_links_are_placed_as_pinocchio_places_them() -> None:
     outline, rng = MONITOR.outline, np.random.default_rng(3)
     planner = motion_planner()
     checker = CollisionChecker(planner.kinematics, planner.product, planner.bench, planner.settings)
-    geometry = checker.arm_with_part(HELD_RADIUS_M)
+    geometry = checker.arm_with_part(OUTLINE.held_radius_m)
     data, at = checker.model.createData(), geometry.createData()
     paths = rng.uniform(-3.0, 3.0, (20, 6))
     placed = outline.placed(paths)

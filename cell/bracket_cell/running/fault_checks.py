@@ -10,23 +10,48 @@ import numpy as np
 
 from bracket_cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
 from bracket_cell.running.hand_checks import HandMemory
-from bracket_cell.skills.motion.arm_monitor import REPEATS_S, ArmMonitor
-from bracket_cell.skills.motion.known_bench import FUTURE_S, STALE_S
+from bracket_cell.skills.motion.arm_monitor import ARM, ArmMonitor
+from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, JointTrajectory
 from bracket_ground.interfaces.faults import Judgement
 from bracket_ground.interfaces.observation import LETS_GO, STALE_ARM_S, ArmMode, Observation
 from bracket_ground.interfaces.perception import BenchView
 
-LOST_ARM_S = 0.25  # a state that is older is no state: the arm stands by itself by then
-LOST_GRIPPER_S = 1.0
-LATE, VERY_LATE = 2, 10  # periods of the control loop
-OFF_PATH_RAD = 0.025
-ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
+
+@dataclass(frozen=True)
+class FaultLimits:
+    """When a device or the loop counts as faulty. Origin: periods of the devices (arm 125 Hz, camera 15 Hz, loop 25 Hz)
+    and the simulated arm's tracking error.
+
+    Attributes:
+        lost_arm_s: [s] age of an arm's state that is no state: the arm stands by itself by then.
+        lost_gripper_s: [s] likewise of the gripper.
+        late: [periods of the control loop] of a late tick.
+        very_late: [periods of the control loop] of a very late tick.
+        off_path_rad: [rad] of a joint from its path.
+        arrived_rad: [rad] from its end at which a path is over.
+        rest_rad: [rad] likewise of a long path.
+        vain_times: [acknowledgements] in a row that no trajectory came to its end after.
+        servo_lags_s: [s] by which an arm may trail its trajectory.
+    """
+
+    lost_arm_s: float = 0.25
+    lost_gripper_s: float = 1.0
+    late: int = 2
+    very_late: int = 10
+    off_path_rad: float = 0.025
+    arrived_rad: float = 0.006
+    rest_rad: float = 0.012
+    vain_times: int = 3
+    servo_lags_s: tuple[float, ...] = (0.0, 0.008, 0.016)
+
+
+LIMITS = FaultLimits()
+
+
 OTHER_MASTER = "another master commands the gripper"
 OF_OVERHEAD = ("camera overhead", "detector overhead")
-VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
-SERVO_LAGS_S = np.array([0.0, 0.008, 0.016])  # an arm trails its trajectory by at most the last
 
 
 @dataclass(frozen=True)
@@ -81,7 +106,7 @@ class Memory:
         self._arm_s = min(observation.arm.time_s, observation.time_s)
         if observation.arm.mode in LETS_GO:  # it stands where it was stopped, off its path
             self.trajectory = None
-        elif self.trajectory is not None and _far_rad(self.trajectory) > OFF_PATH_RAD:
+        elif self.trajectory is not None and _far_rad(self.trajectory) > LIMITS.off_path_rad:
             self.given_up = 0 if _arrived(observation, self.trajectory) else self.given_up
 
     def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
@@ -142,7 +167,7 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
         repeats_s = watched(seen, memory).repeats_s
         return (
             Detection(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
-            if repeats_s > REPEATS_S
+            if repeats_s > ARM.repeats_s
             else None
         )
 
@@ -178,17 +203,17 @@ def _old_arm(seen: Observation, limit_s: float) -> str:
 
 def _lost_arm(seen: Observation, _: Command, memory: Memory) -> Detection | None:
     words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "arm")
-    return _unless_vain(words or _old_arm(seen, LOST_ARM_S), memory)
+    return _unless_vain(words or _old_arm(seen, LIMITS.lost_arm_s), memory)
 
 
 def _lost_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
     words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "gripper")
-    words = words or stale_words(seen, LOST_GRIPPER_S)
+    words = words or stale_words(seen, LIMITS.lost_gripper_s)
     return Detection(words) if words else None
 
 
 def _time_wrong(seen: Observation, _: Command, memory: Memory) -> Detection | None:
-    if not seen.arm.time_s <= seen.time_s + FUTURE_S:
+    if not seen.arm.time_s <= seen.time_s + PLAUSIBLE.future_s:
         return Detection("the arm's state is stamped with a time to come")
     return Detection("the stamps of the arm's states go backwards") if memory.backwards else None
 
@@ -200,7 +225,7 @@ def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None
 
 def _unless_vain(words: str, memory: Memory) -> Detection | None:
     """What a person clears, as long as that helps."""
-    if words and memory.given_up >= VAIN_TIMES:
+    if words and memory.given_up >= LIMITS.vain_times:
         return Detection(
             Message(
                 "{words}, although it was acknowledged {given_up} times in a row", words=words, given_up=memory.given_up
@@ -216,11 +241,11 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
         return ""
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
-        off = float(np.abs(measured - sent.along(path_s - SERVO_LAGS_S)).max(axis=1).min())
-        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > OFF_PATH_RAD else ""
+        off = float(np.abs(measured - sent.along(path_s - LIMITS.servo_lags_s)).max(axis=1).min())
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > LIMITS.off_path_rad else ""
     if seen.arm.moving:  # somewhere along its path
         off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())
-        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > OFF_PATH_RAD else ""
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > LIMITS.off_path_rad else ""
     return "the arm does not follow its trajectory" if _missed_rad(seen, sent) > _near_rad(sent) else ""
 
 
@@ -243,7 +268,7 @@ def _missed_rad(seen: Observation, sent: JointTrajectory) -> float:
 
 def _near_rad(sent: JointTrajectory) -> float:
     """How near its end counts as there; a short way is missed by less."""
-    return max(ARRIVED_RAD, min(REST_RAD, _far_rad(sent) / 2))
+    return max(LIMITS.arrived_rad, min(LIMITS.rest_rad, _far_rad(sent) / 2))
 
 
 def _of_gripper(words: Callable[[Observation, Memory], str]) -> Check:
@@ -271,13 +296,13 @@ def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     age_s = seen.time_s - seen.bench.time_s
     return (
         Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
-        if not age_s <= STALE_S
+        if not age_s <= PLAUSIBLE.stale_s
         else None
     )
 
 
 def _future_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
-    ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + FUTURE_S
+    ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + PLAUSIBLE.future_s
     return Detection("the view of the bench is stamped with a time to come") if ahead else None
 
 
@@ -315,7 +340,7 @@ def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
 
 def tick_checks(tick_s: float) -> dict[str, Check]:
     """Checks of a control loop with this period."""
-    return {"tick_late": _late(LATE * tick_s), "tick_very_late": _late(VERY_LATE * tick_s)}
+    return {"tick_late": _late(LIMITS.late * tick_s), "tick_very_late": _late(LIMITS.very_late * tick_s)}
 
 
 def _late(limit_s: float) -> Check:

@@ -10,13 +10,37 @@ from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 
-STALE_GRIPPER_S = 0.1
-HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
-ECHO_S = 0.16  # a lost command is repeated by half of it
-OPENINGS_M, OFF_M = (-0.002, 0.087), 0.006  # that a 2F-85 can have, and how far one may be from where it was told to go
-FASTEST_M_S, WENT_M = 0.15, 0.001  # of a 2F-85's fingers; less is no way at all
-STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by then
-SLOWEST_S = 1.0  # for speeding up, braking and pressing
+
+@dataclass(frozen=True)
+class GripperLimits:
+    """When the gripper contradicts its commands. Origin: a 2F-85's manual (speed, openings) and its status at 50 Hz.
+
+    Attributes:
+        stale_gripper_s: [s] age of a state that counts.
+        held_lately_s: [s] in which a restart may show in another frame than the part that was held.
+        echo_s: [s] in which a command is echoed; a lost one is repeated by half of it.
+        openings_m: [m] openings that a 2F-85 can have.
+        off_m: [m] from the ordered opening.
+        fastest_m_s: [m/s] of its fingers.
+        went_m: [m] less is no way at all.
+        still_s: [s] in which fingers that move are seen to, or press.
+        still_m: [m] that count as motion.
+        slowest_s: [s] for speeding up, braking and pressing.
+    """
+
+    stale_gripper_s: float = 0.1
+    held_lately_s: float = 0.25
+    echo_s: float = 0.16
+    openings_m: tuple[float, float] = (-0.002, 0.087)
+    off_m: float = 0.006
+    fastest_m_s: float = 0.15
+    went_m: float = 0.001
+    still_s: float = 0.5
+    still_m: float = 0.0002
+    slowest_s: float = 1.0
+
+
+LIMITS = GripperLimits()
 
 
 @dataclass(eq=False)
@@ -49,7 +73,7 @@ class GripperMemory:
         if gripper.activated:
             self.restarted = ""
         elif self._active:
-            self.restarted = "holding" if now_s - self._held_s <= HELD_LATELY_S else "empty"
+            self.restarted = "holding" if now_s - self._held_s <= LIMITS.held_lately_s else "empty"
         if gripper.activated and gripper.holding:
             self._held_s = now_s
         self._active = gripper.activated
@@ -77,10 +101,10 @@ class GripperMemory:
         """Where fingers were that rest, and when they moved last."""
         before = self._before
         changed = before is None or before.object_status is not gripper.object_status
-        if changed or abs(gripper.opening_m - self._opening_m) > STILL_M:
+        if changed or abs(gripper.opening_m - self._opening_m) > LIMITS.still_m:
             self._moved_s = now_s
         resting = gripper.object_status is not ObjectStatus.MOVING
-        if changed or not resting or now_s - self._free_s <= ECHO_S:
+        if changed or not resting or now_s - self._free_s <= LIMITS.echo_s:
             self._opening_m = gripper.opening_m
 
     def _impossible(self, gripper: GripperState) -> str:
@@ -88,13 +112,13 @@ class GripperMemory:
             return "the gripper told a value that is not finite"
         if (before := self._before) is not None and gripper.activated and before.activated:
             took_s, moved_m = gripper.time_s - before.time_s, abs(gripper.opening_m - before.opening_m)
-            if moved_m > FASTEST_M_S * max(took_s, 0.0) + 2 * OFF_M:
+            if moved_m > LIMITS.fastest_m_s * max(took_s, 0.0) + 2 * LIMITS.off_m:
                 return Message(
                     "the fingers went {moved_m} mm in {took_s} s, faster than they can",
                     moved_m=f"{moved_m * 1000:.0f}",
                     took_s=f"{took_s:.2f}",
                 )
-        if not OPENINGS_M[0] <= gripper.opening_m <= OPENINGS_M[1]:
+        if not LIMITS.openings_m[0] <= gripper.opening_m <= LIMITS.openings_m[1]:
             return Message("the gripper told an opening of {opening_m} mm", opening_m=f"{gripper.opening_m * 1000:.0f}")
         return ""
 
@@ -102,11 +126,11 @@ class GripperMemory:
         """Its fingers say that they have arrived or met something where they cannot have."""
         if self._goal is None or not self._settled(gripper, now_s):
             return ""
-        beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), OPENINGS_M[1])
+        beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), LIMITS.openings_m[1])
         wrong = {
-            ObjectStatus.AT_POSITION: abs(beyond_m) > OFF_M,
-            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M or self._opens,
-            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M or not self._opens,
+            ObjectStatus.AT_POSITION: abs(beyond_m) > LIMITS.off_m,
+            ObjectStatus.CONTACT_CLOSING: beyond_m < -LIMITS.off_m or self._opens,
+            ObjectStatus.CONTACT_OPENING: beyond_m > LIMITS.off_m or not self._opens,
         }
         if gripper.object_status is ObjectStatus.CONTACT_CLOSING and self._never_went(gripper.opening_m):
             return "the fingers say that they met something, and never left where they were open"
@@ -125,10 +149,10 @@ class GripperMemory:
         """They were sent to close from where they rested free, and are still there: nothing is that wide."""
         if self._from_m is None or self._goal is None:
             return False
-        return self._from_m - self._goal.opening_m > OFF_M and abs(opening_m - self._from_m) < WENT_M
+        return self._from_m - self._goal.opening_m > LIMITS.off_m and abs(opening_m - self._from_m) < LIMITS.went_m
 
     def _disobeys(self, gripper: GripperState, now_s: float) -> str:
-        if now_s - self._echoed_s > ECHO_S:
+        if now_s - self._echoed_s > LIMITS.echo_s:
             return Message(
                 "for {now_s} s the gripper does not repeat what it was told", now_s=f"{now_s - self._echoed_s:.2f}"
             )
@@ -138,12 +162,12 @@ class GripperMemory:
             moved_m = abs(gripper.opening_m - self._opening_m)
             return (
                 Message("the fingers moved by {moved_m} mm unasked", moved_m=f"{moved_m * 1000:.0f}")
-                if moved_m > OFF_M
+                if moved_m > LIMITS.off_m
                 else ""
             )
-        longest_s = OPENINGS_M[1] / self._goal.speed_m_s + SLOWEST_S
-        if now_s - self._moved_s > STILL_S:
-            return Message("the fingers do not move for {still_s} s, although they say so", still_s=STILL_S)
+        longest_s = LIMITS.openings_m[1] / self._goal.speed_m_s + LIMITS.slowest_s
+        if now_s - self._moved_s > LIMITS.still_s:
+            return Message("the fingers do not move for {still_s} s, although they say so", still_s=LIMITS.still_s)
         return (
             Message("the fingers do not arrive within {longest_s} s", longest_s=f"{longest_s:.1f}")
             if now_s - self._free_s > longest_s
@@ -152,10 +176,10 @@ class GripperMemory:
 
     def _settled(self, gripper: GripperState, now_s: float) -> bool:
         """The status is about what the fingers were told, and nothing stops them."""
-        return gripper.activated and gripper.echoed and now_s - self._free_s > ECHO_S
+        return gripper.activated and gripper.echoed and now_s - self._free_s > LIMITS.echo_s
 
 
-def stale_words(seen: Observation, limit_s: float = STALE_GRIPPER_S) -> str:
+def stale_words(seen: Observation, limit_s: float = LIMITS.stale_gripper_s) -> str:
     """How old the status is, where that is too old."""
     age_s = seen.time_s - seen.gripper.time_s
     return Message("the gripper's status is {age_s} s old", age_s=f"{age_s:.2f}") if not age_s <= limit_s else ""

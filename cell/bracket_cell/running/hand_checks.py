@@ -9,7 +9,19 @@ from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import BenchView, HoleView
 
-BESIDE_S = 1.0  # a hand that is seen this long before or after a part came or went has moved it
+
+@dataclass(frozen=True)
+class HandLimits:
+    """When a hand has moved a part. Origin: seconds between seeing a hand and a changed part in simulated assemblies.
+
+    Attributes:
+        beside_s: [s] before or after a part came or went in which a hand that is seen has moved it.
+    """
+
+    beside_s: float = 1.0
+
+
+LIMITS = HandLimits()
 
 
 @dataclass(frozen=True)
@@ -68,9 +80,9 @@ class HandMemory:
                     self._changes[place] = _Change(before.seen_s, hole.seen_s)
             self._holes[place] = hole
         for place, change in list(self._changes.items()):
-            if max(self._hand_s, self._held_s) >= change.after_s - BESIDE_S:
+            if max(self._hand_s, self._held_s) >= change.after_s - LIMITS.beside_s:
                 del self._changes[place]
-            elif self._holes[place].seen_s >= change.seen_s + BESIDE_S:
+            elif self._holes[place].seen_s >= change.seen_s + LIMITS.beside_s:
                 self.blind = Message(
                     "the part at {place} changed, but no hand was seen: the hand detector may be blind", place=place
                 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,19 @@ from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
 
-LATELY_S = 0.3  # a hold for a near hand lasts as long as the fastest motion of this time asks for
+
+@dataclass(frozen=True)
+class ApproachLimits:
+    """How long a near hand is remembered. Origin: four frames of a camera with 15 Hz.
+
+    Attributes:
+        lately_s: [s] whose fastest motion decides on a hold for a near hand.
+    """
+
+    lately_s: float = 0.3
+
+
+LIMITS = ApproachLimits()
 
 
 def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
@@ -41,7 +54,7 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         if found is None:
             memory.too_near, memory.leasts_m = False, ()
             return None
-        lately = ((at_s, least_m) for at_s, least_m in memory.leasts_m if at_s > seen.time_s - LATELY_S)
+        lately = ((at_s, least_m) for at_s, least_m in memory.leasts_m if at_s > seen.time_s - LIMITS.lately_s)
         memory.leasts_m = (*lately, (seen.time_s, found.least_m))
         least_m, slack_m = found.least_m, monitor.settings.hysteresis_m
         if memory.too_near:

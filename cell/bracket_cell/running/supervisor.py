@@ -19,9 +19,23 @@ from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, Judgement
 from bracket_ground.interfaces.observation import Observation
 
+
+@dataclass(frozen=True)
+class AcknowledgementLimits:
+    """When an acknowledgement counts. Origin: activation of a 2F-85 takes up to 5 s (manual).
+
+    Attributes:
+        acknowledged_s: [s] before a fault goes in which it may be acknowledged.
+    """
+
+    acknowledged_s: float = 5.0
+
+
+LIMITS = AcknowledgementLimits()
+
+
 NO_DETECTION = Detection("")
 PAUSED = "operator_pause"
-ACKNOWLEDGED_S = 5.0  # so long before it goes it may be acknowledged: fingers that are activated anew take their time
 
 
 @dataclass
@@ -162,7 +176,7 @@ def _share(value: float) -> float:
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:
-    late = state.acknowledged_s < state.last_s - ACKNOWLEDGED_S
+    late = state.acknowledged_s < state.last_s - LIMITS.acknowledged_s
     return state.active_s is not None and not state.expired and fault.clear == "person" and late
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bracket_cell.faults.injection import Injection
-from bracket_cell.running.gripper_checks import HELD_LATELY_S, STALE_GRIPPER_S
-from bracket_cell.skills.motion.known_bench import STALE_S
+from bracket_cell.running.gripper_checks import LIMITS as GRIPPER
+from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_ground.interfaces.faults import Action
@@ -52,7 +52,7 @@ class StoppingDistance(Observer):
         if began_s is None:
             self.held_before = record.observation.gripper.holding
             self._held_s = record.observation.time_s if self.held_before else self._held_s
-            self.held_lately = record.observation.time_s - self._held_s <= HELD_LATELY_S
+            self.held_lately = record.observation.time_s - self._held_s <= GRIPPER.held_lately_s
             return
         if record.joints is not None:
             self._measure(record.joints, began_s)
@@ -86,7 +86,7 @@ def shows(seen: Observation, injection: Injection) -> bool:
     if fault.startswith("camera"):
         if any(trouble.device.startswith("camera") for trouble in seen.troubles):
             return True
-        stale = seen.bench is None or seen.time_s - seen.bench.time_s > STALE_S
+        stale = seen.bench is None or seen.time_s - seen.bench.time_s > PLAUSIBLE.stale_s
         first = injection.first_frame
         spoiled = first is not None and seen.bench is not None and seen.bench.sequence >= first
         return stale if fault in ("camera_dead", "camera_raises") else spoiled
@@ -94,4 +94,4 @@ def shows(seen: Observation, injection: Injection) -> bool:
         return True
     lost = any(trouble.device == "gripper" for trouble in seen.troubles)
     odd = gripper.fault != 0 or gripper.node_state == "stopped" or not gripper.activated
-    return lost or odd or seen.time_s - gripper.time_s > STALE_GRIPPER_S
+    return lost or odd or seen.time_s - gripper.time_s > GRIPPER.stale_gripper_s

@@ -23,28 +23,90 @@ from bracket_ground.interfaces.perception import Edge, HandSample
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 
+
+@dataclass(frozen=True)
+class SceneLimits:
+    """When an image contradicts the bench. Origin: simulated frames of all looks of sim.yaml, with and without
+    obstacles, shadows and mirrored.
+
+    Attributes:
+        look_every_s: [s] between examinations.
+        compare_every_s: [s] between comparisons.
+        lasts_s: [s] for which something must be wrong.
+        stretch: [points] of an edge that are one landmark.
+        reach_px: [px] by which landmarks may be off.
+        step_px: [px] steps in which they are searched.
+        edge_blur_px: [px] blur before slopes are taken.
+        least_slope: [grey levels per px] of a landmark.
+        least_along: cosine by which slopes point across a landmark.
+        least_seen: share of a group of landmarks that is seen.
+        least_beside: share of a group that is hidden in part.
+        least_shown: share of a group that is judged.
+        long: [landmarks] of a group that is never hidden.
+        bin_m: [m] around a bin that is judged.
+        least_contrast: [grey levels] between squares of 3 x 3 small pixels in a bin.
+        frames_valid: [frames] without robot and hand until a pixel of the reference counts.
+        alike: share by which the reference follows an image that is alike.
+        changed: share by which it follows one that changed.
+        levels: [grey levels] by which a pixel has changed.
+        share: share of its own level by which a pixel has changed.
+        lit: share of the reference above which a pixel is lit.
+        darkest: share of the reference in the darkest shadow.
+        most_shadow: share of pixels that a shadow takes.
+        thick: [small px] below which it is a part, a cable or an edge.
+        thick_share: share of a square of that size that has changed.
+        robot_px: [small px] around the robot's outline that may be of it.
+        hand_px: [small px] around a hand's box that may be of it.
+        most_off: [grey levels] by which a pixel counts at most.
+        turned: share of what is off, below which the image is turned over.
+        most_robot: share of the image that the robot may take.
+        most_changed: share of the image that may change at once.
+        least_free: share of the image that must be free.
+    """
+
+    look_every_s: float = 0.3
+    compare_every_s: float = 0.1
+    lasts_s: float = 1.0
+    stretch: int = 8
+    reach_px: int = 6
+    step_px: int = 2
+    edge_blur_px: float = 1.5
+    least_slope: float = 4.0
+    least_along: float = 0.6
+    least_seen: float = 0.6
+    least_beside: float = 0.4
+    least_shown: float = 0.6
+    long: int = 4
+    bin_m: float = 0.07
+    least_contrast: float = 2.0
+    frames_valid: int = 4
+    alike: float = 1 / 64
+    changed: float = 1 / 256
+    levels: float = 5.0
+    share: float = 0.16
+    lit: float = 1.1
+    darkest: float = 0.3
+    most_shadow: float = 0.9
+    thick: int = 9
+    thick_share: float = 0.6
+    robot_px: int = 6
+    hand_px: int = 4
+    most_off: float = 40.0
+    turned: float = 0.6
+    most_robot: float = 0.4
+    most_changed: float = 0.5
+    least_free: float = 0.2
+
+
+SCENE = SceneLimits()
+
+
 Mask = NDArray[np.uint8]
 
 RISES = "something stands over the bench that is not seen as a hand"
 NO_HAND = "something reaches into the view that is not seen as a hand"
 TURNS = {"mirrored": (1,), "upside down": (0, 1), "mirrored and upside down": (0,)}  # by the axes that are turned over
 GRID = 4  # pixels of the image in one of the small image, along both axes
-LOOK_EVERY_S, COMPARE_EVERY_S, LASTS_S = 0.3, 0.1, 1.0  # between looks; how long something must be wrong
-STRETCH = 8  # points of an edge that are one landmark
-REACH_PX, STEP_PX = 6, 2  # how far off landmarks may be, and steps in which they are looked for
-EDGE_BLUR_PX, LEAST_SLOPE, LEAST_ALONG = 1.5, 4.0, 0.6  # of a landmark, how clearly slopes point across it
-LEAST_SEEN, LEAST_BESIDE = 0.6, 0.4  # of a group of landmarks; of one that is hidden in part
-LEAST_SHOWN = 0.6  # of a group that is judged
-LONG = 4  # landmarks of a group that is never hidden
-BIN_M, LEAST_CONTRAST = 0.07, 2.0  # around a bin, grey levels between squares of 3 x 3 small pixels
-FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
-ALIKE, CHANGED = 1 / 64, 1 / 256  # shares by which the reference follows an image in a frame
-LEVELS, SHARE = 5.0, 0.16  # a pixel that differs by more has changed
-LIT, DARKEST, MOST_SHADOW = 1.1, 0.3, 0.9  # shares of the reference in a shadow, and share of pixels for a shadow
-THICK, THICK_SHARE = 9, 0.6  # small pixels: what is thinner is a part, a cable or an edge
-ROBOT_PX, HAND_PX = 6, 4  # small pixels around the robot's outline and a hand's box that may be of it
-MOST_OFF, TURNED = 40.0, 0.6  # levels by which a pixel counts at most; of what is off, less is so once turned over
-MOST_ROBOT, MOST_CHANGED, LEAST_FREE = 0.4, 0.5, 0.2  # shares of the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +131,10 @@ class Landmarks:
         view, tray = View(bench.overhead.model, bench.overhead.mount.pose), bench.tray
         half, (x, y, z) = np.array(tray.size_m) / 2, tray.centre_m
         rim = Rectangle.between(-half, half, Pose((x, y, z + tray.wall_m)))
-        steps = range(-REACH_PX, REACH_PX + 1, STEP_PX)
+        steps = range(-SCENE.reach_px, SCENE.reach_px + 1, SCENE.step_px)
         shifts = np.array([(column, row) for column in steps for row in steps])
         size = bench.overhead.model.width_px, bench.overhead.model.height_px
-        covered = obstacle_mask(view, bench, REACH_PX)
+        covered = obstacle_mask(view, bench, SCENE.reach_px)
         found: list[tuple[Array, Array, int]] = []
         for number, rectangle in enumerate((PlateModel.of(bench, product), rim)):
             start = view.pixels(rectangle.edges_m)
@@ -80,8 +142,8 @@ class Landmarks:
             unit /= np.linalg.norm(unit, axis=1, keepdims=True)
             for side in range(4):
                 own = np.flatnonzero(rectangle.sides == side)
-                parts = np.array_split(own, max(1, round(len(own) / STRETCH)))
-                low, high = REACH_PX, np.array(size) - REACH_PX - 1
+                parts = np.array_split(own, max(1, round(len(own) / SCENE.stretch)))
+                low, high = SCENE.reach_px, np.array(size) - SCENE.reach_px - 1
                 inside = [part for part in parts if ((start[part] > low) & (start[part] < high)).all()]
                 places = ((part, *start[part].astype(int).T) for part in inside)
                 shown = [part for part, column, row in places if not covered[row, column].any()]
@@ -101,21 +163,21 @@ class Landmarks:
         """
         if not len(self.groups):
             return {}
-        smooth = cv2.GaussianBlur(grey, (0, 0), EDGE_BLUR_PX)
+        smooth = cv2.GaussianBlur(grey, (0, 0), SCENE.edge_blur_px)
         columns, rows = self.places[..., 0], self.places[..., 1]
         x, y = (cv2.Sobel(smooth, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1)))
-        along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), LEAST_SLOPE)
+        along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), SCENE.least_slope)
         starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
-        clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > LEAST_ALONG
+        clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > SCENE.least_along
         column, row = self.places[len(self.places) // 2, starts].T // GRID
         open_ = ~hidden[row, column]
         best = clear[clear[:, open_].sum(axis=1).argmax()]
         found = {}
         for group in np.unique(self.groups):
             shown = open_[self.groups == group]
-            if shown.mean() >= LEAST_SHOWN:
+            if shown.mean() >= SCENE.least_shown:
                 share = best[open_ & (self.groups == group)].mean()
-                found[int(group)] = bool(share >= (LEAST_SEEN if shown.all() else LEAST_BESIDE))
+                found[int(group)] = bool(share >= (SCENE.least_seen if shown.all() else SCENE.least_beside))
         return found
 
 
@@ -143,7 +205,7 @@ class BenchEvidence:
         self._astray = 0  # groups of landmarks that are not where they were
         self._wrong, self._wrong_s = "", 0.0  # what is wrong, and for how long more than not
         groups, counts = np.unique(self._landmarks.groups, return_counts=True)
-        self._always = groups[counts >= LONG].tolist()
+        self._always = groups[counts >= SCENE.long].tolist()
         self._missing = set(groups.tolist())  # that were never seen
         self.unseen = self.unexplained = ""
 
@@ -155,20 +217,22 @@ class BenchEvidence:
             grey: the image in grey.
         """
         now_s, since_s = frame.time_s, frame.time_s - self._compared_s
-        if since_s < COMPARE_EVERY_S:
+        if since_s < SCENE.compare_every_s:
             return
         self._compared_s, shape = now_s, self._frames.shape
         hidden = near_robot(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
-        if now_s >= self._looked_s + LOOK_EVERY_S:
+        if now_s >= self._looked_s + SCENE.look_every_s:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
         turned = self._turned(small)
         wrong = turned or wrong or self._by_depth(frame, hidden)
         doubtful = self._astray == 1 and not self._missing  # shadows and parts hide edges, too
-        step_s = LASTS_S / 2 if turned else min(since_s, 2 * COMPARE_EVERY_S) / (3 if doubtful else 1)
-        self._wrong_s = min(self._wrong_s + step_s, 2 * LASTS_S) if wrong else max(0.0, self._wrong_s - step_s / 2)
+        step_s = SCENE.lasts_s / 2 if turned else min(since_s, 2 * SCENE.compare_every_s) / (3 if doubtful else 1)
+        self._wrong_s = (
+            min(self._wrong_s + step_s, 2 * SCENE.lasts_s) if wrong else max(0.0, self._wrong_s - step_s / 2)
+        )
         self._wrong = wrong or self._wrong
-        told = self._wrong if self._wrong_s >= LASTS_S else ""
+        told = self._wrong if self._wrong_s >= SCENE.lasts_s else ""
         self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
 
     def _by_depth(self, frame: Frame, hidden: NDArray[np.bool_]) -> str:
@@ -186,42 +250,42 @@ class BenchEvidence:
         if first and not self._missing:
             coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
             bins = [coarse[window] for window in self._bins if coarse[window].size]
-            if any(float(one.std(axis=(0, 1)).max()) <= LEAST_CONTRAST for one in bins):
+            if any(float(one.std(axis=(0, 1)).max()) <= SCENE.least_contrast for one in bins):
                 self._missing = set(seen)
         return astray
 
     def _compare(self, small: Mask, hidden: NDArray[np.bool_]) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""
         image = small.astype(np.float32)
-        free = (self._frames >= FRAMES_VALID) & ~hidden
+        free = (self._frames >= SCENE.frames_valid) & ~hidden
         image *= 1 / self._gain(image, free)
         off, bright = _greatest(cv2.absdiff(image, self._reference)), _greatest(self._reference)
-        changed = free & (off > LEVELS + SHARE * bright)
+        changed = free & (off > SCENE.levels + SCENE.share * bright)
         wrong = self._unexplained(changed, hidden, image)
-        rate = np.where(changed, np.float32(CHANGED), np.float32(ALIKE))
-        rate = np.maximum(rate, (self._frames < FRAMES_VALID) / (self._frames + 1)) * ~hidden
+        rate = np.where(changed, np.float32(SCENE.changed), np.float32(SCENE.alike))
+        rate = np.maximum(rate, (self._frames < SCENE.frames_valid) / (self._frames + 1)) * ~hidden
         self._frames += ~hidden
         self._reference += cv2.merge([rate] * 3) * (image - self._reference)
-        if changed.sum() > MOST_CHANGED * free.sum() and free.mean() > LEAST_FREE:
+        if changed.sum() > SCENE.most_changed * free.sum() and free.mean() > SCENE.least_free:
             return "the bench is not seen"
         return wrong
 
     def _turned(self, small: Mask) -> str:
         """Whether the reference is seen turned over, in words; empty where it is seen as it is, or is not known."""
-        known = self._frames >= FRAMES_VALID
-        if known.mean() < LEAST_FREE:
+        known = self._frames >= SCENE.frames_valid
+        if known.mean() < SCENE.least_free:
             return ""
         reference = self._reference * (float(small.mean()) / max(1.0, float(self._reference[known].mean())))
         image = small.astype(np.float32)
 
         def off(axes: tuple[int, ...]) -> float:
             seen = known & np.flip(known, axes)
-            return float(np.minimum(np.abs(np.flip(image, axes) - reference), MOST_OFF)[seen].mean())
+            return float(np.minimum(np.abs(np.flip(image, axes) - reference), SCENE.most_off)[seen].mean())
 
         straight = off(())
         turns = {words: off(axes) for words, axes in TURNS.items()}
         words = min(turns, key=lambda one: turns[one])
-        return f"the image is {words}" if turns[words] < TURNED * straight else ""
+        return f"the image is {words}" if turns[words] < SCENE.turned * straight else ""
 
     def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
         """How much brighter an image is than the reference."""
@@ -236,8 +300,8 @@ class BenchEvidence:
         the person's side it may be a hand, but for what is only darker. Within the tray parts come and go.
         """
         mask, found = changed.astype(np.uint8), ""
-        shares = cv2.boxFilter(mask, cv2.CV_32F, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
-        thick = changed & (shares > THICK_SHARE)
+        shares = cv2.boxFilter(mask, cv2.CV_32F, (SCENE.thick, SCENE.thick), borderType=cv2.BORDER_REPLICATE)
+        thick = changed & (shares > SCENE.thick_share)
         if not thick.any():
             return ""
         _, labels = cv2.connectedComponents(cv2.dilate(mask, np.ones((3, 3), np.uint8)))
@@ -247,7 +311,7 @@ class BenchEvidence:
             if not (own & ~self._tray).any():
                 continue  # parts that stood side by side, and were taken
             across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
-            if across or own.mean() > MOST_ROBOT or not (own & around).any():
+            if across or own.mean() > SCENE.most_robot or not (own & around).any():
                 return "something covers the view"
             if (own & self._persons).any() and not self._shadow(own & changed, image):
                 found = NO_HAND
@@ -256,7 +320,9 @@ class BenchEvidence:
     def _shadow(self, own: NDArray[np.bool_], image: NDArray[np.float32]) -> bool:
         """Whether a piece is nothing but darker."""
         shares = (image[own] + 1) / (self._reference[own] + 1)
-        return bool(((shares < LIT).all(axis=1) & (shares > DARKEST).all(axis=1)).mean() > MOST_SHADOW)
+        return bool(
+            ((shares < SCENE.lit).all(axis=1) & (shares > SCENE.darkest).all(axis=1)).mean() > SCENE.most_shadow
+        )
 
 
 def person_edge(bench: Bench) -> Edge:
@@ -274,7 +340,7 @@ def person_edge(bench: Bench) -> Edge:
 def _around(view: View, place: Sequence[float]) -> tuple[slice, slice]:
     """Rows and columns of the coarse image around a place of the bench."""
     column, row = view.pixels(np.array([place], float))[0] / (3 * GRID)
-    reach = view.pixels_per_m(place) * BIN_M / (3 * GRID)
+    reach = view.pixels_per_m(place) * SCENE.bin_m / (3 * GRID)
     rows, columns = (slice(max(0, round(at - reach)), max(0, round(at + reach) + 1)) for at in (row, column))
     return rows, columns
 
@@ -313,7 +379,7 @@ def robot_outline(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
 
 def near_robot(robot: Mask) -> NDArray[np.bool_]:
     """Where the robot may be."""
-    return cv2.dilate(robot, np.ones((2 * ROBOT_PX + 1,) * 2, np.uint8)) > 0
+    return cv2.dilate(robot, np.ones((2 * SCENE.robot_px + 1,) * 2, np.uint8)) > 0
 
 
 def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -328,8 +394,8 @@ def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) ->
             "right": (columns, rows, left, top, bottom),
             "left": (-columns, rows, -right, top, bottom),
         }[edge]
-        beyond = ahead - start + HAND_PX
-        mask |= (beyond >= 0) & (aside >= low - HAND_PX - beyond) & (aside <= high + HAND_PX + beyond)
+        beyond = ahead - start + SCENE.hand_px
+        mask |= (beyond >= 0) & (aside >= low - SCENE.hand_px - beyond) & (aside <= high + SCENE.hand_px + beyond)
     return mask
 
 

@@ -15,15 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.classical.bench_evidence import (
-    GRID,
-    THICK,
-    THICK_SHARE,
-    BenchEvidence,
-    Mask,
-    near_robot,
-    robot_outline,
-)
+from bracket_cell.learned.classical.bench_evidence import GRID, SCENE, BenchEvidence, Mask, near_robot, robot_outline
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.learned.classical.due_change import DueChange
 from bracket_cell.learned.classical.grain import Grain
@@ -34,16 +26,53 @@ from bracket_ground.interfaces.perception import HandSample
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 
-DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
-BLACK, WHITE = 6, 240  # of the brightest and the darkest channel of a place that shows nothing
-LEAST_CONTRAST, LEAST_COLOUR = 6.0, 4.0  # standard deviation of grey levels; levels between channels
-BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
-LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
-LEAST_SHARPNESS = 0.5  # of the baseline's
-LEAST_STEP = 10.0  # grey levels across an edge of the plate
-STEP_PX, SEARCH_PX = 4, 16  # across which an edge of the plate is measured, and how far it is looked for
-SOFT_REACH_PX, LEAST_STEEPNESS = 8, 0.54  # of a step, how much lies within STEP_PX: so much at a blur of 2.9 px
-SOFT_FRAMES, LEAST_EDGES = 8, 2
+
+@dataclass(frozen=True)
+class ImageLimits:
+    """When an image cannot be judged. Origin: simulated frames of all looks of sim.yaml, sound and damaged.
+
+    Attributes:
+        dark: [grey levels] mean of a dark image.
+        bright: [grey levels] mean of a bright image.
+        black: [grey levels] of the brightest channel of a place that shows nothing.
+        white: [grey levels] of the darkest channel of a place that shows nothing.
+        least_contrast: [grey levels] standard deviation of an image that shows something.
+        least_colour: [grey levels] between channels of a coloured image.
+        baseline_frames: [frames] that the later ones are compared with.
+        light_log: change of mean light, as a logarithm.
+        colour_log: change of median red or blue over green, as a logarithm.
+        least_sharpness: share of the baseline's sharpness.
+        least_step: [grey levels] across an edge of the plate.
+        step_px: [px] across which an edge of the plate is measured.
+        search_px: [px] in which it is searched.
+        soft_reach_px: [px] of a soft edge's whole step.
+        least_steepness: share of that step within step_px: 0.54 at a blur of 2.9 px.
+        soft_frames: [frames] in a row with soft edges.
+        least_edges: [edges] that must be measured.
+    """
+
+    dark: float = 16.0
+    bright: float = 235.0
+    black: int = 6
+    white: int = 240
+    least_contrast: float = 6.0
+    least_colour: float = 4.0
+    baseline_frames: int = 8
+    light_log: float = 0.3
+    colour_log: float = 0.14
+    least_sharpness: float = 0.5
+    least_step: float = 10.0
+    step_px: int = 4
+    search_px: int = 16
+    soft_reach_px: int = 8
+    least_steepness: float = 0.54
+    soft_frames: int = 8
+    least_edges: int = 2
+
+
+IMAGE = ImageLimits()
+
+
 SIDE_SAMPLES = 24
 STEEPEST = 4 * 255  # of what the Laplacian makes of grey levels
 SHARP_ROWS = 4  # every fourth row is enough for sharpness
@@ -127,22 +156,22 @@ class ImageHealth:
         usual = self._usual
         if usual is None:
             self._baseline.append(figures)
-            if len(self._baseline) == BASELINE_FRAMES:
+            if len(self._baseline) == IMAGE.baseline_frames:
                 self._usual = _Figures(*np.median([tuple(vars(one).values()) for one in self._baseline], axis=0))
             return ""
         light = float(np.log(figures.light / usual.light))
-        if abs(light) > LIGHT_LOG:
+        if abs(light) > IMAGE.light_log:
             return "brighter than before" if light > 0 else "darker than before"
-        if max(abs(figures.red - usual.red), abs(figures.blue - usual.blue)) > COLOUR_LOG:
+        if max(abs(figures.red - usual.red), abs(figures.blue - usual.blue)) > IMAGE.colour_log:
             return "discoloured"
-        return "blurred" if figures.sharpness < LEAST_SHARPNESS * usual.sharpness else ""
+        return "blurred" if figures.sharpness < IMAGE.least_sharpness * usual.sharpness else ""
 
     def _focus(self, grey: NDArray[np.uint8]) -> str:
         """Whether the edges of the plate are soft for long; an arm over them looks like that for a moment."""
         steepness = _steepness(_median(grey[self._edges[..., 1], self._edges[..., 0]], axis=1))
-        soft = len(steepness) >= LEAST_EDGES and float(np.median(steepness)) < LEAST_STEEPNESS
+        soft = len(steepness) >= IMAGE.least_edges and float(np.median(steepness)) < IMAGE.least_steepness
         self._soft = self._soft + 1 if soft else 0
-        return "blurred" if self._soft >= SOFT_FRAMES else ""
+        return "blurred" if self._soft >= IMAGE.soft_frames else ""
 
 
 @dataclass(frozen=True)
@@ -251,20 +280,20 @@ def _look(image: NDArray[np.uint8]) -> _Looked:
 
 def _absolute(looked: _Looked) -> str:
     mean, spread = (float(value[0, 0]) for value in cv2.meanStdDev(looked.samples.reshape(-1, 1)))
-    if mean < DARK:
+    if mean < IMAGE.dark:
         return "dark"
-    if mean > BRIGHT:
+    if mean > IMAGE.bright:
         return "bright"
-    if spread < LEAST_CONTRAST:
+    if spread < IMAGE.least_contrast:
         return "without contrast"
-    return "without colour" if float(np.max(looked.high - looked.low)) < LEAST_COLOUR else ""
+    return "without colour" if float(np.max(looked.high - looked.low)) < IMAGE.least_colour else ""
 
 
 def _glaring(looked: _Looked, robot: Mask) -> str:
     """Whether part of the bench cannot be seen for it; a white arm in the light hides no more of it than a grey one."""
-    dead = (((looked.high < BLACK) | (looked.low > WHITE)) & ~near_robot(robot)).astype(np.float32)
-    shares = cv2.boxFilter(dead, -1, (THICK, THICK), borderType=cv2.BORDER_REPLICATE)
-    return "black or glaring in part" if bool((shares > THICK_SHARE).any()) else ""
+    dead = (((looked.high < IMAGE.black) | (looked.low > IMAGE.white)) & ~near_robot(robot)).astype(np.float32)
+    shares = cv2.boxFilter(dead, -1, (SCENE.thick, SCENE.thick), borderType=cv2.BORDER_REPLICATE)
+    return "black or glaring in part" if bool((shares > SCENE.thick_share).any()) else ""
 
 
 def _figures(samples: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
@@ -314,14 +343,14 @@ def _across_px(view: View, edge: tuple[Array, Array]) -> NDArray[np.intp]:
     start = view.pixels(points)
     step = view.pixels(points + 0.01 * outwards) - start
     unit = step / np.linalg.norm(step, axis=1, keepdims=True)
-    reach = np.arange(-SEARCH_PX, SEARCH_PX + 1)
+    reach = np.arange(-IMAGE.search_px, IMAGE.search_px + 1)
     places: NDArray[np.intp] = np.rint(start[:, None, :] + reach[None, :, None] * unit[:, None, :]).astype(np.intp)
     return places
 
 
 def _steps(profiles: Array) -> Array:
     """(edges, places) of grey levels across STEP_PX."""
-    steps: Array = np.abs(profiles[:, STEP_PX:] - profiles[:, :-STEP_PX])
+    steps: Array = np.abs(profiles[:, IMAGE.step_px :] - profiles[:, : -IMAGE.step_px])
     return steps
 
 
@@ -329,8 +358,8 @@ def _steepness(profiles: Array) -> list[float]:
     """Of each edge that is seen, the share of its step that lies within STEP_PX: 1 where it is sharp."""
     found = []
     for profile, steps in zip(profiles, _steps(profiles), strict=True):
-        middle = int(steps.argmax()) + STEP_PX // 2
-        around = profile[max(0, middle - SOFT_REACH_PX) : middle + SOFT_REACH_PX + 1]
-        if steps.max() >= LEAST_STEP:
+        middle = int(steps.argmax()) + IMAGE.step_px // 2
+        around = profile[max(0, middle - IMAGE.soft_reach_px) : middle + IMAGE.soft_reach_px + 1]
+        if steps.max() >= IMAGE.least_step:
             found.append(float(steps.max() / np.ptp(around)))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,10 +14,29 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import Edge
 from bracket_ground.interfaces.pose import Array
 
-EDGE_PX = 6  # a box this near to the image's edge touches it
-LEAVES_S = 0.2  # a hand that is not seen any more is thought to have gone on for so long
-UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
-HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
+
+@dataclass(frozen=True)
+class TrackLimits:
+    """When no hand means that none is there. Origin: a hand of 0.4 m height at 2 m/s (ISO 13855: 1.6 m/s walking, 2.0
+    m/s arms).
+
+    Attributes:
+        edge_px: [px] from the image's edge at which a box touches it.
+        leaves_s: [s] for which a hand that is no longer seen counts as moving on.
+        unseen_px: [px] of a hand at the edge that may be too little to be found.
+        hand_m_s: [m/s] of the fastest hand.
+        hand_m: [m] of the highest hand.
+    """
+
+    edge_px: int = 6
+    leaves_s: float = 0.2
+    unseen_px: int = 40
+    hand_m_s: float = 2.0
+    hand_m: float = 0.4
+
+
+TRACK = TrackLimits()
+
 
 Point = tuple[float, float]
 
@@ -32,7 +52,7 @@ class TrackHealth:
     def __init__(self, bench: Bench) -> None:
         camera = bench.overhead.model
         self._size = (camera.width_px, camera.height_px)
-        self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
+        self._fastest_px_s = TRACK.hand_m_s * camera.focal_px / (bench.overhead.mount.position_m[2] - TRACK.hand_m)
         self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
         self._unknown = ""
         self.left_by: tuple[Edge, ...] = (person_edge(bench),)
@@ -57,14 +77,14 @@ class TrackHealth:
         """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
         last_s, _, box = self._seen[-1]
         gone_s = time_s - last_s
-        ahead_s = min(gone_s, LEAVES_S)
+        ahead_s = min(gone_s, TRACK.leaves_s)
         speeds = self._box_speeds()
         left, top, right, bottom = (value + speed * ahead_s for value, speed in zip(box, speeds, strict=True))
         width, height = self._size
         outer: dict[Edge, float] = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
         inner: dict[Edge, float] = {"left": box[2], "top": box[3], "right": width - box[0], "bottom": height - box[1]}
-        most_px = self._fastest_px_s * gone_s + UNSEEN_PX
-        return tuple(edge for edge in outer if outer[edge] <= EDGE_PX and inner[edge] <= most_px)
+        most_px = self._fastest_px_s * gone_s + TRACK.unseen_px
+        return tuple(edge for edge in outer if outer[edge] <= TRACK.edge_px and inner[edge] <= most_px)
 
     def _box_speeds(self) -> tuple[float, ...]:
         (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.skills.motion.separation import LEAST_BRAKING, MARK_S, PLAY_S, TINY
+from bracket_cell.skills.motion.separation import SEPARATION, TINY
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.command import JointTrajectory
@@ -23,20 +23,56 @@ from bracket_ground.interfaces.observation import LETS_GO, ArmMode, ArmState
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel
 
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """What a measured arm may do beside what its path says. Origin: recorded UR logs and the simulated arm; a clock's
+    jitter is that of 125 Hz.
+
+    Attributes:
+        brakes_at_least: share of the braking that is played through.
+        speed_tolerance: share by which the way along the path may grow too fast.
+        way_tolerance_s: [s] of the way along the path: a clock's jitter.
+        settles_s: [s] in which a standing arm comes to rest.
+        stays_rad: [rad] that a standing arm moves by a push.
+        repeats_s: [s] in which a moving arm reports something new.
+        stuck_s: [s] in which a moving arm goes on along its path.
+        tells_s: [s] in which a moving arm may report the same with new stamps.
+        lags_s: [s] in which an arm that may go on does so.
+        lags_share: share of the allowed speed at which it then goes on.
+        longest_s: [s] between two states that can be compared.
+        jump_rad: [rad] by which a measurement may be off.
+        range_slack_rad: [rad] beyond a joint's range that a measurement adds.
+        speed_slack: times the robot's own speed that a measurement adds.
+        speed_off_rad_s: [rad/s] by which reported speeds differ from measured ones.
+        speed_off: share by which they differ.
+        speeds_off: [states] in a row that differ by more.
+    """
+
+    brakes_at_least: float = 0.8
+    speed_tolerance: float = 1.03
+    way_tolerance_s: float = 0.02
+    settles_s: float = 0.12
+    stays_rad: float = 0.08
+    repeats_s: float = 0.1
+    stuck_s: float = 0.24
+    tells_s: float = 0.3
+    lags_s: float = 1.0
+    lags_share: float = 0.2
+    longest_s: float = 0.2
+    jump_rad: float = 0.02
+    range_slack_rad: float = 0.01
+    speed_slack: float = 1.3
+    speed_off_rad_s: float = 0.1
+    speed_off: float = 0.15
+    speeds_off: int = 3
+
+
+ARM = ArmLimits()
+
+
 MODES = get_args(ArmMode)
-BRAKES_AT_LEAST = 0.8  # of the braking that is played through
-SPEED_TOLERANCE, WAY_TOLERANCE_S = 1.03, 0.02  # of the way along the path: of its growth, and a clock's jitter
-SETTLES_S, STAYS_RAD = 0.12, 0.08  # a standing arm rests by then, and then moves no more than by a push
-REPEATS_S, STUCK_S = (
-    0.1,
-    0.24,
-)  # a moving arm tells something new by then, and goes on along its path
-TELLS_S = 0.3  # of a moving arm that tells the same with new stamps for longer nothing is believed
-LAGS_S, LAGS_SHARE = 1.0, 0.2  # an arm that may go on does so by then at this share of the allowed speed
-LONGEST_S = 0.2  # between two states that can be compared
 BRAKED = ("protective_stop", "recovery")  # what pushes an arm whose brakes are on may shake it
-JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
-SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.1, 0.15, 3  # told speeds differ from measured ones by less, or less often
 
 
 @dataclass(frozen=True)
@@ -95,8 +131,8 @@ class ArmMonitor:
     _mismatches: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(JOINTS), dtype=np.int64), init=False)
 
     def __post_init__(self) -> None:
-        self._limits_rad = self.robot.limits_rad + np.array([[-RANGE_SLACK_RAD], [RANGE_SLACK_RAD]])
-        self._speed_rad_s = np.array(self.robot.speed_rad_s) * SPEED_SLACK
+        self._limits_rad = self.robot.limits_rad + np.array([[-ARM.range_slack_rad], [ARM.range_slack_rad]])
+        self._speed_rad_s = np.array(self.robot.speed_rad_s) * ARM.speed_slack
         self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
 
     def see(self, now_s: float, arm: ArmState, share: float, path: JointTrajectory | None) -> None:
@@ -138,7 +174,7 @@ class ArmMonitor:
         since_s, self._played_s = self._played_s, max(self._played_s, until_s)
         if self._arm is None or until_s <= since_s:
             return 0.0
-        steps = max(1, min(math.ceil((until_s - since_s) / PLAY_S - TINY), 50))
+        steps = max(1, min(math.ceil((until_s - since_s) / SEPARATION.play_s - TINY), 50))
         step_s, way_s = (until_s - since_s) / steps, 0.0
         for number in range(steps):
             time_s = since_s + (number + 1) * step_s
@@ -156,18 +192,18 @@ class ArmMonitor:
         if self._path is None:
             return math.inf
         place_s = (self._path_s or 0.0) + self._allowed_s + way_s
-        before, here, after = self._path.along(place_s + np.array([-MARK_S, 0.0, MARK_S]))
-        speeds, bends = (after - before) / (2 * MARK_S), (after - 2 * here + before) / MARK_S**2
+        before, here, after = self._path.along(place_s + np.array([-SEPARATION.mark_s, 0.0, SEPARATION.mark_s]))
+        speeds, bends = (after - before) / (2 * SEPARATION.mark_s), (after - 2 * here + before) / SEPARATION.mark_s**2
         fastest = np.maximum(np.abs(speeds), TINY)
         limits = self._acceleration_rad_s2 / fastest
-        least = LEAST_BRAKING * float(limits.min())
+        least = SEPARATION.least_braking * float(limits.min())
         along = bends * np.sign(speeds) / fastest * self._rate**2
-        return BRAKES_AT_LEAST * max(float((limits + along).min()), least)
+        return ARM.brakes_at_least * max(float((limits + along).min()), least)
 
     def _ahead(self, arm: ArmState) -> str:
         """The way along the path grew by more than it may."""
-        silent = self._arm is not None and arm.time_s - self._arm.time_s > LONGEST_S  # and heard no order meanwhile
-        new = self._now_s - self._begun_s <= self.reaction_s + LONGEST_S / 4
+        silent = self._arm is not None and arm.time_s - self._arm.time_s > ARM.longest_s  # and heard no order meanwhile
+        new = self._now_s - self._begun_s <= self.reaction_s + ARM.longest_s / 4
         if arm.path_s is None or not arm.moving or new or silent:
             self._path_s, self._allowed_s = arm.path_s, 0.0
             return self._too_far(arm)
@@ -175,9 +211,9 @@ class ArmMonitor:
             return ""
         if self._path_s is not None:
             grew_s = arm.path_s - self._path_s
-            self._excess_s = max(0.0, self._excess_s + grew_s - SPEED_TOLERANCE * self._allowed_s)
+            self._excess_s = max(0.0, self._excess_s + grew_s - ARM.speed_tolerance * self._allowed_s)
         self._path_s, self._allowed_s = arm.path_s, 0.0
-        if self._excess_s > WAY_TOLERANCE_S:
+        if self._excess_s > ARM.way_tolerance_s:
             return Message(
                 "the arm is {excess_s} s farther along its path than it may be", excess_s=f"{self._excess_s:.2f}"
             )
@@ -185,7 +221,7 @@ class ArmMonitor:
 
     def _too_far(self, arm: ArmState) -> str:
         """The tool went farther than a stop may take."""
-        if self._held_s == math.inf or self._still_s < self._now_s - SETTLES_S:
+        if self._held_s == math.inf or self._still_s < self._now_s - ARM.settles_s:
             self._held_at_m = None
             return ""
         tool_m = self.tool_m(np.array(arm.positions_rad))
@@ -203,13 +239,13 @@ class ArmMonitor:
             self._still_s, self._anchor = math.inf, None
             return ""
         self._still_s = min(self._still_s, self._now_s)
-        if self._now_s - self._still_s < SETTLES_S:
+        if self._now_s - self._still_s < ARM.settles_s:
             return ""
         positions = np.array(arm.positions_rad)
         self._anchor = positions if self._anchor is None else self._anchor
         moved = np.abs(positions - self._anchor)
         joint = int(moved.argmax())
-        if moved[joint] > STAYS_RAD:
+        if moved[joint] > ARM.stays_rad:
             return Message(
                 "{joint} moved by {moved} rad, although the arm must stand",
                 joint=JOINTS[joint],
@@ -222,17 +258,17 @@ class ArmMonitor:
         same = self._arm is not None and (arm.path_s, arm.positions_rad) == (self._arm.path_s, self._arm.positions_rad)
         free = arm.moving and path is not None and min(share for _, share in self._orders) > 0
         silent = self._arm is not None and arm.time_s == self._arm.time_s
-        if not same or silent or (not free and self.repeats_s < REPEATS_S):
+        if not same or silent or (not free and self.repeats_s < ARM.repeats_s):
             self._changed_s = self._now_s
         self.repeats_s = self._now_s - self._changed_s
-        if self.repeats_s > TELLS_S:
+        if self.repeats_s > ARM.tells_s:
             return Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{self.repeats_s:.2f}")
         grows = self._arm is None or self._arm.path_s is None or arm.path_s is None or arm.path_s > self._arm.path_s
         if not free or grows:
             self._advanced_s = self._now_s
-        if self._now_s - self._advanced_s > STUCK_S:
+        if self._now_s - self._advanced_s > ARM.stuck_s:
             return Message(
-                "the arm does not go on for {stuck_s} s, although it may and says that it moves", stuck_s=STUCK_S
+                "the arm does not go on for {stuck_s} s, although it may and says that it moves", stuck_s=ARM.stuck_s
             )
         return ""
 
@@ -248,10 +284,10 @@ class ArmMonitor:
         took_s = arm.time_s - before.time_s
         self._free_s, self._due_s = self._free_s + took_s, self._due_s + least * took_s
         self._went_s += grew_s
-        if self._free_s < LAGS_S:
+        if self._free_s < ARM.lags_s:
             return self.lags
         share, self._free_s, self._due_s, self._went_s = self._went_s / self._due_s, 0.0, 0.0, 0.0
-        if share >= LAGS_SHARE:
+        if share >= ARM.lags_share:
             return ""
         return Message(
             "the arm goes at {share} % of the speed that it may: see the pendant's slider, and its driver's pace()",
@@ -286,13 +322,13 @@ class ArmMonitor:
         """Positions changed otherwise than the told speeds have it."""
         before = self._arm
         took_s = 0.0 if before is None else arm.time_s - before.time_s
-        if before is None or not 0 <= took_s <= max(LONGEST_S, self.reaction_s):
+        if before is None or not 0 <= took_s <= max(ARM.longest_s, self.reaction_s):
             return ""
         if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
             return ""
         moved = positions - np.array(before.positions_rad)
         far = np.abs(moved) - self._speed_rad_s * took_s
-        if far.max() > JUMP_RAD:
+        if far.max() > ARM.jump_rad:
             joint = int(far.argmax())
             return Message(
                 "{joint} jumped by {moved} rad in {took_s} s",
@@ -304,10 +340,10 @@ class ArmMonitor:
             self._mismatches[:] = 0
             return ""
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
-        limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
+        limit = np.maximum(ARM.speed_off_rad_s, ARM.speed_off * np.maximum(np.abs(measured), np.abs(told)))
         off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
         self._mismatches = np.where(off * self._mismatches > 0, self._mismatches, 0) + off
-        if np.abs(self._mismatches).max() < SPEEDS_OFF:
+        if np.abs(self._mismatches).max() < ARM.speeds_off:
             return ""
         joint = int(np.abs(self._mismatches).argmax())
         return Message(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import coal
@@ -12,10 +13,27 @@ from bracket_cell.skills.motion.collision import HELD, CollisionChecker, box_cor
 from bracket_cell.skills.motion.kinematics import LinkPlaces
 from bracket_ground.interfaces.pose import Array
 
-HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
-FIXED_JOINTS = 1  # base and shoulder stand where the person does not reach
+
+@dataclass(frozen=True)
+class OutlineLimits:
+    """How the arm is drawn for distances to people. Origin: the largest part of the shipped products; step of the
+    distance search.
+
+    Attributes:
+        held_radius_m: [m] of a sphere around a part between the fingers.
+        fixed_joints: [joints] from the base whose links stand where the person does not reach.
+        margin_m: [m] that a measured distance may be below its bound, as it is found by steps.
+    """
+
+    held_radius_m: float = 0.05
+    fixed_joints: int = 1
+    margin_m: float = 0.0001
+
+
+OUTLINE = OutlineLimits()
+
+
 HERE = coal.Transform3s()
-MARGIN_M = 1e-4  # that a measured distance may be below its bound, as it is found by steps
 
 
 class Rooms:
@@ -56,8 +74,8 @@ class ArmOutline:
     """
 
     def __init__(self, checker: CollisionChecker) -> None:
-        objects = checker.arm_with_part(HELD_RADIUS_M).geometryObjects
-        links = [item for item in objects if item.parentJoint > FIXED_JOINTS]
+        objects = checker.arm_with_part(OUTLINE.held_radius_m).geometryObjects
+        links = [item for item in objects if item.parentJoint > OUTLINE.fixed_joints]
         self._places = LinkPlaces(checker.model, [one.parentJoint for one in links], [one.placement for one in links])
         self.names = tuple(one.name for one in links)
         self._shapes = [one.geometry for one in links]
@@ -105,7 +123,7 @@ def bounds_m(corners_m: Array, body: coal.Convex) -> Array:
     """(K, L) that no point between corners (3, 8, K, L) is nearer to a body: so far they are beyond a face of it."""
     normals, reach_m = _faces(body)
     beyond_m = (normals @ corners_m.reshape(3, -1)).reshape(len(normals), *corners_m.shape[1:]).min(axis=1)
-    bounds: Array = (beyond_m - reach_m[:, np.newaxis, np.newaxis]).max(axis=0) - MARGIN_M
+    bounds: Array = (beyond_m - reach_m[:, np.newaxis, np.newaxis]).max(axis=0) - OUTLINE.margin_m
     return bounds
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
@@ -17,14 +18,37 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import BenchView, Edge, HandSample
 from bracket_ground.interfaces.pose import Array
 
-STALE_S = 0.35  # three frames of a camera with 15 Hz are missing
-FUTURE_S = 0.05  # by which stamps of different clocks may differ: less than a frame
-HAND_M = 0.35  # from palm to fingertips: a long hand (0.21 m, DIN 33402-2), and the error of a tracker without a card
-PALM_M = 0.05  # palms that are nearer to each other count as one hand: half the breadth of a hand
-BOX_M = 0.80  # hand, held part and forearm in an image
-LOW_M = -0.05  # height of a hand that lies on the table, by a tracker without a card
-SPEED_M_S = 20.0  # of a track that changes to a hand at the other end of the view within a frame; no hand is faster
-ACCELERATION_M_S2 = 1000.0  # of such a track
+
+@dataclass(frozen=True)
+class PlausibleLimits:
+    """Which samples of a hand can be true. Origin: bodies (DIN 33402-2) and the period of a camera with 15 Hz.
+
+    Attributes:
+        stale_s: [s] age of a sample that counts: three frames are missing.
+        future_s: [s] by which stamps of different clocks may differ: less than a frame.
+        hand_m: [m] from palm to fingertips: a long hand is 0.21 m (DIN 33402-2); the rest is the error of a tracker
+            without a card.
+        palm_m: [m] between palms that count as one hand: half the breadth of a hand.
+        box_m: [m] hand, held part and forearm in an image.
+        low_m: [m] height of a hand that lies on the table, by a tracker without a card.
+        speed_m_s: [m/s] of a track that changes to a hand at the other end of the view within a frame; no hand is
+            faster.
+        acceleration_m_s2: [m/s^2] of such a track.
+    """
+
+    stale_s: float = 0.35
+    future_s: float = 0.05
+    hand_m: float = 0.35
+    palm_m: float = 0.05
+    box_m: float = 0.8
+    low_m: float = -0.05
+    speed_m_s: float = 20.0
+    acceleration_m_s2: float = 1000.0
+
+
+PLAUSIBLE = PlausibleLimits()
+
+
 EDGES: tuple[Edge, ...] = get_args(Edge)
 TEXTS = ("health", "unseen", "unexplained", "hand_unknown")
 
@@ -50,13 +74,13 @@ class ViewRange:
         corners_px = np.array([(column, row) for column in (0.0, size[0]) for row in (0.0, size[1])])
         corners_m = camera.onto_plane(pose, corners_px, 0.0)[:, :2]
         self._focal_px, self._eye_m = camera.focal_px, pose.position_m[2]
-        place = corners_m.min(axis=0) - HAND_M, corners_m.max(axis=0) + HAND_M
-        height = _range(LOW_M, self._eye_m)
+        place = corners_m.min(axis=0) - PLAUSIBLE.hand_m, corners_m.max(axis=0) + PLAUSIBLE.hand_m
+        height = _range(PLAUSIBLE.low_m, self._eye_m)
         self.ranges: Mapping[str, Range] = {
             **dict.fromkeys(("fingertips_m", "palm_m", "thumb_m", "index_m", "held_m"), place),
             **dict.fromkeys(("height_m", "fingertips_height_m"), height),
-            "velocity_m_s": _range([-SPEED_M_S] * 2, [SPEED_M_S] * 2),
-            "acceleration_m_s2": _range([-ACCELERATION_M_S2] * 2, [ACCELERATION_M_S2] * 2),
+            "velocity_m_s": _range([-PLAUSIBLE.speed_m_s] * 2, [PLAUSIBLE.speed_m_s] * 2),
+            "acceleration_m_s2": _range([-PLAUSIBLE.acceleration_m_s2] * 2, [PLAUSIBLE.acceleration_m_s2] * 2),
             "box_px": _range([0.0] * 4, [*size, *size]),
             "forearm_rad": _range(-2 * math.pi, 2 * math.pi),
             "confidence": _range(0.0, 1.0),
@@ -79,15 +103,17 @@ class ViewRange:
             told = getattr(hand, name)
             if not _within(told, least, most) and (told is not None or name in ALWAYS):
                 return Message("a hand is not plausible: {name} is {told}", name=name, told=f"{told!r:.60}")
-        if not math.dist(hand.palm_m, hand.fingertips_m) <= HAND_M:
+        if not math.dist(hand.palm_m, hand.fingertips_m) <= PLAUSIBLE.hand_m:
             return Message("a hand is not plausible: {name} is {told}", name="palm_m", told=f"{hand.palm_m!r:.60}")
         left, top, right, bottom = hand.box_px
-        most_px = self._focal_px * BOX_M / max(self._eye_m - max(hand.height_m or 0.0, 0.0), BOX_M / 8)
+        most_px = (
+            self._focal_px * PLAUSIBLE.box_m / max(self._eye_m - max(hand.height_m or 0.0, 0.0), PLAUSIBLE.box_m / 8)
+        )
         if not (0 < right - left <= most_px and 0 < bottom - top <= most_px):
             return Message("a hand is not plausible: {name} is {told}", name="box_px", told=f"{hand.box_px!r:.60}")
-        if not _within(hand.time_s, *STAMPS) or not hand.time_s <= view_s + FUTURE_S:
+        if not _within(hand.time_s, *STAMPS) or not hand.time_s <= view_s + PLAUSIBLE.future_s:
             return "a hand is stamped with a time to come"
-        if not now_s - hand.time_s <= max(STALE_S, now_s - view_s + FUTURE_S):
+        if not now_s - hand.time_s <= max(PLAUSIBLE.stale_s, now_s - view_s + PLAUSIBLE.future_s):
             return Message("a hand was seen {age_s} s ago", age_s=f"{now_s - hand.time_s:.1f}")
         return ""
 
@@ -119,7 +145,7 @@ class KnownBench:
         """How many hands are in view for certain: palms at one place are one hand that is told twice."""
         apart: list[HandSample] = []
         for hand in self.hands:
-            if all(math.dist(hand.palm_m, other.palm_m) >= PALM_M for other in apart):
+            if all(math.dist(hand.palm_m, other.palm_m) >= PLAUSIBLE.palm_m for other in apart):
                 apart.append(hand)
         return len(apart)
 

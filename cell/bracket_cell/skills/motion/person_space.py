@@ -14,12 +14,31 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import Edge, HandSample
 from bracket_ground.interfaces.pose import Array
 
-EDGE_PX = 6  # a box this near to the image's edge touches it
+
+@dataclass(frozen=True)
+class PersonLimits:
+    """How large a person's hands are, and where they may be. Origin: DIN 33402-2, with the errors of the shipped
+    trackers' cards.
+
+    Attributes:
+        edge_px: [px] from the image's edge at which a box touches it.
+        hand_length_m: [m] from palm to fingertips where a tracker does not report it.
+        least_length_m: [m] from fingertips to palm; a hand that is shorter in the image points nowhere.
+        knuckles_m: [m] above palm and fingertips that hand and forearm reach, and error of their heights.
+        beyond_m: [m] that a hand that left the view may have gone.
+    """
+
+    edge_px: int = 6
+    hand_length_m: float = 0.12
+    least_length_m: float = 0.03
+    knuckles_m: float = 0.15
+    beyond_m: float = 1.0
+
+
+PERSON = PersonLimits()
+
+
 HANDS = 2  # of the person; those that are not seen may come over the person's edge
-HAND_LENGTH_M = 0.12
-LEAST_LENGTH_M = 0.03  # from fingertips to palm; a hand that is shorter in the image points nowhere
-KNUCKLES_M = 0.15  # how far above palm and fingertips hand and forearm reach, and how far their heights may be off
-BEYOND_M = 1.0  # how far a hand that left the view may have gone
 TINY_M = 1e-9
 FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
@@ -119,13 +138,15 @@ class PersonSpace:
         tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
         along = palm - tips
         length_m = float(np.linalg.norm(along))
-        along = along / length_m if length_m > LEAST_LENGTH_M else np.array([1.0, 0.0])
+        along = along / length_m if length_m > PERSON.least_length_m else np.array([1.0, 0.0])
         across = settings.hand_radius_m * np.array([-along[1], along[0]])
         start = tips - self._unseen_m(hand) * along
         end = tips + (length_m + settings.forearm_m) * along
         corners = np.array([start - across, start + across, end + across, end - across])
         if hand.height_m is not None:
-            return _prism(corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0, 0.0) + KNUCKLES_M)
+            return _prism(
+                corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0, 0.0) + PERSON.knuckles_m
+            )
         return _prism(
             self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
         )
@@ -135,8 +156,8 @@ class PersonSpace:
         left, top, right, bottom = hand.box_px
         width, height = self._camera.width_px, self._camera.height_px
         touched = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
-        at_edge = any(px <= EDGE_PX for edge, px in touched.items() if edge != self.edge)
-        return HAND_LENGTH_M if at_edge else 0.0
+        at_edge = any(px <= PERSON.edge_px for edge, px in touched.items() if edge != self.edge)
+        return PERSON.hand_length_m if at_edge else 0.0
 
     def _at_height(self, points_m: Array, height_m: float) -> Array:
         """Points (n, 2) as a tracker reports them, where they are at that height: on the same ray of the camera."""
@@ -163,8 +184,8 @@ class PersonSpace:
             along = (last - first) / np.linalg.norm(last - first)
             out = _outwards(first, last, self._eye[:2])
             first, last = (end - self._settings.intrusion_m * out for end in (first, last))
-            first, last = first - BEYOND_M * along, last + BEYOND_M * along
-            layers.append(np.array([first, last, last + BEYOND_M * out, first + BEYOND_M * out]))
+            first, last = first - PERSON.beyond_m * along, last + PERSON.beyond_m * along
+            layers.append(np.array([first, last, last + PERSON.beyond_m * out, first + PERSON.beyond_m * out]))
         return _prism(layers[0], layers[1], self._settings.hand_height_m)
 
     def _towards_person(self, edge: Edge) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import coal
 import numpy as np
 
@@ -9,9 +11,24 @@ from bracket_cell.skills.motion.arm_outline import ArmOutline
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 
-STEP_S = 0.02  # between places of the path that are looked at
-SOON = 6  # steps that count for the speed: a tick, and the reaction
-SWAY_M = 0.002  # that much nearer than before is none: joints are measured, and trail
+
+@dataclass(frozen=True)
+class RetreatLimits:
+    """When a motion leads away from a hand. Origin: period of the control loop (0.04 s) and the noise of measured
+    joints.
+
+    Attributes:
+        step_s: [s] between the places of a path that are examined.
+        soon: [steps] that count for the speed: a tick, and the reaction.
+        sway_m: [m] nearer than before that count as none: joints are measured, and trail.
+    """
+
+    step_s: float = 0.02
+    soon: int = 6
+    sway_m: float = 0.002
+
+
+RETREAT = RetreatLimits()
 
 
 def retreat_share(
@@ -35,15 +52,15 @@ def retreat_share(
         speed_m_s: of the fastest point, at most.
     """
     trajectory, path_s = ahead
-    steps = int(np.ceil(max(0.0, trajectory.duration_s - path_s) / STEP_S))
-    times_s: Array = path_s + STEP_S * np.arange(steps + 1, dtype=np.float64)
+    steps = int(np.ceil(max(0.0, trajectory.duration_s - path_s) / RETREAT.step_s))
+    times_s: Array = path_s + RETREAT.step_s * np.arange(steps + 1, dtype=np.float64)
     path_rad = np.concatenate([joints_rad[np.newaxis], trajectory.along(times_s)])
     placed = outline.placed(path_rad)
     rooms_m = np.minimum(outline.rooms(placed, person, holding, clear_m).distances_m, clear_m)
     nearer_m = np.maximum.accumulate(rooms_m, axis=0) - rooms_m
-    gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + SWAY_M)
-    if not (gains and nearer_m.max() <= SWAY_M):
+    gains = rooms_m[-1].min() >= min(clear_m, rooms_m[0].min() + RETREAT.sway_m)
+    if not (gains and nearer_m.max() <= RETREAT.sway_m):
         return 0.0
-    corners_m = outline.corners_m(placed[1 : SOON + 2])
-    fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / STEP_S
+    corners_m = outline.corners_m(placed[1 : RETREAT.soon + 2])
+    fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / RETREAT.step_s
     return min(speed_m_s / max(fastest_m_s, 1e-9), 1.0)

@@ -26,18 +26,42 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 
-MARK_S = 0.04  # between places of the path that are looked at
-MARKS = 18  # enough of them: the arm is slow before it is past the last
-NUMBERS: Array = np.arange(-1, MARKS + 1, dtype=np.float64)
-PLAY_S = 0.01  # a step of the braking that is played through
-SHARES = 24  # that are tried, from the slow one to all
-LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
-SPEED_FRAMES = 3  # that the measured speed of a hand is a mean over
-TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
-BESIDE_M = 0.03  # what of a hand must be seen beside the tool
-BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
+
+@dataclass(frozen=True)
+class SeparationLimits:
+    """How `Separation` looks along a path. Origin: a UR10 at the speeds of the shipped robot file; steps are fine
+    enough that a finer one changes no share of 24.
+
+    Attributes:
+        mark_s: [s] between the places of a path that are examined.
+        marks: [places] that are examined: the arm is slow before it is past the last.
+        play_s: [s] step of the braking that is played through.
+        shares: [shares of speed] that are tried, from the slow one to all.
+        least_braking: share of the joints' deceleration that is counted on, where the path itself brakes or turns.
+        speed_frames: [frames] that the measured speed of a hand is a mean over.
+        tool_length_m: [m] from the last wrist joint to beyond the fingertips (2F-85 with its camera).
+        beside_m: [m] of a hand that must be seen beside the tool.
+        blind_height_m: [m] height from which a hand beside the tool must be in the view.
+        first_asked: [places] that are measured first: the likeliest to forbid a share. Speed of computing alone.
+    """
+
+    mark_s: float = 0.04
+    marks: int = 18
+    play_s: float = 0.01
+    shares: int = 24
+    least_braking: float = 0.5
+    speed_frames: int = 3
+    tool_length_m: float = 0.28
+    beside_m: float = 0.03
+    blind_height_m: float = 0.25
+    first_asked: int = 8
+
+
+SEPARATION = SeparationLimits()
+
+
+NUMBERS: Array = np.arange(-1, SEPARATION.marks + 1, dtype=np.float64)
 TINY = 1e-9
-FIRST_ASKED = 8  # places of links and times that are measured first: the likeliest to forbid a share
 Following = tuple[JointTrajectory, float]
 
 
@@ -85,7 +109,7 @@ class SeparationMonitor:
         self.outline = ArmOutline(checker)
         self.persons = PersonSpace(bench, self.settings)
         self._acceleration_rad_s2 = np.array(motion.acceleration_limits_rad_s2)
-        self._mean_over_s = SPEED_FRAMES / bench.overhead.rate_hz
+        self._mean_over_s = SEPARATION.speed_frames / bench.overhead.rate_hz
         self._model, self._data = checker.model, checker.model.createData()
         self._eye = np.array(bench.overhead.mount.position_m)
         self._obstacles = [
@@ -94,7 +118,7 @@ class SeparationMonitor:
         ]
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
-        self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + TOOL_LENGTH_M)
+        self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + SEPARATION.tool_length_m)
         self._off_m = (self.settings.hand_error_m, self.arm_error_m)
 
     def judge(
@@ -110,7 +134,7 @@ class SeparationMonitor:
             holding: a part is between the fingers.
             ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
         """
-        path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * MARK_S)
+        path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * SEPARATION.mark_s)
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
         corners_m = turned(self.outline.corners_m(placed))
         known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]
@@ -156,7 +180,9 @@ class SeparationMonitor:
 
     def slow_share(self, path: JointTrajectory) -> float:
         """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
-        times_s: Array = MARK_S * np.arange(int(np.ceil(path.duration_s / MARK_S)) + 1, dtype=np.float64)
+        times_s: Array = SEPARATION.mark_s * np.arange(
+            int(np.ceil(path.duration_s / SEPARATION.mark_s)) + 1, dtype=np.float64
+        )
         fastest_m_s = self._speeds_m_s(turned(self.outline.corners_m(self.outline.placed(path.along(times_s))))).max(
             initial=0.0
         )
@@ -165,7 +191,7 @@ class SeparationMonitor:
     def _speeds_m_s(self, corners_m: Array) -> Array:
         """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L)."""
         squares = np.square(np.diff(corners_m, axis=2))
-        speeds: Array = np.sqrt((squares[0] + squares[1] + squares[2]).max(axis=0, initial=0.0)) / MARK_S
+        speeds: Array = np.sqrt((squares[0] + squares[1] + squares[2]).max(axis=0, initial=0.0)) / SEPARATION.mark_s
         return speeds
 
     def _share(self, path_rad: Array, corners_m: Array, known: Sequence[tuple[Person, Rooms]]) -> float:
@@ -180,12 +206,12 @@ class SeparationMonitor:
         speeds_m_s = np.maximum(between[:-1], between[1:])
         if not (least := slow_m_s / float(np.maximum(speeds_m_s.max(), slow_m_s))) < 1:
             return least  # 1, or NaN: no share is known to be slow
-        shares: Array = np.linspace(least, 1.0, SHARES)
+        shares: Array = np.linspace(least, 1.0, SEPARATION.shares)
         arrivals = [_Arrival(*one, self._off_m, self.settings) for one in known]
         braking = self._braking(path_rad)
-        for count in (2, SHARES):  # often the first share above the least is too much already
+        for count in (2, SEPARATION.shares):  # often the first share above the least is too much already
             until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]
-            for most in (FIRST_ASKED, None):  # the likely places, then all that could forbid a smaller share
+            for most in (SEPARATION.first_asked, None):  # the likely places, then all that could forbid a smaller share
                 needed_s = until_s.max(axis=0, initial=-np.inf)
                 soonest: Array = np.full(needed_s.shape, np.inf)
                 for arrival in arrivals:
@@ -203,11 +229,11 @@ class SeparationMonitor:
             What each joint may do (6, MARKS), what the path adds to that at full share, and the least of it (MARKS,).
         """
         ways_rad = path_rad[2:] - path_rad[:-2]
-        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * MARK_S), TINY)
-        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / MARK_S**2
+        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * SEPARATION.mark_s), TINY)
+        bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / SEPARATION.mark_s**2
         limits = np.ascontiguousarray((self._acceleration_rad_s2 / joints_rad_s).T)
         along = np.ascontiguousarray((bends_rad_s2 * np.sign(ways_rad) / joints_rad_s).T)
-        return limits, along, LEAST_BRAKING * limits.min(axis=0)
+        return limits, along, SEPARATION.least_braking * limits.min(axis=0)
 
     def _fast_until_s(self, braking: tuple[Array, Array, Array], speeds_m_s: Array, shares: Array) -> Array:
         """(S, MARKS, L) until when a link is fast in a piece of the path; minus infinity where it never is.
@@ -221,14 +247,14 @@ class SeparationMonitor:
         played: list[Array] = []
         times_s: list[float] = []
         while now[1:].max() > least + TINY:
-            piece = np.minimum((way_s / MARK_S).astype(int), MARKS - 1)
+            piece = np.minimum((way_s / SEPARATION.mark_s).astype(int), SEPARATION.marks - 1)
             pieces.append(piece)
             played.append(now)
-            times_s.append(time_s + PLAY_S)
+            times_s.append(time_s + SEPARATION.play_s)
             if time_s >= self.settings.reaction_s:
                 can = (limits.take(piece, axis=1) + along.take(piece, axis=1) * (now * now)).min(axis=0)
-                now = np.maximum(now - PLAY_S * np.maximum(can, floors.take(piece)), least)
-            way_s, time_s = way_s + now * PLAY_S, time_s + PLAY_S
+                now = np.maximum(now - SEPARATION.play_s * np.maximum(can, floors.take(piece)), least)
+            way_s, time_s = way_s + now * SEPARATION.play_s, time_s + SEPARATION.play_s
         until_s: Array = np.full((len(shares), *speeds_m_s.shape), -np.inf)
         if played:
             place = np.array(pieces)
@@ -252,8 +278,8 @@ class SeparationMonitor:
         """Whether the tool works where the overhead camera would not see a hand beside it, as behind an obstacle."""
         pinocchio.forwardKinematics(self._model, self._data, joints_rad)
         x, y, z = self._data.oMi[self._model.njoints - 1].translation
-        height_m = BLIND_HEIGHT_M
-        if z > height_m + TOOL_LENGTH_M:  # of NaN it is not known
+        height_m = SEPARATION.blind_height_m
+        if z > height_m + SEPARATION.tool_length_m:  # of NaN it is not known
             return False
         points = self._camera_from_world.transform(np.array([[x, y, 0.0], [x, y, height_m]]))
         pixels = points @ self._camera.matrix.T
@@ -267,7 +293,7 @@ class SeparationMonitor:
             return False
         way = point_m - self._eye
         length_m = float(np.linalg.norm(way))
-        ray = coal.Capsule(BESIDE_M, length_m)
+        ray = coal.Capsule(SEPARATION.beside_m, length_m)
         at = coal.Transform3s(
             pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix(), self._eye + way / 2
         )
@@ -302,15 +328,15 @@ class _Arrival:
             asked = urgent_s <= np.partition(urgent_s, most, axis=None)[most]
         self._asked |= asked
         ends = np.zeros(self._rooms.least_m.shape, dtype=bool)
-        ends[-MARKS - 1 : -1] |= asked
-        ends[-MARKS:] |= asked
+        ends[-SEPARATION.marks - 1 : -1] |= asked
+        ends[-SEPARATION.marks :] |= asked
         self._rooms.measure(ends)
-        found = self._of(self._rooms.distances_m, self._person.coming_m_s(self._rooms.ways[-MARKS - 1 : -1]))
+        found = self._of(self._rooms.distances_m, self._person.coming_m_s(self._rooms.ways[-SEPARATION.marks - 1 : -1]))
         return np.where(self._asked, found, np.inf)
 
     def _of(self, rooms_m: Array, coming_m_s: Array) -> Array:
         hand_m, arm_m = self._off_m
-        rooms_m = np.minimum(rooms_m[-MARKS - 1 : -1], rooms_m[-MARKS:]) - hand_m - arm_m
+        rooms_m = np.minimum(rooms_m[-SEPARATION.marks - 1 : -1], rooms_m[-SEPARATION.marks :]) - hand_m - arm_m
         return arrival_s(rooms_m, coming_m_s, self._settings) - self._person.age_s
 
 

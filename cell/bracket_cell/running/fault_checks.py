@@ -21,8 +21,8 @@ from bracket_ground.interfaces.perception import BenchView
 
 @dataclass(frozen=True)
 class FaultLimits:
-    """When a device or the loop counts as faulty. Origin: periods of the devices (arm 125 Hz, camera 15 Hz, loop 25 Hz)
-    and the simulated arm's tracking error.
+    """When a device or the loop counts as faulty. Origin: chosen, and tried with simulated faults (`cell lab eval
+    faults`).
 
     Attributes:
         lost_arm_s: [s] age of an arm's state that is no state: the arm stands by itself by then.

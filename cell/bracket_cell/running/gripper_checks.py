@@ -13,7 +13,8 @@ from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Ob
 
 @dataclass(frozen=True)
 class GripperLimits:
-    """When the gripper contradicts its commands. Origin: a 2F-85's manual (speed, openings) and its status at 50 Hz.
+    """When the gripper contradicts its commands. Origin: a 2F-85's manual (openings, speed); the rest chosen, and tried
+    with simulated faults.
 
     Attributes:
         stale_gripper_s: [s] age of a state that counts.

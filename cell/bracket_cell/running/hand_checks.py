@@ -12,7 +12,7 @@ from bracket_ground.interfaces.perception import BenchView, HoleView
 
 @dataclass(frozen=True)
 class HandLimits:
-    """When a hand has moved a part. Origin: seconds between seeing a hand and a changed part in simulated assemblies.
+    """When a hand has moved a part. Origin: chosen.
 
     Attributes:
         beside_s: [s] before or after a part came or went in which a hand that is seen has moved it.

@@ -18,7 +18,7 @@ from bracket_ground.interfaces.observation import Observation
 
 @dataclass(frozen=True)
 class ApproachLimits:
-    """How long a near hand is remembered. Origin: four frames of a camera with 15 Hz.
+    """How long a near hand is remembered. Origin: chosen: four frames of a camera with 15 Hz.
 
     Attributes:
         lately_s: [s] whose fastest motion decides on a hold for a near hand.

@@ -22,7 +22,7 @@ from bracket_ground.interfaces.observation import Observation
 
 @dataclass(frozen=True)
 class AcknowledgementLimits:
-    """When an acknowledgement counts. Origin: activation of a 2F-85 takes up to 5 s (manual).
+    """When an acknowledgement counts. Origin: chosen: fingers that are activated anew take their time.
 
     Attributes:
         acknowledged_s: [s] before a fault goes in which it may be acknowledged.

@@ -26,8 +26,8 @@ from bracket_ground.interfaces.product import Product
 
 @dataclass(frozen=True)
 class SceneLimits:
-    """When an image contradicts the bench. Origin: simulated frames of all looks of sim.yaml, with and without
-    obstacles, shadows and mirrored.
+    """When an image contradicts the bench. Origin: chosen on simulated assemblies, with and without obstacles and
+    shadows, mirrored.
 
     Attributes:
         look_every_s: [s] between examinations.

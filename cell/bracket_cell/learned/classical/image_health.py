@@ -29,7 +29,7 @@ from bracket_ground.interfaces.product import Product
 
 @dataclass(frozen=True)
 class ImageLimits:
-    """When an image cannot be judged. Origin: simulated frames of all looks of sim.yaml, sound and damaged.
+    """When an image cannot be judged. Origin: chosen on simulated assemblies, sound and damaged.
 
     Attributes:
         dark: [grey levels] mean of a dark image.

@@ -17,8 +17,7 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """When no hand means that none is there. Origin: a hand of 0.4 m height at 2 m/s (ISO 13855: 1.6 m/s walking, 2.0
-    m/s arms).
+    """When no hand means that none is there. Origin: hands at 2.0 m/s (ISO 13855); the rest chosen.
 
     Attributes:
         edge_px: [px] from the image's edge at which a box touches it.

@@ -26,8 +26,8 @@ from bracket_ground.interfaces.robot import RobotModel
 
 @dataclass(frozen=True)
 class ArmLimits:
-    """What a measured arm may do beside what its path says. Origin: recorded UR logs and the simulated arm; a clock's
-    jitter is that of 125 Hz.
+    """What a measured arm may do beside what its path says. Origin: chosen, and tried with simulated faults (`cell lab
+    eval faults`).
 
     Attributes:
         brakes_at_least: share of the braking that is played through.

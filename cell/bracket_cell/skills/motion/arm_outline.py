@@ -16,8 +16,7 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class OutlineLimits:
-    """How the arm is drawn for distances to people. Origin: the largest part of the shipped products; step of the
-    distance search.
+    """How the arm is drawn for distances to people. Origin: chosen.
 
     Attributes:
         held_radius_m: [m] of a sphere around a part between the fingers.

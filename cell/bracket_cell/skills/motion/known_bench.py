@@ -21,7 +21,7 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class PlausibleLimits:
-    """Which samples of a hand can be true. Origin: bodies (DIN 33402-2) and the period of a camera with 15 Hz.
+    """Which samples of a hand can be true. Origin: bodies (DIN 33402-2) and a camera with 15 Hz.
 
     Attributes:
         stale_s: [s] age of a sample that counts: three frames are missing.

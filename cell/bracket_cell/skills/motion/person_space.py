@@ -17,8 +17,7 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class PersonLimits:
-    """How large a person's hands are, and where they may be. Origin: DIN 33402-2, with the errors of the shipped
-    trackers' cards.
+    """How large a person's hands are, and where they may be. Origin: chosen, wider than bodies (DIN 33402-2).
 
     Attributes:
         edge_px: [px] from the image's edge at which a box touches it.

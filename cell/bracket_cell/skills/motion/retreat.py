@@ -14,8 +14,7 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class RetreatLimits:
-    """When a motion leads away from a hand. Origin: period of the control loop (0.04 s) and the noise of measured
-    joints.
+    """When a motion leads away from a hand. Origin: a control loop of 25 Hz; the rest chosen.
 
     Attributes:
         step_s: [s] between the places of a path that are examined.

@@ -29,8 +29,8 @@ from bracket_ground.interfaces.pose import Array
 
 @dataclass(frozen=True)
 class SeparationLimits:
-    """How `Separation` looks along a path. Origin: a UR10 at the speeds of the shipped robot file; steps are fine
-    enough that a finer one changes no share of 24.
+    """How `Separation` looks along a path. Origin: chosen as fine as a tick has time for, and tried in simulated
+    encounters (`cell lab eval encounters`).
 
     Attributes:
         mark_s: [s] between the places of a path that are examined.

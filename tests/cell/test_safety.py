@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+import bracket_cell
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults
+from bracket_cell.running import fault_checks
 from bracket_cell.runs.signing import required_signature, sign, signature_file, signature_of
+from bracket_cell.wiring import limits
 from bracket_cell.wiring.safety import hash_of, safety_from, safety_of
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.faults import SIGNALS
@@ -109,9 +114,25 @@ def test_numbers_in_code_that_judge_are_in_it(monkeypatch: pytest.MonkeyPatch) -
     configuration = load_configuration()
     table = load_faults(configuration)
     signed = safety_of(configuration, table)
-    monkeypatch.setattr("bracket_cell.running.fault_checks.OFF_PATH_RAD", 0.5)
+    looser = replace(fault_checks.LIMITS, off_path_rad=0.5)
+    monkeypatch.setattr("bracket_cell.wiring.limits.RECORDS", {**limits.RECORDS, "fault_checks": looser})
     changes = safety_of(configuration, table).changes(signed.values)
-    assert changes == ["limits.fault_checks.OFF_PATH_RAD: signed 0.025, now 0.5"]
+    assert changes == ["limits.fault_checks.off_path_rad: signed 0.025, now 0.5"]
+
+
+def test_every_record_of_limits_is_in_it_with_the_meaning_of_each_number() -> None:
+    rooms = ("running", "skills/motion", "learned/classical")
+    files = [file for room in rooms for file in (Path(bracket_cell.__file__).parent / room).glob("*.py")]
+    written = {name for file in files for name in re.findall(r"^class (\w+Limits)\b", file.read_text(), re.MULTILINE)}
+    assert written - {"StopLimits"} == {type(record).__name__ for record in limits.RECORDS.values()}
+    for limit in limits.described():
+        assert limit.meaning, limit.key
+        assert limit.origin, limit.key
+
+
+def test_doctor_prints_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--limits"]) == 0
+    assert re.search(r"fault_checks\.off_path_rad +0\.025 +\[rad\]", capsys.readouterr().out)
 
 
 def test_a_run_on_real_devices_is_refused_until_somebody_signs_exactly_this(

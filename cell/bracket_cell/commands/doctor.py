@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import metadata
+from itertools import groupby
 from pathlib import Path
+from typing import Annotated
 
 import can
+import typer
 
 from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
 from bracket_cell.commands.terminal import print_json
@@ -26,6 +29,7 @@ from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.wiring.bench_checks import bench_problems
 from bracket_cell.wiring.detectors import check_detectors, fitted
 from bracket_cell.wiring.devices import examined, find_drivers
+from bracket_cell.wiring.limits import described
 from bracket_ground.errors import CellError, Problem, SettingError
 from bracket_ground.files.yaml_file import place_of
 from bracket_ground.interfaces.product import Product
@@ -59,8 +63,11 @@ class Finding:
 def doctor(
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
+    limits: Annotated[bool, typer.Option("--limits", help="Print the numbers in code that guard people.")] = False,
 ) -> int:
     """Say what is missing on this machine and how to get it; status 1 if the cell cannot run."""
+    if limits:
+        return _print_limits(as_json)
     findings = examine(config)
     healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:
@@ -68,6 +75,16 @@ def doctor(
     else:
         sys.stdout.writelines(f"{finding}\n" for finding in findings)
     return 0 if healthy else 1
+
+
+def _print_limits(as_json: bool) -> int:
+    if as_json:
+        print_json({limit.key: vars(limit) for limit in described()})
+        return 0
+    for origin, group in groupby(described(), lambda limit: (limit.key.partition(".")[0], limit.origin)):
+        sys.stdout.write(f"\n{origin[0]}: {origin[1]}\n")
+        sys.stdout.writelines(f"  {limit.key:34} {limit.value!s:20} {limit.meaning}\n" for limit in group)
+    return 0
 
 
 def examine(path: Path) -> list[Finding]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bracket_cell.remote.worker import NotAnswering
 from bracket_cell.running.inference import Executor
+from bracket_cell.running.wrist_freshness import WristFreshness
 from bracket_cell.skills.motion.arm_outline import ArmOutline
 from bracket_cell.skills.motion.collision import HELD
 from bracket_ground.errors import CellError, DeviceFault, LatchedFault
@@ -130,6 +131,7 @@ class DeviceReader:
         self._watcher, self._finder = watcher, finder
         self._framed, self._say = framed, say
         self._overhead, self._wrist = CameraReader(devices.overhead), CameraReader(devices.wrist)
+        self._freshness = WristFreshness()
         self._arm: ArmState | None = None
         self._fingers: GripperState | None = None
         self._bench: BenchView | None = None
@@ -150,6 +152,7 @@ class DeviceReader:
         self._fingers = self._read("gripper", self._gripper.state) or self._fingers
         if self._own_body is not None and self._arm is not None and self._fingers is not None:
             self._own_body.keep(self._arm, self._fingers)
+            self._freshness.see(self._fingers, self._own_body.tool_at(self._arm.time_s), self._parts)
         self._detect(self._overhead, self._watcher, "overhead")
         self._detect(self._wrist, self._finder, "wrist")
         self._bench = self._read("detector overhead", self._watcher.poll) or self._bench
@@ -185,6 +188,8 @@ class DeviceReader:
         self._framed(frame)
         if self._own_body is not None and reader is self._overhead:
             frame = frame.beside(self._own_body.at(frame.time_s))
+        if reader is self._wrist and not self._read("camera wrist", lambda: self._freshness.check(frame)):
+            return
         taken = self._read(f"detector {name}", lambda: executor.submit(frame))
         if taken is False and reader.in_time:
             self._say(f"the detector of camera {name} is late: frames are dropped")

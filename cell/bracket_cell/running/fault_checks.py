@@ -241,7 +241,7 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
         return ""
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
-        off = float(np.abs(measured - sent.along(path_s - LIMITS.servo_lags_s)).max(axis=1).min())
+        off = float(np.abs(measured - sent.along(path_s - np.array(LIMITS.servo_lags_s))).max(axis=1).min())
         return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > LIMITS.off_path_rad else ""
     if seen.arm.moving:  # somewhere along its path
         off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())

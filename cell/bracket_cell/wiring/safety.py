@@ -5,35 +5,22 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, located
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
+from bracket_cell.wiring import limits
 from bracket_cell.wiring.detectors import fitted
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.robot import RobotModel
 
 NOT_ABOUT_PEOPLE = frozenset({"wrist", "bins_m", "arm_look_rad"})  # of the bench: where parts are looked for
-JUDGES = (  # modules whose numbers decide on people, and may become others with a release
-    *(f"bracket_cell.running.{name}" for name in ("fault_checks", "gripper_checks", "hand_checks", "person_checks")),
-    "bracket_cell.running.supervisor",
-    *(
-        f"bracket_cell.skills.motion.{name}"
-        for name in ("arm_monitor", "arm_outline", "known_bench", "person_space", "retreat", "separation")
-    ),
-    *(
-        f"bracket_cell.learned.classical.{name}"
-        for name in ("bench_evidence", "due_change", "grain", "image_health", "track_health")
-    ),
-)
 DEVICES = ("arm", "gripper", "overhead")  # which move, or see people
 SAFETY = "safety.json"  # in a log
 SHORT = 12  # digits of a hash that people compare
@@ -89,7 +76,7 @@ def safety_of(configuration: Configuration, table: FaultTable) -> SafetyConfigur
         "bench": bench.model_dump(exclude=set(NOT_ABOUT_PEOPLE)),
         "hands": {"kind": perception.chosen("hands").kind, **perception.files("hands")},
         "classical": perception.classical.model_dump(),
-        "limits": limits(),
+        "limits": limits.values(),
         "devices": {role: getattr(devices, role).model_dump() for role in DEVICES},
     }
     parts["motion"]["separation"] |= _fixed(SeparationSettings)
@@ -108,11 +95,6 @@ def safety_from(path: Path) -> SafetyConfiguration:
     return safety_of(configuration, load_faults(configuration))
 
 
-def limits() -> dict[str, dict[str, Any]]:
-    """Numbers in code by which people are guarded, by module; another release may have others."""
-    return {name.rpartition(".")[2]: _limits(vars(import_module(name))) for name in JUDGES}
-
-
 def other_limits(recorded: str) -> list[str]:
     """Which of these numbers are others than in the values of a log's safety.json, a line each.
 
@@ -123,21 +105,8 @@ def other_limits(recorded: str) -> list[str]:
     if not isinstance(values, dict):
         raise ValueError("it is no JSON object")
     was = {key: value for key, value in values.items() if key.startswith("limits.")}
-    now = SafetyConfiguration(dict(_flat("limits", limits())))
+    now = SafetyConfiguration(dict(_flat("limits", limits.values())))
     return [line.replace(": signed ", ": was ", 1) for line in now.changes(was)]
-
-
-def _limits(names: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers of a module that are written in capitals, and its records of them."""
-    found = {name: value for name, value in names.items() if name.isupper()}
-    records = {name: asdict(value) for name, value in found.items() if type(value).__name__.endswith("Limits")}
-    arrays = {name: value.tolist() for name, value in found.items() if isinstance(value, np.ndarray)}
-    plain = {name: value for name, value in found.items() if isinstance(value, int | float) or _numbers(value)}
-    return {**plain, **arrays, **records}
-
-
-def _numbers(value: Any) -> bool:
-    return isinstance(value, tuple) and bool(value) and all(isinstance(one, int | float) for one in value)
 
 
 def _fixed(model: type[BaseModel]) -> dict[str, float]:

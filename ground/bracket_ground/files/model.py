@@ -41,17 +41,8 @@ class Model(BaseModel):
     @classmethod
     def meanings(cls) -> dict[str, str]:
         """What the docstring says about each field: the one place that references and schemas are made from."""
-        lines = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2].splitlines()
         bases = (one for one in cls.__bases__ if issubclass(one, Model) and one is not Model)
-        found = {name: words for base in bases for name, words in base.meanings().items()}
-        names: list[str] = []
-        for line in lines:
-            if entry := _ENTRY.match(line):
-                names = entry[1].split(", ")
-                found |= dict.fromkeys(names, line[entry.end() :])
-            elif names and line.strip():
-                found |= {name: f"{found[name]} {line.strip()}" for name in names}
-        return found
+        return {name: words for base in bases for name, words in base.meanings().items()} | attributes(cls)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
@@ -63,6 +54,19 @@ class Model(BaseModel):
             if name in schema.get("properties", {}):
                 schema["properties"][name]["description"] = meaning
         return made
+
+
+def attributes(cls: type) -> dict[str, str]:
+    """What a class's docstring says about each of its Attributes, in one line each."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2].splitlines():
+        if entry := _ENTRY.match(line):
+            names = entry[1].split(", ")
+            found |= dict.fromkeys(names, line[entry.end() :])
+        elif names and line.strip():
+            found |= {name: f"{found[name]} {line.strip()}" for name in names}
+    return found
 
 
 class Disagreement(ValueError):

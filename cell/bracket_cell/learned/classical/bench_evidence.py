@@ -40,7 +40,7 @@ class SceneLimits:
         least_slope: [grey levels per px] of a landmark.
         least_along: cosine by which slopes point across a landmark.
         least_seen: share of a group of landmarks that is seen.
-        least_beside: share of a group that is hidden in part.
+        least_beside: likewise of a group that is hidden in part.
         least_shown: share of a group that is judged.
         long: [landmarks] of a group that is never hidden.
         bin_m: [m] around a bin that is judged.
@@ -49,7 +49,7 @@ class SceneLimits:
         alike: share by which the reference follows an image that is alike.
         changed: share by which it follows one that changed.
         levels: [grey levels] by which a pixel has changed.
-        share: share of its own level by which a pixel has changed.
+        share: share of its brightness that is added to `levels`.
         lit: share of the reference above which a pixel is lit.
         darkest: share of the reference in the darkest shadow.
         most_shadow: share of pixels that a shadow takes.

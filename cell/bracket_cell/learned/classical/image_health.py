@@ -176,7 +176,7 @@ class ImageHealth:
 
 @dataclass(frozen=True)
 class FreshnessLimits:
-    """Limits of `Freshness`.
+    """Limits of `Freshness`. Origin: chosen on simulated assemblies, with live and with frozen images.
 
     Attributes:
         cell: [samples] side of the squares that are looked at by themselves.

@@ -40,8 +40,9 @@ class WristFreshness:
 
     def __init__(self, limits: WristLimits = WristLimits()) -> None:
         self._limits = limits
-        self._before: Frame | None = None  # that `_taken` was seen in
-        self._taken: PartDetection | None = None
+        self._before: Frame | None = None
+        self._taken: list[PartDetection] = []  # since that frame, which shows them
+        self._held: PartDetection | None = None
         self._holding = False
 
     def see(self, fingers: GripperState, tool: Pose | None, parts: PartsView | None) -> None:
@@ -50,48 +51,44 @@ class WristFreshness:
         self._holding = fingers.holding
         if took:
             of_before = parts is not None and self._before is not None and parts.sequence == self._before.sequence
-            near = [
-                one for one in (parts.detections if of_before else ()) if _apart_m(one, tool) <= self._limits.took_m
-            ]
-            self._taken = min(near, key=lambda one: _apart_m(one, tool), default=None)
-        elif let_go and self._taken is not None and not _apart_m(self._taken, tool) > self._limits.back_m:
-            self._taken = None
+            seen = parts.detections if parts is not None and of_before else ()
+            near = [part for part in seen if _apart_m(part, tool) <= self._limits.took_m]
+            self._held = min(near, key=lambda part: _apart_m(part, tool), default=None)
+        elif let_go and self._held is not None:
+            if _apart_m(self._held, tool) > self._limits.back_m:
+                self._taken.append(self._held)
+            self._held = None
 
     def check(self, frame: Frame) -> Frame:
         """The frame, which may go to the detector.
 
         Raises:
-            DeviceFault: it shows what the robot has taken away, as the frame before.
+            DeviceFault: it shows all that the robot has taken away, as the frame before.
         """
-        before, taken = self._before, self._taken
-        if (
-            before is not None
-            and taken is not None
-            and self._stands(before, frame)
-            and not self._changed(before, frame)
-        ):
-            x, y, _ = taken.world_from_part.position_m
-            raise DeviceFault(
-                "camera wrist",
-                Message(
-                    "its image does not change: it still shows the part that was taken from ({x} {y})",
-                    x=f"{x:.3f}",
-                    y=f"{y:.3f}",
-                ),
-            )
-        self._before, self._taken = frame, None
+        if self._taken and self._stands(frame) and not any(self._changed(part, frame) for part in self._taken):
+            x, y, _ = self._taken[-1].world_from_part.position_m
+            words = Message("its image still shows the part that was taken from ({x} {y})", x=f"{x:.3f}", y=f"{y:.3f}")
+            raise DeviceFault("camera wrist", words)
+        self._before, self._taken = frame, []
         return frame
 
-    def _stands(self, before: Frame, frame: Frame) -> bool:
-        here, there = (np.array(one.world_from_camera.position_m) for one in (before, frame))
-        return float(np.linalg.norm(here - there)) <= self._limits.apart_m and before.image.shape == frame.image.shape
+    def _stands(self, frame: Frame) -> bool:
+        """Whether this frame was taken from where the one before was."""
+        before = self._before
+        if before is None or before.image.shape != frame.image.shape:
+            return False
+        apart_m = math.dist(before.world_from_camera.position_m, frame.world_from_camera.position_m)
+        return apart_m <= self._limits.apart_m
 
-    def _changed(self, before: Frame, frame: Frame) -> bool:
-        assert self._taken is not None
-        left, top, right, bottom = (max(0, edge) for edge in self._taken.box_px)
-        crops = [cv2.blur(one.image[top:bottom, left:right].astype(np.float32), (5, 5)) for one in (before, frame)]
-        off = np.abs(crops[0] - crops[1]).max(axis=-1)
-        return not off.size or float((off > self._limits.levels).mean()) >= self._limits.least_changed
+    def _changed(self, part: PartDetection, frame: Frame) -> bool:
+        """Whether a frame shows something else than the one before where a part was."""
+        assert self._before is not None
+        left, top, right, bottom = (max(0, edge) for edge in part.box_px)
+        crops = [one.image[top:bottom, left:right].astype(np.float32) for one in (self._before, frame)]
+        if not crops[0].size:
+            return True
+        off = np.abs(cv2.blur(crops[0], (5, 5)) - cv2.blur(crops[1], (5, 5))).max(axis=-1)
+        return float((off > self._limits.levels).mean()) >= self._limits.least_changed
 
 
 def _apart_m(part: PartDetection, tool: Pose | None) -> float:

@@ -36,6 +36,7 @@ OF_ENGINE = frozenset(
 )
 OF_NODE = {"status": Status, "feedback_message": str, "what_if": str, "_error": str}  # of every one
 OF_MOTION = {"hold": Hold | None, "lying": LyingHold | None, "around": Box | None}
+PLAIN = bool | int | float | str
 OF_ENTRY = {"value": Any, "revision": int, "carried": bool, "declared": bool, "text": str | None}
 FORM = 2  # of the state; older ones held functions by their names
 NUMBER = re.compile(r"::\d+")
@@ -163,10 +164,14 @@ def _kept_by(node: TreeNode) -> dict[str, Any]:
 
 
 def _attributes_of(node: TreeNode) -> dict[str, Any]:
-    """The types of what a node may keep: what it was made with, and what its own code sets."""
+    """The types of what a node may keep: what it was made with, and what its own code sets.
+
+    Nodes do not say of what types these are. What is plain where the node was just made stays plain.
+    """
     bound = {name for name, value in vars(node).items() if isinstance(value, Connection | Script | Evaluated)}
     kind: type = type(node)
-    return dict.fromkeys((vars(node).keys() | stored_by(kind)) - OF_ENGINE - bound, Any) | OF_NODE
+    names = (vars(node).keys() | stored_by(kind)) - OF_ENGINE - bound
+    return {name: PLAIN | None if isinstance(vars(node).get(name), PLAIN) else Any for name in names} | OF_NODE
 
 
 def _named(tree: Tree, services: Services) -> dict[str, Any]:

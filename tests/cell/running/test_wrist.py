@@ -16,6 +16,7 @@ from bracket_ground.interfaces.perception import PartDetection, PartsView
 from bracket_ground.interfaces.pose import Array, Pose
 from tests.cell.running.test_own_body import fingers
 
+BRACKET = Pose((0.1, 0.5, 0.1))
 LOOK = Pose((0.5, 0.2, 0.4))
 PART = PartDetection("o1", 0.9, Pose((0.50, 0.20, 0.0)), (0.04, 0.03, 0.03), (40, 30, 60, 50))
 OTHER = replace(PART, world_from_part=Pose((0.60, 0.20, 0.0)), box_px=(100, 30, 120, 50))
@@ -35,7 +36,7 @@ def frame(sequence: int, pixels: Array, place: Pose = LOOK) -> Frame:
     return Frame("wrist", sequence, float(sequence), pixels, place)
 
 
-def taken(let_go: Pose = Pose((0.1, 0.5, 0.1))) -> WristFreshness:
+def taken(let_go: Pose = BRACKET) -> WristFreshness:
     """A frame was seen, and then PART was gripped and let go of somewhere."""
     fresh = WristFreshness()
     fresh.check(frame(1, image(PART, OTHER, noise=2.0)))

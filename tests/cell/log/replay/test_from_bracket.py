@@ -145,6 +145,10 @@ def test_the_state_of_a_hostile_log_is_refused(shift: Path) -> None:
         with pytest.raises(LogError, match=rf"at [\d.]+ s on: .*CountTicks::\d+._seen is a {kind}, which is no part"):
             Replay(log, changes(shift), 9)
     fields["_seen"] = seen
+    ticks, fields["_ticks"] = fields["_ticks"], {"n": 10**6, "list": ["24"]}
+    with pytest.raises(LogError, match=r"CountTicks::\d+._ticks is list and not"):
+        Replay(log, changes(shift), 9)
+    fields["_ticks"] = ticks
     for name in ("execute", "update", "runtime", "children", "_x"):
         fields[name] = "text"
         with pytest.raises(LogError, match=rf"CountTicks::\d+ has no field '{name}'"):

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from bracket_cell.running.wrist_freshness import WristFreshness
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import PartDetection, PartsView
-from bracket_ground.interfaces.pose import Array, Pose
+from bracket_ground.interfaces.pose import Pose
 from tests.cell.running.test_own_body import fingers
 
 BRACKET = Pose((0.1, 0.5, 0.1))
@@ -22,7 +23,7 @@ PART = PartDetection("o1", 0.9, Pose((0.50, 0.20, 0.0)), (0.04, 0.03, 0.03), (40
 OTHER = replace(PART, world_from_part=Pose((0.60, 0.20, 0.0)), box_px=(100, 30, 120, 50))
 
 
-def image(*parts: PartDetection, noise: float = 0.0, seed: int = 0) -> Array:
+def image(*parts: PartDetection, noise: float = 0.0, seed: int = 0) -> NDArray[np.uint8]:
     """A tray with bright parts."""
     rng = np.random.default_rng(seed)
     made = np.full((120, 160, 3), 90.0)
@@ -32,7 +33,7 @@ def image(*parts: PartDetection, noise: float = 0.0, seed: int = 0) -> Array:
     return np.clip(made + rng.normal(0.0, noise, made.shape), 0, 255).astype(np.uint8)
 
 
-def frame(sequence: int, pixels: Array, place: Pose = LOOK) -> Frame:
+def frame(sequence: int, pixels: NDArray[np.uint8], place: Pose = LOOK) -> Frame:
     return Frame("wrist", sequence, float(sequence), pixels, place)
 
 

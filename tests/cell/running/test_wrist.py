@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -47,12 +47,14 @@ def taken(let_go: Pose = BRACKET) -> WristFreshness:
     return fresh
 
 
+@settings(deadline=None)
 @given(noise=st.floats(0.0, 8.0), seed=st.integers(0, 999))
 def test_the_part_that_was_taken_is_still_shown(noise: float, seed: int) -> None:
     with pytest.raises(DeviceFault, match=r"still shows the part that was taken from \(0\.500 0\.200\)"):
         taken().check(frame(2, image(PART, OTHER, noise=noise, seed=seed)))
 
 
+@settings(deadline=None)
 @given(noise=st.floats(0.0, 8.0), seed=st.integers(0, 999))
 def test_it_is_gone(noise: float, seed: int) -> None:
     fresh = taken()

@@ -25,6 +25,7 @@ from btxml.files.compile.registry import BUILT_IN, Registry, is_leaf, tag_of
 from btxml.files.loader import knowing, load_tree, unused_entries
 from btxml.files.parse.in_python import InPython, in_python
 from btxml.files.parse.library import hint
+from btxml.mocks import Mocks, TestNode, read_mocks
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
@@ -48,13 +49,14 @@ class TreeBench:
         registry: the nodes that the file may name; those of the language by default.
         beside: further tree files, and folders with them, whose trees the file may name.
         real: leaves that run as they are.
+        mocks: file with leaves that are replaced, as BehaviorTree.CPP's `loadSubstitutionRuleFromJSON` reads it.
 
     Attributes:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
 
     Raises:
         TreeFileError: `cell check` refuses the tree.
-        ValueError: an answer or a write is for something that is no leaf.
+        ValueError: an answer, a write or a rule of mocks is for something that is no leaf.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class TreeBench:
         registry: Registry | None = None,
         beside: Iterable[Path] = (),
         real: Iterable[type[TreeNode]] = (),
+        mocks: str | Path | None = None,
     ) -> None:
         source = in_python(path) if isinstance(path, TreeNode) else Path(path)
         real = tuple(real)
@@ -82,15 +85,20 @@ class TreeBench:
             for tag, node in registry.classes.items()
             if is_leaf(node) and node not in BUILT_IN and node not in real
         ]
-        self.tree: Tree = load_tree(source, registry.extended(stand_ins), main, provided, beside)
+        registry = registry.extended([*stand_ins, self._counted(TestNode)])
+        replaced = Mocks() if mocks is None else read_mocks(Path(mocks), registry)
+        registry.substitute = replaced.instead
+        self.tree: Tree = load_tree(source, registry, main, provided, beside)
         if problems := unused_entries({next(iter(self.tree.texts)): self.tree}):
             raise TreeFileError(*problems)
         self.tree.setup(services, self.clock)
-        self._leaves = {node.uid: names_of(node) for node in self.tree.nodes if type(node) in stand_ins}
+        self._leaves = {node.uid: names_of(node) for node in self.tree.nodes if isinstance(node, Counted)}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
         for name in {**(answers or {}), **(writes or {})}:
             if name not in known:
                 raise ValueError(f"nothing is named '{name}'; {hint(name, known)}")
+        if unused := sorted(set(replaced.rules) - replaced.used):
+            raise ValueError(f"{mocks}: nothing is named '{unused[0]}'; {hint(unused[0], known)}")
 
     def tick(self, after_s: float = 0.0) -> str:
         """Move the clock, then tick; the root's status as a letter."""
@@ -117,19 +125,13 @@ class TreeBench:
         writes: Mapping[str, Mapping[str, Any]],
     ) -> type[Node]:
         tag = tag_of(original)
-        events, starts = self.events, self._starts
 
         class StandIn(Node):
             """Answers as told."""
 
             turn = 0
 
-            def initialise(self) -> None:
-                events.append(f"start {self.name}")
-                starts[self.uid] += 1
-
             def update(self) -> Status:
-                events.append(f"tick {self.name}")
                 letters = _said_of(self, answers, "S")
                 letter = letters[min(self.turn, len(letters) - 1)]
                 self.turn += 1
@@ -138,13 +140,34 @@ class TreeBench:
                         vars(self)[ports[port].attribute].set(value)
                 return LETTERS[letter]
 
-            def terminate(self, new_status: Status) -> None:
-                events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
-
         properties: dict[str, Any] = {"node_type": original.node_type, "traits": original.traits}
         attributes = {port.attribute: port for port in ports.values()}
         properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
-        return type(tag, (StandIn,), {**properties, **attributes})
+        return self._counted(type(tag, (StandIn,), {**properties, **attributes}))
+
+    def _counted(self, leaf: type[Node]) -> type[Node]:
+        """The same leaf, whose starts, ticks and ends are kept in `events`."""
+        events, starts = self.events, self._starts
+
+        class Noted(Counted, leaf):  # type: ignore[misc, valid-type]  # a class that is made here
+            def initialise(self) -> None:
+                events.append(f"start {self.name}")
+                starts[self.uid] += 1
+                super().initialise()
+
+            def update(self) -> Status:
+                events.append(f"tick {self.name}")
+                return super().update()  # type: ignore[no-any-return]
+
+            def terminate(self, new_status: Status) -> None:
+                events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
+                super().terminate(new_status)
+
+        return type(tag_of(leaf), (Noted,), {"__doc__": leaf.__doc__})
+
+
+class Counted:
+    """A leaf of a bench."""
 
 
 def names_of(node: TreeNode) -> tuple[str, ...]:

@@ -40,9 +40,11 @@ class TreeBench(testing.TreeBench):
         beside: Iterable[Path] = (),
         real: Iterable[type[TreeNode]] = (),
         rules: Iterable[Path | str] | None = None,
+        mocks: str | Path | None = None,
     ) -> None:
+        known = registry or node_registry()
         with input_errors():
-            super().__init__(path, answers, writes, provided, main, services, registry or node_registry(), beside, real)
+            super().__init__(path, answers, writes, provided, main, services, known, beside, real, mocks)
         found = rules_beside(Path(path)) if rules is None and not isinstance(path, TreeNode) else None
         self._watch = watch_of([found] if found else map(Path, rules or ()))
         self._nodes, self._ticks = nodes_of(self.tree), 0

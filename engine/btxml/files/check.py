@@ -68,6 +68,8 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     libraries = {path: read_library(path, known.beside, known.opened) for path in paths}
     for path, library in libraries.items():
         nodes = with_stubs(library, registry) if known.stubs else registry
+        if known.stubs:
+            library.notes, library.misnamed = library.notes + library.misnamed, []
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
         meant: list[Problem] = []
         if library.main in library.trees and not library.incomplete:

@@ -105,7 +105,7 @@ def find_problems(library: Library, registry: Registry) -> list[Problem]:
 
 def find_mistakes(library: Library, registry: Registry) -> list[Problem]:
     """What nobody could run."""
-    return library.problems + check_structure(library, registry)
+    return library.problems + library.misnamed + check_structure(library, registry)
 
 
 def find_doubts(library: Library, registry: Registry) -> list[Problem]:

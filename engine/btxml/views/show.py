@@ -6,9 +6,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from btxml.engine.errors import TreeFileError
-from btxml.files.checks.structure import check_structure
 from btxml.files.compile.registry import Registry
-from btxml.files.loader import in_order
+from btxml.files.loader import find_mistakes, in_order
 from btxml.files.parse.library import Library, read_library
 from btxml.files.parse.xml_file import Element, node_tag
 
@@ -33,7 +32,7 @@ def read_checked(path: Path, registry: Registry, beside: Iterable[Path] = ()) ->
         TreeFileError: everything that is wrong.
     """
     library = read_library(path, beside)
-    if problems := library.problems + check_structure(library, registry):
+    if problems := find_mistakes(library, registry):
         raise TreeFileError(*in_order(problems))
     return library
 

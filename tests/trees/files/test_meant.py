@@ -8,7 +8,7 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.trees.node_library import node_registry
-from btxml.files.check import Findings, findings
+from btxml.files.check import Circumstances, Findings, findings
 from btxml.files.loader import load_tree
 
 ROOT = '<root BTCPP_format="4" main_tree_to_execute="M">\n{}\n</root>'
@@ -32,6 +32,7 @@ DOUBTFUL = {
     '<SetBlackboard value="1" output_key="n"/>': (
         2, "port 'output_key' of SetBlackboard writes {n}, and nothing reads it; remove it",
     ),
+    '<LookAtTray parts="{t}"/>': (2, "port 'parts' of LookAtTray writes {t}, and nothing reads it; remove it"),
     "<ActivateGripper/>\n<ReturnToTray/>": (
         3, "ReturnToTray needs a part in the gripper, and nothing before it sees to that; PickLying or PickPart does",
     ),
@@ -48,6 +49,7 @@ SOUND = (
     "<GripperIsEmpty/><IdentifyHeldPart/><ReturnToTray/>",
     '<Parallel><Script code="a:=1"/><Script code="b:=2"/></Parallel><ScriptCondition code="a==b"/>',
     '<SubTree ID="S" x="1"/>',
+    '<LookAtTray parts="{t}"/><FindPart part="o1" parts="{t}"/>',
 )
 
 
@@ -74,6 +76,20 @@ def test_what_can_hardly_be_meant_is_told_and_runs(
 def test_what_is_meant_is_not_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
     found = found_in(tmp_path, monkeypatch, ROOT.format(MAIN.format(body) + (READS if "SubTree" in body else "")))
     assert found == Findings([], [], [])
+
+
+def test_what_one_of_two_calls_needs_is_not_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = '<SubTree ID="L" t="{t}"/><SubTree ID="L"/><FindPart part="o1" parts="{t}"/>'
+    look = '<BehaviorTree ID="L"><LookAtTray parts="{t}"/></BehaviorTree>'
+    assert found_in(tmp_path, monkeypatch, ROOT.format(MAIN.format(calls) + look)) == Findings([], [], [])
+
+
+def test_a_foreign_dialect_is_noted_where_nodes_are_foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The attribute of a port of the library to TypeScript is written much like ours."""
+    text = ROOT.format(MAIN.format("<AlwaysSuccess/>")).replace("<root", '<root BTTS_format="4"')
+    [problem] = found_in(tmp_path, monkeypatch, text).problems
+    stubs = findings([Path("m.xml")], node_registry(), Circumstances(stubs=True))
+    assert stubs == Findings([], [], [problem])
 
 
 @pytest.mark.parametrize(
@@ -118,7 +134,7 @@ def test_the_command_knows_the_configuration_of_its_folder(
     file.write_text(ROOT.format(MAIN.format('<Script code="p := 1"/>')))
     assert main(["check", str(file)]) == 1
     assert "warning: 'code' of Script writes {p}" in capsys.readouterr().err
-    file.write_text(ROOT.format(MAIN.format('<LookAtTray parts="{t}"/><FindPart part="o9" parts="{t}" index="{i}"/>')))
+    file.write_text(ROOT.format(MAIN.format('<LookAtTray parts="{t}"/><FindPart part="o9" parts="{t}"/>')))
     assert main(["check", str(file)]) == 2
     assert "the product has no part type 'o9'" in capsys.readouterr().err
     assert main(["check", "--no-config", str(file)]) == 0

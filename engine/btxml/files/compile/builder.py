@@ -136,14 +136,16 @@ class Builder:
         elif tag == "SubTree":
             node = self._subtree(element, uid, name, scope, path)
         else:
-            node = self._plain(element, uid, name, scope)
+            node = self._plain(element, uid, name, scope, path)
         node.attach(self._runtime, uid, path)
         node.conditions = None if element.broken else self._conditions(element, node, label, scope)
         self.nodes[uid - 1] = node
         return node
 
-    def _plain(self, element: Element, uid: int, name: str, scope: Scope) -> TreeNode:
-        tag = node_tag(element)
+    def _plain(self, element: Element, uid: int, name: str, scope: Scope, path: str) -> TreeNode:
+        tag, substitute = node_tag(element), self.registry.substitute
+        if substitute is not None and not element.children:
+            tag, element = substitute(element, tag, name, path) or (tag, element)
         children = [self._node(child, scope) for child in element.children]
         node_class: Any = self.registry.classes[tag]
         node: TreeNode = node_class(name, children) if issubclass(node_class, Control | Decorator) else node_class(name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
 from typing import Any
 
@@ -12,6 +12,7 @@ from btxml.engine.literals import STATUS_WORDS
 from btxml.engine.node import Control, Decorator, TreeNode
 from btxml.engine.ports import Port, named, ports_of
 from btxml.engine.vocabulary import Words
+from btxml.files.parse.xml_file import Element
 
 RESERVED = ("name", "ID")
 
@@ -67,7 +68,12 @@ class Registry:
         described: package whose leaves say by their traits all that they bring about; of other leaves that claim a
             device nothing is known.
         entries: of every main tree, those that the cell itself writes, with their first values; a tree only reads them.
+
+    Attributes:
+        substitute: gives what takes a leaf's place in a test, by its element, tag, name and path; None for nothing.
     """
+
+    substitute: Callable[[Element, str, str, str], tuple[str, Element] | None] | None = None
 
     def __init__(
         self,

@@ -61,6 +61,7 @@ class Library:
         texts: every file read, with its text.
         warnings: what runs, and can hardly be meant.
         notes: what is left out of account here and means something elsewhere, such as to editors.
+        misnamed: attributes of the language's own elements that are written much like legal ones.
         replacing: trees that take the place of a tree or node of their name.
         opened: texts of files that an editor has open, by their absolute path; they count instead of the files.
         incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
@@ -73,6 +74,7 @@ class Library:
     problems: list[Problem] = field(default_factory=list)
     notes: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
+    misnamed: list[Problem] = field(default_factory=list)
     replacing: dict[str, Element] = field(default_factory=dict)
     opened: Mapping[Path, str] = field(default_factory=dict)
     incomplete: bool = False
@@ -176,13 +178,13 @@ def _check_root(library: Library, root: Element, version3: Converted) -> None:
 
 
 def _check_attributes(library: Library, element: Element, legal: tuple[str, ...]) -> None:
-    """An attribute that is written much like a legal one is a mistake; others are those of an editor."""
+    """What is written much like a legal attribute is a mistake, but in a foreign dialect; others are an editor's."""
     for name, attribute in element.attributes.items():
         if name not in legal:
             alike = [word for word in legal if word.startswith("_") == name.startswith("_")]
             near = hint(name, legal) if is_near(name, alike) or f"_{name}" in legal else ""
             problem = Problem(attribute.place, f"<{element.tag}> has no attribute '{name}'", near or "it is ignored")
-            (library.problems if near else library.notes).append(problem)
+            (library.misnamed if near else library.notes).append(problem)
 
 
 def _take(library: Library, element: Element, path: Path, alone: bool) -> None:

@@ -56,6 +56,8 @@ class Announcer:
         self._once |= {signal for signal, *_ in reasons} & set(ONCE)
         if not reasons:
             return "info", "all clear"
+        if not judgement.words:  # only a hand that has just gone is left
+            return None
         ending = f"; {ACKNOWLEDGE}" if unacknowledged else ""
         return "warning", f"{judgement.action.name.lower()}: {judgement.words}{ending}"
 

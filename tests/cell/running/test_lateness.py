@@ -86,3 +86,12 @@ def test_a_hand_that_comes_again_at_once_is_told_once() -> None:
     told = [announcer.news(hold if number % 10 < 6 else Judgement(), 0.1 * number) for number in range(60)]
     told += [announcer.news(Judgement(), 6.0 + 0.1 * number) for number in range(30)]
     assert [words[1].split(":")[0] for words in told if words] == ["hold", "all clear"]
+
+
+def test_a_hold_that_clears_while_a_hand_has_just_gone_is_never_told_without_a_reason() -> None:
+    announcer = Announcer()
+    lost = ("camera_lost", "camera wrist: nothing comes")
+    both = Judgement(Action.HOLD, 0.0, (lost, ("hand_too_near", "the hand is too near")))
+    judgements = [both, Judgement(Action.HOLD, 0.0, (lost,)), *(Judgement() for _ in range(30))]
+    told = [announcer.news(judgement, 0.1 * number) for number, judgement in enumerate(judgements)]
+    assert [words[1].split(":")[0] for words in told if words] == ["hold", "all clear"]

@@ -18,6 +18,7 @@ from bracket_cell.settings import (
     PageSettings,
     Perception,
     Planners,
+    PlantSettings,
 )
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.drivers.settings import SignalSettings, UrSettings
@@ -74,6 +75,7 @@ class Configuration(Model):
     devices: DeviceSettings = Field(default_factory=DeviceSettings)
     log: LogSettings = LogSettings()
     page: PageSettings = PageSettings()
+    plant: PlantSettings = PlantSettings()
 
     @property
     def signals(self) -> SignalSettings | OwnDevice | None:
@@ -143,6 +145,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "planners": read.planners.model_copy(update=planners),
             "devices": read.devices.beside(folder),
             "page": read.page.model_copy(update=_tls(read.page, folder)),
+            "plant": read.plant.beside(folder),
             "motion": read.motion.of(read.robot, *read.timing_s),
             "log": log,
         }

@@ -17,6 +17,8 @@ from bracket_ground.files.model import Model
 from bracket_ground.files.units import Duration
 from bracket_ground.files.words.catalogue import languages
 
+TOPIC_NAME = r"^[^+#/\x00]+$"  # an element of a topic: MQTT 3.1.1, 4.7
+
 
 class ControllerSettings(Model):
     """The control loop.
@@ -149,6 +151,56 @@ class PageSettings(Model):
         if self.language not in languages():
             raise ValueError(f"no language {self.language!r}; there are: {', '.join(languages())}")
         return self
+
+
+class MqttSettings(Model):
+    """A broker to which the numbers of runs are published by Sparkplug B 3.0; needs the extra mqtt.
+
+    Attributes:
+        host: its name or address.
+        port: TCP port; 8883 is usual with certificates.
+        group: Sparkplug's group.
+        node: Sparkplug's edge node, one for each cell.
+        every_s: what changed is published so often.
+        user: name at the broker.
+        password_file: file with the password, relative to this file.
+        certificates: PEM file with the authorities that the broker's certificate is checked by, relative to this file;
+            without it nothing is encrypted.
+    """
+
+    host: str = Field(min_length=1)
+    port: int = Field(default=1883, ge=1, le=65535)
+    group: str = Field(default="plant", pattern=TOPIC_NAME)
+    node: str = Field(default="cell", pattern=TOPIC_NAME)
+    every_s: float = Field(default=1.0, ge=0.1, le=60.0)
+    user: str | None = None
+    password_file: Path | None = None
+    certificates: Path | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> MqttSettings:
+        if self.password_file is not None and self.user is None:
+            raise ValueError("a password needs a user")
+        return self
+
+    def beside(self, folder: Path) -> MqttSettings:
+        """With files relative to a folder."""
+        files = {"password_file": self.password_file, "certificates": self.certificates}
+        return self.model_copy(update={name: folder / file for name, file in files.items() if file is not None})
+
+
+class PlantSettings(Model):
+    """The plant that a cell stands in.
+
+    Attributes:
+        mqtt: the broker that is told of runs; none by default.
+    """
+
+    mqtt: MqttSettings | None = None
+
+    def beside(self, folder: Path) -> PlantSettings:
+        """With files relative to a folder."""
+        return self if self.mqtt is None else self.model_copy(update={"mqtt": self.mqtt.beside(folder)})
 
 
 class LogSettings(Model):

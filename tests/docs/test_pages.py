@@ -16,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ENTRY = re.compile(r"- (?:[^:\n]+: )?([\w/*-]+\.md)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:ground|engine|cell|trees|skills|learned|sim|lab|config|tests|docs)/[\w/.]+\.\w+)`")
-MOST_WORDS, MOST_WORDS_IN_ALL = 1300, 18_000
+MOST_WORDS, MOST_WORDS_IN_ALL = 1300, 19_000
 OWN = ("config/cell.yaml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
 

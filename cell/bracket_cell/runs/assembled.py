@@ -77,7 +77,9 @@ class Assembled:
         jobs = WorkOrders(product.goals, options.work_orders)
         self.operator = _operator(options, product, jobs, console)
         now_s = self.devices.clock.now_s
-        viewers = open_viewers(options, files, self.recorder, self.operator.press, now_s, stack, model)
+        viewers = open_viewers(
+            options, files, self.recorder, self.operator.press, partial(console.print, "MQTT:"), now_s, stack, model
+        )
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
         self.observers = self._observers(why_now, jobs, viewers)

@@ -20,6 +20,7 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from btxml.engine.tree import Tree
 
 if TYPE_CHECKING:
+    from bracket_cell.plant.sparkplug import SparkplugNode
     from bracket_cell.viewing.live_server import LiveServer
     from bracket_cell.viewing.monitor import Monitor
     from bracket_cell.viewing.opcua_server import OpcuaServer
@@ -37,14 +38,14 @@ class Viewers:
     monitor: Monitor | None
     page: OperatorPage | None
     opcua: OpcuaServer | None
+    mqtt: SparkplugNode | None
     production: Production
 
     @property
     def observers(self) -> tuple[Observer, ...]:
         """They see every tick."""
-        return tuple(
-            one for one in (self.production, self.live, self.monitor, self.page, self.opcua) if one is not None
-        )
+        viewers = (self.production, self.live, self.monitor, self.page, self.opcua, self.mqtt)
+        return tuple(viewer for viewer in viewers if viewer is not None)
 
     @property
     def addresses(self) -> list[str]:
@@ -54,7 +55,8 @@ class Viewers:
             told.append(f"the operator's page: {self.page.address}")
             told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
             told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
-        return told if self.opcua is None else [*told, f"OPC UA: {self.opcua.address}"]
+        told += [] if self.opcua is None else [f"OPC UA: {self.opcua.address}"]
+        return told if self.mqtt is None else [*told, f"MQTT: {self.mqtt.address}"]
 
     def edited(self, tree: Tree, time_s: float) -> None:
         """An edited tree took over: the log keeps its text, monitor and page show it."""
@@ -69,6 +71,7 @@ def open_viewers(
     files: Files,
     recorder: McapRecorder,
     put: Callable[[OperatorOrder], None],
+    say: Callable[[str], None],
     now_s: Callable[[], float],
     stack: ExitStack,
     model: CellModel,
@@ -77,12 +80,13 @@ def open_viewers(
 
     Args:
         put: takes the orders of the page.
+        say: is told of systems that are lost.
         stack: ends them where the run breaks off.
 
     Raises:
         InputError: a port is taken, or an extra is missing.
     """
-    live, monitor, page, opcua = None, None, None, None
+    live, monitor, page, opcua, mqtt = None, None, None, None, None
     production = Production()
     if options.live_port is not None:
         from bracket_cell.viewing.live_server import LiveServer
@@ -113,4 +117,9 @@ def open_viewers(
 
         opcua = OpcuaServer(production, Address.parse(options.opcua, "--opcua"))
         stack.callback(opcua.abandon)
-    return Viewers(recorder, live, monitor, page, opcua, production)
+    if (broker := files.configuration.plant.mqtt) is not None:
+        from bracket_cell.plant.sparkplug import SparkplugNode
+
+        mqtt = SparkplugNode(production, broker, say)
+        stack.callback(mqtt.abandon)
+    return Viewers(recorder, live, monitor, page, opcua, mqtt, production)

@@ -1,0 +1,1 @@
+"""What a plant's other systems read of a run, and what they order."""

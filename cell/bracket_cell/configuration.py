@@ -21,7 +21,7 @@ from bracket_cell.settings import (
     PlantSettings,
 )
 from bracket_cell.simulator import simulator
-from bracket_cell.skills.drivers.settings import SignalSettings, UrSettings
+from bracket_cell.skills.drivers.settings import ModbusSignalSettings, SignalSettings, UrSettings
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.trees.guard import GuardSettings
 from bracket_cell.trees.node_library import USUAL_FOLDER
@@ -78,7 +78,7 @@ class Configuration(Model):
     plant: PlantSettings = PlantSettings()
 
     @property
-    def signals(self) -> SignalSettings | OwnDevice | None:
+    def signals(self) -> SignalSettings | ModbusSignalSettings | OwnDevice | None:
         """The module with digital signals, whose names tree files may use."""
         return self.devices.signals
 
@@ -106,6 +106,22 @@ class Configuration(Model):
         if self.perception.chosen("holes").kind == "none" and self.guard.holes == "seen":
             what = "none reads no hole, and the robot would wait for ever: another kind, or guard.holes: graph"
             raise Disagreement([(("perception", "holes", "kind"), what)])
+        return self
+
+    @model_validator(mode="after")
+    def _bits_are_signals(self) -> Configuration:
+        module, bits = self.signals, self.plant.bits
+        inputs, outputs = ((), ()) if module is None else (tuple(module.inputs), tuple(module.outputs))
+        used = [(("shows", state), name, outputs) for state, name in bits.shows.items()]
+        used += [(("orders", order), name, inputs) for order, name in bits.orders.items()]
+        used += [(("recipe",), name, inputs) for name in bits.recipe]
+        places = [
+            (("plant", "bits", *place), f"devices.signals has no {name!r} there; legal: {', '.join(legal) or 'none'}")
+            for place, name, legal in used
+            if name not in legal
+        ]
+        if places:
+            raise Disagreement(places)
         return self
 
     def by_hand(self) -> Configuration:

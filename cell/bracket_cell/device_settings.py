@@ -17,7 +17,15 @@ from pydantic import (
 
 from bracket_cell.plugins import Chosen
 from bracket_cell.simulator import NoSimulation, installed
-from bracket_cell.skills.drivers.settings import ArmKind, CameraKind, CanSettings, GripperKind, SignalSettings, kinds_of
+from bracket_cell.skills.drivers.settings import (
+    ArmKind,
+    CameraKind,
+    CanSettings,
+    GripperKind,
+    SignalKind,
+    SignalSettings,
+    kinds_of,
+)
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.devices import ROLES
@@ -28,7 +36,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "overhead": ("simulated", *kinds_of(CameraKind)),
     "wrist": ("simulated", *kinds_of(CameraKind)),
     "panel": ("simulated", "page", "none"),
-    "signals": ("can",),
+    "signals": kinds_of(SignalKind),
 }  # of the project, by role
 _OURS: list[Any] = sorted({kind for kinds in KINDS.values() for kind in kinds})
 
@@ -107,7 +115,7 @@ GripperDevice = Annotated[Simulated | GripperKind | Own, _kind("gripper")]
 PanelDevice = Annotated[
     Simulated | Annotated[PagePanel, Tag("page")] | Annotated[NoPanel, Tag("none")] | Own, _kind("panel")
 ]
-SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("signals")]
+SignalsDevice = Annotated[SignalKind | Own, _kind("signals")]
 
 
 def _from_file(value: Any, info: ValidationInfo) -> Any:
@@ -142,7 +150,7 @@ class DeviceSettings(Model):
         overhead: the camera over the bench, likewise.
         wrist: the camera at the gripper, likewise.
         panel: what the person at the bench sees: simulated, page, none, or your own driver.
-        signals: an I/O module with digital signals: can, or your own driver; none by default.
+        signals: digital signals: of an I/O module (can), of a PLC (modbus), or your own driver; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
             person.
     """

@@ -17,6 +17,7 @@ from bracket_ground.files.model import Model
 from bracket_ground.files.units import Duration
 from bracket_ground.files.words.catalogue import languages
 
+Shown = Literal["running", "held", "question", "holding", "over", "watchdog"]
 TOPIC_NAME = r"^[^+#/\x00]+$"  # an element of a topic: MQTT 3.1.1, 4.7
 
 
@@ -189,14 +190,33 @@ class MqttSettings(Model):
         return self.model_copy(update={name: folder / file for name, file in files.items() if file is not None})
 
 
+class BitSettings(Model):
+    """What the cell says and is told by digital signals, by their names in `devices.signals`.
+
+    Attributes:
+        shows: output for each of these: running (the arm may move), held, question (somebody must answer), holding (a
+            part is between the fingers), over (the run has ended), watchdog (changes each second).
+        orders: input for each of these, which orders when it becomes true: acknowledge, pause, resume, finish (end the
+            shift after this bracket), stop.
+        recipe: inputs that are a number together, the lowest digit first: 1 for the first goal of the product file; 0
+            says nothing.
+    """
+
+    shows: dict[Shown, str] = Field(default_factory=dict)
+    orders: dict[Literal["acknowledge", "pause", "resume", "finish", "stop"], str] = Field(default_factory=dict)
+    recipe: tuple[str, ...] = ()
+
+
 class PlantSettings(Model):
     """The plant that a cell stands in.
 
     Attributes:
         mqtt: the broker that is told of runs; none by default.
+        bits: digital signals to and from a PLC.
     """
 
     mqtt: MqttSettings | None = None
+    bits: BitSettings = BitSettings()
 
     def beside(self, folder: Path) -> PlantSettings:
         """With files relative to a folder."""

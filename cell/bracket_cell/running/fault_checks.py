@@ -412,6 +412,7 @@ CHECKS: Mapping[str, Check] = {
     "gripper_restarted_holding": _restarted("holding", "with a part between its fingers"),
     "detector_lost": _trouble_of("detector overhead", "detector wrist"),
     "camera_lost": _trouble_of("camera overhead", "camera wrist"),
+    "signals_lost": _trouble_of("signals"),
     "bench_stale": _stale_bench,
     "bench_in_the_future": _future_bench,
     "camera_unhealthy": _of_view(_health),

@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.plant.bits import PlantBits
 from bracket_cell.recording.recorder import McapRecorder
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.running.operator import OperatorChannel
@@ -116,7 +117,9 @@ class Assembled:
         goals = self._files.configuration.planners.semantic.goals
         finished = () if goals is None else (FinishedBrackets(goals, self._files.product),)
         first = (self.recorder, why_now, self._progress, self.moments, jobs)
-        return (*first, *self.counts.observers, *viewers.observers, *finished)
+        bits, signals = self._files.configuration.plant.bits, self.devices.signals
+        plant = () if signals is None else (PlantBits(bits, signals, self._files.product, self.operator.press),)
+        return (*first, *self.counts.observers, *viewers.observers, *finished, *plant)
 
     def _alarm(self, time_s: float, level: Level, text: str) -> None:
         self._progress.message(time_s, level, text)

@@ -42,6 +42,7 @@ ADVICE: Mapping[str, str] = {  # by signal
     "gripper_bus_errors": _BUS,
     "detector_lost": "Call maintenance, a program of the cell has ended",
     "camera_lost": _CAMERA,
+    "signals_lost": _CABLE,
     "bench_stale": _CAMERA,
     "bench_in_the_future": _CAMERA,
     "camera_unhealthy": _VIEW,

@@ -102,7 +102,12 @@ SIGNALS: Mapping[str, Sign] = {
         "frames without errors",
     ),
     "detector_lost": Sign("the process of a detector died", "it answers"),
-    "camera_lost": Sign("a camera raises an error, or what detects in its images does not answer", FRAMES),
+    "camera_lost": Sign(
+        "a camera raises an error, what detects in its images does not answer, or the wrist image still shows a part "
+        "that the robot took away",
+        FRAMES,
+    ),
+    "signals_lost": Sign("the module or PLC with the digital signals is silent", "its words, or its questions"),
     "bench_stale": Sign("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
     "bench_in_the_future": Sign("the view of the bench has a time stamp that is still to come", "stamps up to now"),
     "camera_unhealthy": Sign(

@@ -95,6 +95,7 @@ SPOILS: dict[str, Spoil] = {
     "gripper_other_master": gripper(other_master=True),
     "gripper_bus_errors": gripper(bus_errors="3 error frames"),
     "detector_lost": trouble("detector overhead"),
+    "signals_lost": trouble("signals"),
     "camera_lost": trouble("camera overhead"),
     "bench_stale": lambda seen: replace(seen, bench=None),
     "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),

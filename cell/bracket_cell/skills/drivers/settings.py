@@ -32,6 +32,25 @@ class SignalSettings(Model):
     timeout_s: float = Field(default=0.5, gt=0, le=60)
 
 
+class ModbusSignalSettings(Model):
+    """Digital signals to and from a PLC that asks for them: a server of Modbus TCP; needs the extra robotiq.
+
+    Attributes:
+        kind: this driver.
+        at: HOST:PORT where the cell listens; Modbus asks nobody who they are, so name the address of the machine's own
+            network. Port 502 needs rights that a cell should not have.
+        inputs: coil that the PLC writes for each signal, by the names that tree files use.
+        outputs: discrete input that the PLC reads for each signal.
+        timeout_s: a PLC that asks or writes nothing for this long is silent, which is a fault.
+    """
+
+    kind: Literal["modbus"] = "modbus"
+    at: str = Field(default="127.0.0.1:1502", pattern=r"^\S+:\d{1,5}$")
+    inputs: dict[str, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=1.0, gt=0, le=60)
+
+
 class CanSettings(Model):
     """A gripper with the 2F-85's registers on a CAN bus.
 
@@ -213,6 +232,7 @@ GripperKind = (
     | Annotated[RobotiqUrcapSettings, Tag("robotiq_urcap")]
     | Recorded
 )
+SignalKind = Annotated[SignalSettings, Tag("can")] | Annotated[ModbusSignalSettings, Tag("modbus")]
 CameraKind = (
     Annotated[V4l2Settings, Tag("v4l2")]
     | Annotated[StreamSettings, Tag("stream")]
@@ -224,6 +244,7 @@ ArmKind = Annotated[UrSettings, Tag("ur")] | Recorded
 DRIVERS: Mapping[type[Model], str] = {
     CanSettings: "bracket_cell.skills.drivers.can_gripper:CanGripper",
     SignalSettings: "bracket_cell.skills.drivers.can_signals:CanSignals",
+    ModbusSignalSettings: "bracket_cell.plant.modbus_signals:ModbusSignals",
     UrSettings: "bracket_cell.skills.drivers.ur:UrArm",
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:ModbusGripper",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:UrcapGripper",

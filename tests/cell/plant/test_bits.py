@@ -1,0 +1,121 @@
+"""The cell's state as bits, and orders by bits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
+from bracket_cell.plant.bits import PlantBits
+from bracket_cell.settings import BitSettings
+from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.operator import OperatorOrder, Question
+from tests.cell.running.test_supervisor import sound
+
+SHOWS = {name: name.upper() for name in ("running", "held", "question", "holding", "over", "watchdog")}
+BITS = BitSettings(
+    shows=SHOWS,
+    orders={"acknowledge": "ack", "pause": "pause", "finish": "finish"},
+    recipe=("r1", "r2"),
+)
+
+
+class Wires:
+    """Signals that keep what was written."""
+
+    def __init__(self) -> None:
+        self.outputs: dict[str, bool] = {}
+        self.written = 0
+
+    def read(self) -> dict[str, bool]:
+        return self.outputs
+
+    def write(self, name: str, value: bool) -> None:
+        self.outputs[name], self.written = value, self.written + 1
+
+    def close(self) -> None:
+        pass
+
+
+class Rig:
+    """Ticks with what a PLC says."""
+
+    def __init__(self) -> None:
+        self.wires, self.ordered = Wires(), list[OperatorOrder]()
+        self.bits = PlantBits(BITS, self.wires, load_product(load_configuration()), self.ordered.append)
+
+    def tick(self, judgement: Judgement | None = None, display: Display | None = None, **said: bool) -> dict[str, bool]:
+        seen: Observation = replace(sound(0), signals=said)
+        command = Command()
+        command.display = display
+        self.bits.tick(TickRecord(seen, "RUNNING", (), (), command, SentCommand(), 0.0, False, judgement=judgement))
+        return self.wires.outputs
+
+
+def test_the_state_is_shown_and_only_changes_are_written() -> None:
+    rig = Rig()
+    shown = rig.tick()
+    assert shown["RUNNING"]
+    assert not shown["HELD"]
+    written = rig.wires.written
+    rig.tick()
+    assert rig.wires.written == written
+    shown = rig.tick(Judgement(Action.HOLD, 0.0, (("hand_unknown", "lost"),)))
+    assert shown["HELD"]
+    assert not shown["RUNNING"]
+    shown = rig.tick(display=Display(questions=(Question(1, "goal", "which one is it?", "", "say it", "", ()),)))
+    assert shown["QUESTION"]
+    assert rig.tick()["QUESTION"], "a display stays until another one comes"
+    rig.bits.close(Outcome("finished", "", 6, 0, 0.3, 0.3))
+    assert rig.wires.outputs["OVER"]
+    assert not rig.wires.outputs["RUNNING"]
+
+
+def test_an_input_orders_when_it_becomes_true_and_not_when_a_run_begins_with_it() -> None:
+    rig = Rig()
+    rig.tick(ack=True, pause=False)
+    assert not rig.ordered
+    rig.tick(ack=False, pause=True)
+    rig.tick(ack=True, pause=True)
+    rig.tick(pause=True)  # the PLC is silent: nothing is known of ack
+    rig.tick(ack=True, pause=True)
+    assert [(order.kind, order.value) for order in rig.ordered] == [("pause", "now"), ("acknowledge", "")]
+
+
+def test_a_recipe_is_a_number() -> None:
+    rig = Rig()
+    for r1, r2 in ((False, False), (True, False), (True, False), (False, True), (False, False), (True, True)):
+        rig.tick(r1=r1, r2=r2)
+    assert [(order.kind, order.value) for order in rig.ordered] == [("goal", "g0"), ("goal", "g1"), ("goal", "g2")]
+
+
+def cell(folder: Path, bits: dict[str, Any], signals: dict[str, Any] | None) -> Path:
+    data = yaml.safe_load(DEFAULT_CONFIGURATION.read_text())
+    data |= {"product": str(DEFAULT_CONFIGURATION.with_name("products.yaml")), "plant": {"bits": bits}}
+    data["devices"] = {"signals": signals} if signals else {}
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("bits", "said"),
+    [
+        ({"shows": {"held": "lamp"}}, "no 'lamp' there; legal: running"),
+        ({"orders": {"stop": "running"}}, "no 'running' there; legal: start"),
+        ({"recipe": ["start", "r2"]}, "no 'r2' there; legal: start"),
+        ({"shows": {"happy": "running"}}, "happy"),
+    ],
+)
+def test_a_bit_that_is_no_signal_is_an_error_with_its_place(tmp_path: Path, bits: dict[str, Any], said: str) -> None:
+    signals = {"kind": "modbus", "inputs": {"start": 0}, "outputs": {"running": 0}}
+    with pytest.raises(InputError, match=rf"cell\.yaml:\d+.*{said}"):
+        load_configuration(cell(tmp_path, bits, signals))

@@ -112,6 +112,7 @@ class Configuration(Model):
     def _bits_are_signals(self) -> Configuration:
         module, bits = self.signals, self.plant.bits
         inputs, outputs = ((), ()) if module is None else (tuple(module.inputs), tuple(module.outputs))
+        used: list[tuple[tuple[str, ...], str, tuple[str, ...]]]
         used = [(("shows", state), name, outputs) for state, name in bits.shows.items()]
         used += [(("orders", order), name, inputs) for order, name in bits.orders.items()]
         used += [(("recipe",), name, inputs) for name in bits.recipe]

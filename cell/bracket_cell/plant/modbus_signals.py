@@ -76,7 +76,7 @@ class ModbusSignals:
         unused = [SimData(0, values=0)]
         device = SimDevice(0, (words, words, unused, unused), action=self._asked)
         behind = hidden_address()
-        server = ModbusTcpServer(device, address=(behind, 0))
+        server: Any = ModbusTcpServer(device, address=(behind, 0))
         await server.serve_forever(background=True)
         port = server.transport.sockets[0].getsockname()[1]
         gate = Gate(self._listening, (behind, port), greets=_greets)

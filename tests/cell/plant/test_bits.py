@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import yaml
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from bracket_cell.plant.bits import PlantBits
-from bracket_cell.settings import BitSettings
+from bracket_cell.settings import BitSettings, Shown
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.command import Command, Display
@@ -20,7 +20,7 @@ from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import OperatorOrder, Question
 from tests.cell.running.test_supervisor import sound
 
-SHOWS = {name: name.upper() for name in ("running", "held", "question", "holding", "over", "watchdog")}
+SHOWS: dict[Shown, str] = {name: name.upper() for name in get_args(Shown)}
 BITS = BitSettings(
     shows=SHOWS,
     orders={"acknowledge": "ack", "pause": "pause", "finish": "finish"},

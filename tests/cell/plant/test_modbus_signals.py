@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ from pymodbus.client import ModbusTcpClient
 
 from bracket_cell.plant.modbus_signals import ModbusSignals
 
-SETTINGS = {"inputs": {"start": 0, "recipe_1": 40}, "outputs": {"running": 0, "fault": 17, "last": 255}}
+SETTINGS: dict[str, Any] = {"inputs": {"start": 0, "recipe_1": 40}, "outputs": {"running": 0, "fault": 17, "last": 255}}
 
 
 def free_port() -> int:

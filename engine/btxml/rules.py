@@ -11,7 +11,7 @@ recurrences of Havelund and Rosu, "Synthesizing monitors for safety properties" 
     running("N"), succeeded("N"), failed("N")    of a node by its path, its name or its tag: it runs, or ended so now
 
 What has no value yet is unknown, and so is all that depends on it (Kleene's three values): a rule that is unknown is
-neither kept nor broken.
+neither kept nor broken, and one that was broken stays so until it is kept again.
 """
 
 from __future__ import annotations
@@ -315,22 +315,33 @@ class Watched:
 
     Attributes:
         always: the expression must hold in every tick; else it must hold in none.
-        broken: it is now.
-        known: ticks in which it was kept or broken, and not unknown.
+        broken: it is, or was when it was known last.
+        ticks: in which it was kept, broken and unknown.
+        unknown_since_s: since when it is unknown without a break; None where it is known.
     """
 
     name: str
     expression: Expression
     always: bool = False
     broken: bool = False
-    known: int = 0
+    ticks: tuple[int, int, int] = (0, 0, 0)
+    unknown_since_s: float | None = None
 
     def step(self, tick: int, moment: Moment) -> Violation | None:
         """Take a tick; the violation that begins in it."""
         holds, before = self.expression(moment), self.broken
-        self.known += holds is not None
-        self.broken = holds is not None and holds is not self.always
+        kept, broken, unknown = self.ticks
+        if holds is None:
+            self.unknown_since_s = moment.time_s if self.unknown_since_s is None else self.unknown_since_s
+            self.ticks = kept, broken, unknown + 1
+            return None
+        self.unknown_since_s, self.broken = None, holds is not self.always
+        self.ticks = kept + (not self.broken), broken + self.broken, unknown
         return Violation(self.name, tick, moment.time_s, self.reason(moment)) if self.broken and not before else None
+
+    def unknown_s(self, time_s: float) -> float:
+        """For how long it is unknown."""
+        return 0.0 if self.unknown_since_s is None else time_s - self.unknown_since_s
 
     def reason(self, moment: Moment) -> str:
         """What its names hold now."""

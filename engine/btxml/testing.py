@@ -22,9 +22,9 @@ from btxml.engine.ports import Port
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
 from btxml.files.compile.registry import BUILT_IN, Registry, is_leaf, tag_of
-from btxml.files.loader import knowing, load_tree, unused_entries
+from btxml.files.loader import built, knowing, load_tree, unused_entries
 from btxml.files.parse.in_python import InPython, in_python
-from btxml.files.parse.library import hint
+from btxml.files.parse.library import hint, read_library
 from btxml.mocks import Mocks, TestNode, read_mocks
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
@@ -49,6 +49,7 @@ class TreeBench:
         registry: the nodes that the file may name; those of the language by default.
         beside: further tree files, and folders with them, whose trees the file may name.
         real: leaves that run as they are.
+        part: `main` is called elsewhere; what its callers give it has no value here.
         mocks: file with leaves that are replaced, as BehaviorTree.CPP's `loadSubstitutionRuleFromJSON` reads it.
 
     Attributes:
@@ -71,6 +72,7 @@ class TreeBench:
         beside: Iterable[Path] = (),
         real: Iterable[type[TreeNode]] = (),
         mocks: str | Path | None = None,
+        part: bool = False,
     ) -> None:
         source = in_python(path) if isinstance(path, TreeNode) else Path(path)
         real = tuple(real)
@@ -88,7 +90,10 @@ class TreeBench:
         registry = registry.extended([*stand_ins, self._counted(TestNode)])
         replaced = Mocks() if mocks is None else read_mocks(Path(mocks), registry)
         registry.substitute = replaced.instead
-        self.tree: Tree = load_tree(source, registry, main, provided, beside)
+        if part and main is not None:
+            self.tree: Tree = built(read_library(source, beside), registry, main, provided or {}).tree
+        else:
+            self.tree = load_tree(source, registry, main, provided, beside)
         if problems := unused_entries({next(iter(self.tree.texts)): self.tree}):
             raise TreeFileError(*problems)
         self.tree.setup(services, self.clock)

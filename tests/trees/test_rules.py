@@ -16,7 +16,7 @@ from bracket_cell.trees import Bench
 from bracket_cell.trees.rules import Situation, load_rules
 from bracket_ground.errors import InputError
 from btxml.engine.status import Status
-from btxml.rules import Expression, RuleError, Truth
+from btxml.rules import Expression, RuleError, Truth, Watched
 from tests import ROOT
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Mine">
@@ -219,5 +219,28 @@ def test_logs_are_judged_tick_by_tick(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["log", "rules", str(log), "--rules", str(rules)]) == 1
     told = capsys.readouterr().out
     assert "tick 57 at 2.28 s: opens low: command.opens = True, tool.z_m = 0.4" in told
-    assert "is active first" not in told
-    assert "nobody: unknown in 1 logs" in told
+    assert "is active first: " not in told
+    assert [line.split()[-6:] for line in told.splitlines() if line.startswith(("is active", "nobody"))] == [
+        ["1", "(874)", "0", "(0)", "0", "(0)"],
+        ["0", "(0)", "0", "(0)", "1", "(874)"],
+    ]
+
+
+def test_a_broken_rule_that_is_unknown_stays_broken() -> None:
+    watched = Watched("r", Expression("p"), always=True)
+    trace = [{"p": True}, {"p": False}, {}, {}, {"p": True}, {}]
+    steps = [watched.step(n, Facts(float(n), entries)) is not None for n, entries in enumerate(trace)]
+    assert (steps, watched.ticks) == ([False, True, False, False, False, False], (2, 1, 3))
+    assert watched.unknown_s(7.0) == 2.0
+    seen = Watched("r", Expression("p"), always=True)
+    assert [(seen.step(n, Facts(float(n), entries)), seen.broken)[1] for n, entries in enumerate(trace)] == [
+        *(False, True, True, True, False, False)
+    ]
+
+
+def test_check_notes_a_rule_that_is_unknown_at_first(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules = "rules:\n  - {name: few, never: tries > 9, action: hold, unknown_after_s: 3}\n"
+    tree.with_suffix(".rules.yaml").write_text(rules)
+    assert main(["check", str(tree), "--no-config"]) == 0
+    told = "note: rule 'few' is unknown, and not kept, until tries is written, and holds the cell after 3 s of that"
+    assert told in capsys.readouterr().err

@@ -22,9 +22,10 @@ from bracket_cell.commands.options import (
     registry_of,
 )
 from bracket_cell.commands.terminal import BAD_INPUT, print_json
+from bracket_cell.trees.bench import breakable
 from bracket_cell.trees.loading import input_problem, load_tree
 from bracket_cell.trees.node_library import node_registry
-from bracket_cell.trees.rules import check_rules, rules_beside
+from bracket_cell.trees.rules import CheckedRules, check_rules, rules_beside
 from bracket_ground.errors import InputError, Problem
 from bracket_ground.files.files import write_new
 from btxml.files.check import Circumstances, findings
@@ -54,8 +55,8 @@ def check(
     levels = findings(files, registry_of(config, nodes), known)
     problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
     if not problems:
-        broken, odd = _of_rules(files, registry_of(config, nodes), known)
-        problems, warnings = broken, [*warnings, *odd]
+        broken, odd, told = _of_rules(files, registry_of(config, nodes), known)
+        problems, warnings, notes = broken, [*warnings, *odd], [*notes, *told]
     if config is not None:
         stuck, odd = bench_of(config)
         problems, warnings = [*problems, *stuck], [*warnings, *odd]
@@ -80,15 +81,17 @@ def check(
     return int(doubtful)
 
 
-def _of_rules(files: list[Path], registry: Registry, known: Circumstances) -> tuple[list[Problem], list[Problem]]:
-    """Of the files of rules beside sound tree files: mistakes, and rules that can never be broken or kept."""
-    problems, doubts = list[Problem](), list[Problem]()
+def _of_rules(files: list[Path], registry: Registry, known: Circumstances) -> CheckedRules:
+    """Of the files of rules beside sound tree files: mistakes, what can never be, what can happen, what is unknown."""
+    found = CheckedRules([], [], [])
     for file in files:
         if (rules := rules_beside(file)) is not None:
             tree = load_tree(file, registry, None, known.provided, known.beside)
-            broken, odd = check_rules(rules, tree)
-            problems, doubts = [*problems, *broken], [*doubts, *odd]
-    return problems, doubts
+            one = check_rules(rules, tree)
+            able = [] if one.problems else breakable(file, rules, registry, known)
+            for level, told in zip(found, (one.problems, one.doubts, [*one.notes, *able]), strict=True):
+                level.extend(told)
+    return found
 
 
 def _problem_data(problem: Problem) -> dict[str, object]:

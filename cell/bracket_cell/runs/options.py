@@ -183,7 +183,7 @@ class RunOptions:
         path = rules_beside(self.tree)
         if path is None:
             return Rules()
-        if problems := check_rules(path, tree)[0]:
+        if problems := check_rules(path, tree).problems:
             raise InputError(*problems)
         return load_rules(path)
 

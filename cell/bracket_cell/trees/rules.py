@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.model import Disagreement, Model
+from bracket_ground.files.words.message import Message
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import ArmState, GripperState, Observation
@@ -37,12 +38,14 @@ class Rule(Model):
         never: an expression that must hold in no tick.
         always: an expression that must hold in every tick.
         action: what the cell does where the rule is broken: warn, hold (until a person acknowledges it) or stop.
+        unknown_after_s: a rule of hold or stop that is unknown for longer holds the cell [s].
     """
 
     name: str = Field(min_length=1, max_length=200)
     never: str | None = None
     always: str | None = None
     action: Literal["warn", "hold", "stop"] = "warn"
+    unknown_after_s: float = Field(5.0, ge=0.0)  # a person who reaches in needs less: what is unknown is soon told
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Rule:
@@ -97,22 +100,42 @@ def load_rules(path: Path) -> Rules:
     return load_yaml(path, Rules)
 
 
-def check_rules(path: Path, tree: Tree) -> tuple[list[Problem], list[Problem]]:
-    """What is wrong with a file of rules for a tree, and which rules can never be broken or never be kept.
+class CheckedRules(NamedTuple):
+    """What there is to say about a file of rules for a tree.
+
+    Attributes:
+        doubts: rules that can never be broken, or never be kept.
+        notes: rules that are unknown at first.
+    """
+
+    problems: list[Problem]
+    doubts: list[Problem]
+    notes: list[Problem]
+
+
+def check_rules(path: Path, tree: Tree) -> CheckedRules:
+    """What is wrong with a file of rules for a tree.
 
     Raises:
         InputError: the file cannot be read.
     """
-    problems: list[Problem] = []
-    doubts: list[Problem] = []
+    found = CheckedRules([], [], [])
     nodes = nodes_of(tree)
     for number, rule in enumerate(load_rules(path).rules):
         expression, place = Expression(rule.text), place_of(path, ("rules", number, rule.key))
-        problems += _unknown(expression, nodes, tree.blackboard, place)
+        unknown = list(_unknown(expression, nodes, tree.blackboard, place))
+        found.problems.extend(unknown)
         if expression.is_constant:
             kept = expression(Situation(0.0)) is (rule.key == "always")
-            doubts.append(Problem(place, f"this rule can never be {'broken' if kept else 'kept'}: it names nothing"))
-    return problems, doubts
+            what = f"this rule can never be {'broken' if kept else 'kept'}: it names nothing"
+            found.doubts.append(Problem(place, what))
+        own = [name for name in expression.names if name in tree.blackboard]
+        empty = [name for name in own if tree.blackboard.entry(name).value is UNSET]
+        if empty and not unknown:
+            holds = f", and holds the cell after {rule.unknown_after_s:g} s of that" if rule.action != "warn" else ""
+            what = f"rule '{rule.name}' is unknown, and not kept, until {', '.join(empty)} is written{holds}"
+            found.notes.append(Problem(place, what))
+    return found
 
 
 def _unknown(expression: Expression, nodes: Nodes, blackboard: Scope, place: Place) -> Iterator[Problem]:
@@ -218,9 +241,19 @@ class RuleWatch:
         return any("." not in name for one in self.watched for name in one.expression.names)
 
     @property
-    def unknown(self) -> list[str]:
-        """Rules that were neither kept nor broken in any tick so far."""
-        return [one.name for one in self.watched if not one.known]
+    def ticks(self) -> dict[str, tuple[int, int, int]]:
+        """By rule, in how many ticks so far it was kept, broken and unknown."""
+        return {one.name: one.ticks for one in self.watched}
+
+    def acting(self, situation: Situation) -> Iterator[tuple[str, Message]]:
+        """What the cell must do now, and why: for what is broken, and for what matters and is unknown for too long."""
+        for rule, one in zip(self.rules, self.watched, strict=True):
+            why, unknown_s = one.reason(situation), one.unknown_s(situation.time_s)
+            if one.broken:
+                yield rule.action, Message("rule '{name}' is broken: {why}", name=rule.name, why=why)
+            elif rule.action != "warn" and one.unknown_since_s is not None and unknown_s >= rule.unknown_after_s:
+                text = "rule '{name}' is unknown for {s:g} s or more: {why}"
+                yield "hold", Message(text, name=rule.name, s=rule.unknown_after_s, why=why)
 
 
 def watch_of(paths: Iterable[Path]) -> RuleWatch:

@@ -10,7 +10,6 @@ from bracket_cell.trees.nodes.services import Tick
 from bracket_cell.trees.rules import Rule, RuleWatch, Situation
 from bracket_cell.wiring.reload import WatchedTree
 from bracket_cell.wiring.services import TickClock
-from bracket_ground.files.words.message import Message
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
@@ -35,11 +34,7 @@ class RuleLook:
         seen, entries = now.observation, tree.blackboard.values() if self._watch.names_entries else {}
         situation = Situation(seen.time_s, seen, now.command, entries, self._nodes, self._kinematics)
         self._watch.step(seen.tick, situation)
-        now.command.broken = tuple(
-            (rule.action, Message("rule '{name}' is broken: {why}", name=rule.name, why=one.reason(situation)))
-            for rule, one in zip(self._watch.rules, self._watch.watched, strict=True)
-            if one.broken
-        )
+        now.command.broken = tuple(self._watch.acting(situation))
 
 
 class RuledTree:

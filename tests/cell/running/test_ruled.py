@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,24 @@ def test_a_broken_rule_does_what_its_row_says_in_the_tick_that_breaks_it(action:
     assert first.action is Action.RUN
     assert second.action is Action[action.upper()]
     assert second.reasons == ((f"rule_{action}s", "rule 'n stays 0' is broken: n = 1"),)
+
+
+@pytest.mark.parametrize(("action", "held"), [("warn", []), ("hold", [2, 3]), ("stop", [2, 3])])
+def test_a_rule_that_matters_and_is_unknown_holds_after_its_time(action: str, held: list[int], tmp_path: Path) -> None:
+    (tmp_path / "tree.xml").write_text(TREE)
+    rule = Rule(name="m", never="nothing == 1", action=action, unknown_after_s=0.08)  # type: ignore[arg-type]
+    ruled = RuledTree(load_tree(tmp_path / "tree.xml", Registry()), [rule], Kinematics())
+    services = FakeServices(Rig().services.now)
+    ruled.setup(services, ManualClock())  # type: ignore[arg-type]
+    found = []
+    for number in range(4):
+        services.now.command = Command()
+        services.now.observation = replace(services.now.observation, time_s=0.04 * number)
+        ruled.tick()
+        told = services.now.command.broken
+        assert not told or told == (("hold", "rule 'm' is unknown for 0.08 s or more: nothing = unknown"),)
+        found += [number] if told else []
+    assert found == held
 
 
 def test_the_supervisor_of_a_cell_knows_rules() -> None:

@@ -15,27 +15,29 @@ from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.trees.rules import Situation, watch_of
 from btxml.rules import Nodes, Violation, nodes_of
 
+OUTCOMES = ("kept", "broken", "unknown")
+
 
 @dataclass(frozen=True)
 class Judged:
     """What became of the rules in one log.
 
     Attributes:
-        unknown: rules that were neither kept nor broken in any tick: what they name is not there.
+        rules: by name, in how many ticks each was kept, broken and unknown, as what it names had no value.
         lacks: what is missing from the log, in words; else empty.
     """
 
     log: Path
     ticks: int
     violations: tuple[Violation, ...]
-    unknown: tuple[str, ...]
+    rules: Mapping[str, tuple[int, int, int]]
     lacks: str = ""
 
     def plain(self) -> dict[str, object]:
         """For programs."""
         found = [{"rule": v.rule, "tick": v.tick, "time_s": v.time_s, "reason": v.reason} for v in self.violations]
-        told = {"log": str(self.log), "ticks": self.ticks, "violations": found, "unknown": list(self.unknown)}
-        return {**told, "lacks": self.lacks}
+        rules = {name: dict(zip(OUTCOMES, ticks, strict=True)) for name, ticks in self.rules.items()}
+        return {"log": str(self.log), "ticks": self.ticks, "violations": found, "rules": rules, "lacks": self.lacks}
 
 
 def judge(path: Path, rules: Sequence[Path], nodes: Sequence[str] = (), beside: Sequence[Path] = ()) -> Judged:
@@ -61,7 +63,7 @@ def judge(path: Path, rules: Sequence[Path], nodes: Sequence[str] = (), beside: 
     else:
         for tick in log.ticks:
             take(tick, {})
-    return Judged(path, count, tuple(violations), tuple(watch.unknown), "; ".join(lacks))
+    return Judged(path, count, tuple(violations), watch.ticks, "; ".join(lacks))
 
 
 def _replayed(log: Log, changes: Changes, take: Any) -> list[str]:
@@ -82,15 +84,20 @@ def _situation(tick: LoggedTick, entries: Mapping[str, Any], nodes: Nodes, kinem
 
 
 def rule_lines(judged: Sequence[Judged]) -> list[str]:
-    """For people: each violation with its log, then in how many logs each rule was broken."""
+    """For people: each violation with its log, then of each rule in how many logs it was broken, and ticks by outcome.
+
+    A log in which a rule was unknown in some tick, and never broken, does not count as kept.
+    """
     lines = [f"{one.log}: {violation}" for one in judged for violation in one.violations]
     lines += [f"{one.log}: {one.lacks}" for one in judged if one.lacks]
-    broken = {name: {one.log for one in judged for v in one.violations if v.rule == name} for name in _names(judged)}
-    lines += [f"{name}: broken in {len(logs)} of {len(judged)} logs" for name, logs in broken.items()]
-    unknown = sorted({name for one in judged for name in one.unknown})
-    lines += [f"{name}: unknown in {sum(name in one.unknown for one in judged)} logs" for name in unknown]
-    return lines or [f"{len(judged)} logs: every rule was kept"]
-
-
-def _names(judged: Sequence[Judged]) -> list[str]:
-    return sorted({violation.rule for one in judged for violation in one.violations})
+    rows = [("rule", *OUTCOMES)]
+    for name in judged[0].rules if judged else ():
+        ticks = [one.rules[name] for one in judged]
+        logs = [sum(not broken and not unknown for _, broken, unknown in ticks), sum(bool(one[1]) for one in ticks)]
+        counts = (*logs, len(ticks) - sum(logs))
+        rows.append((name, *(f"{logs} ({sum(one[n] for one in ticks)})" for n, logs in enumerate(counts))))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines.append(f"{len(judged)} logs (ticks):")
+    return lines + [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]

@@ -94,23 +94,17 @@ def why(
     at_s: Annotated[
         float, typer.Option("--at", help="Time in seconds; by default the last tick of the tree.", callback=a_time)
     ] = math.inf,
-    own: WithOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say why the cell did what it did: the way through its tree, the guard's word, what would have changed it."""
-    from bracket_cell.log.replay.loading import Changes
+    """Say why the cell did what it did: the way through its tree, what was compared, what would have changed it."""
     from bracket_cell.log.replay.why import why_at
     from bracket_cell.log.report.text import why_lines
 
-    files, beside = own_files(own)
-    then = why_at(read(log), at_s, Changes(nodes=(*files, *always_loaded()), beside=beside))
-    told = {"tick": then.tick.number, "time_s": then.tick.time_s, "status": then.tick.status, **then.why.plain()}
+    told = why_at(log, at_s)
     if as_json:
-        tell_json({**told, "remark": then.remark})
+        tell_json(told)
     else:
         say(*why_lines(told))
-    if then.remark:
-        sys.stderr.write(f"cell: {log[0]}: {then.remark}\n")
 
 
 @log_app.command()
@@ -197,12 +191,17 @@ def diff(
         spared(html, (one, other), overwrite)
     logs = read([one]), read([other])
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
+    from bracket_cell.log.replay.explain import causes, changed_files
+
     names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
+    changed = [] if found.identical else changed_files(*logs)
+    why = causes(found, changed)
     if html is not None:
         from bracket_cell.log.report.diff_page import write_diff
 
-        write_diff(*logs, found, names, html)
-    return tell_comparison(found, unfinished, as_json, names)
+        write_diff(*logs, found, names, html, why)
+    keys = [str(one) for one in changed]
+    return tell_comparison(found, unfinished, as_json, names, changed=keys, causes=why)
 
 
 @log_app.command()

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
+HALF_DIGIT_S = 0.005  # times are printed with two decimals
 
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 _ADDRESS = re.compile(r"([a-z0-9]{2,}):/+")
@@ -56,15 +57,15 @@ LogArgument = Annotated[
 
 
 def a_time(value: float) -> float:
-    """A time in a log: any number but nan."""
+    """A time in a log: any number but nan; all that is printed as this number is up to it."""
     if math.isnan(value):
         raise typer.BadParameter("nan is not a time")
-    return value
+    return value + HALF_DIGIT_S
 
 
-def _span(context: typer.Context, value: float) -> float:
+def _span(context: typer.Context, parameter: typer.CallbackParam, value: float) -> float:
     """A time of --from or --until; whichever comes second is compared with the first."""
-    value = a_time(value)
+    value = a_time(value) - (2 * HALF_DIGIT_S if parameter.name == "from_s" else 0.0)
     from_s, until_s = context.params.get("from_s"), context.params.get("until_s")
     if value < (value if from_s is None else from_s) or value > (value if until_s is None else until_s):
         raise typer.BadParameter("--from is later than --until")
@@ -143,14 +144,14 @@ def tell_comparison(
     ticks_of_run: int | None = None,
     altered: bool = False,
     changed: Sequence[str] = (),
-    crossed: Sequence[str] = (),
+    causes: Sequence[str] = (),
 ) -> int:
     """Say how two runs compare; returns the exit status.
 
     Args:
         ticks_of_run: how many should have been compared; None where only a piece was asked for.
         altered: what the run saw was changed in its log.
-        changed, crossed: keys that were changed, and values between their old and new limits.
+        changed, causes: keys that were changed, and what was noted that explains the difference.
     """
     whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
     if altered:
@@ -160,18 +161,19 @@ def tell_comparison(
     if as_json:
         tell_json(
             {**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished, "inputs_altered": altered}
+            | {"changed": list(changed), "why": list(causes)}
         )
     elif comparison.identical and whole:
         say(f"identical: {comparison.ticks} ticks")
     elif comparison.identical:
         say(f"identical, but only {comparison.ticks} of {ticks_of_run} ticks could be compared")
     else:
-        _tell_differences(comparison, names, changed, crossed)
+        _tell_differences(comparison, names, changed, causes)
     return 0 if comparison.identical and whole and not altered else DIFFERS
 
 
 def _tell_differences(
-    comparison: Comparison, names: tuple[str, str], changed: Sequence[str], crossed: Sequence[str]
+    comparison: Comparison, names: tuple[str, str], changed: Sequence[str], causes: Sequence[str]
 ) -> None:
     """The first other command and why, what differs up to there, and in numbers what follows from it."""
     from bracket_cell.log.report.text import difference_lines
@@ -181,7 +183,7 @@ def _tell_differences(
     assert leading is not None
     say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ")
     say(f"first other {leading.aspect}:", *difference_lines(leading, names))
-    for title, lines in (("changed:", changed[:SHOWN_NODES]), ("why:", crossed)):
+    for title, lines in (("changed:", changed[:SHOWN_NODES]), ("why:", causes)):
         if lines:
             say(title, *(f"      {line}" for line in lines))
     before = [one for one in comparison.first_by_aspect.values() if one.tick <= leading.tick and one is not leading]

@@ -25,7 +25,7 @@ from bracket_cell.commands.options import JsonOption, OverwriteOption, WithOptio
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, files_of
 from bracket_cell.log.replay.compare import Difference
-from bracket_cell.log.replay.explain import changed_keys, crossed, replay_row
+from bracket_cell.log.replay.explain import causes, changed_keys, replay_row
 from bracket_cell.log.replay.loading import Changes
 from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.log.report.replay_page import write_replay
@@ -94,7 +94,7 @@ def replay(
 
     comparison = again.run(from_s, until_s, watch)
     _remark(recorded, again.remarks[told:])
-    why = [] if comparison.first is None else crossed(again, changed, comparison)
+    why = causes(comparison, changed)
     keys = [str(one) for one in changed]
     if html is not None:
         write_replay(recorded, comparison, (again.remarks, keys, why), found, html)
@@ -103,7 +103,7 @@ def replay(
     piece = step or from_s > 0 or until_s < float("inf") or perception is not None
     of = None if piece else recorded.ticks_of_run - again.first
     return tell_comparison(
-        comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered, changed=keys, crossed=why
+        comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered, changed=keys, causes=why
     )
 
 

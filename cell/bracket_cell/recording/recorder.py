@@ -19,7 +19,16 @@ from bracket_cell.recording.rotation import Heading as Heading  # who opens a re
 from bracket_cell.recording.rotation import LogFiles, Snapshot
 from bracket_cell.recording.scene import CAMERAS, CellModel, SceneLog
 from bracket_cell.recording.scene_frames import timestamp
-from bracket_cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
+from bracket_cell.recording.schemas import (
+    TICKED,
+    TOPICS,
+    asked_of_devices,
+    json_bytes,
+    judged,
+    plain,
+    schema,
+    tick_json,
+)
 from bracket_cell.settings import LogSettings
 from bracket_cell.skills.drivers.can_gripper import CanFrame
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
@@ -49,6 +58,7 @@ class McapRecorder(Observer):
         context: of all channels; a live server serves them from there, too.
         scene: what viewers show beside them, None where the cell's model was not given.
         state: what a replay from the next tick on needs; kept at the beginning of each part and of each bracket.
+        why: why the robot does what it does after a tick, in plain data; noted where its text changes.
     """
 
     def __init__(
@@ -81,6 +91,8 @@ class McapRecorder(Observer):
         """
         self.context = foxglove.Context()
         self.state: Callable[[], Mapping[str, object]] = dict
+        self.why: Callable[[], Mapping[str, object]] = dict
+        self._told: Mapping[str, object] = {}
         self._settings = settings
         self._result = result
         self._alarm = alarm
@@ -159,6 +171,10 @@ class McapRecorder(Observer):
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
+        if record.status in TICKED and (told := self.why()):
+            if turned or told["text"] != self._told.get("text"):
+                self._write("/note/why", stamp_ns, {"tick": tick, **told})
+            self._told = told
         self._command(stamp_ns, record)
         if (turned or (begins and self._files.rotates)) and (state := self.state()):
             self._json["/state"].log(json_bytes({"tick": tick, **state}), log_time=stamp_ns)
@@ -203,7 +219,10 @@ class McapRecorder(Observer):
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
         told = {name: str(getattr(outcome, name)) for name in fields}
         if outcome.why is not None:
-            told |= {"cause": outcome.cause, "why": json_bytes(outcome.why.plain()).decode()}
+            told |= {
+                "cause": outcome.cause,
+                "why": json_bytes(outcome.why.plain() | {"causes": self._told.get("causes", ())}).decode(),
+            }
         self._files.note("outcome", {**told, digest.NAME: self._digest.text()})
         self._files.note("result", {name: json_bytes(plain(value)).decode() for name, value in self._result().items()})
         if self.dropped != Dropped():

@@ -19,10 +19,12 @@ from bracket_ground.interfaces.faults import Judgement
 from bracket_ground.interfaces.memory import Memory
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
+from btxml.engine.causes import Cause
 from btxml.engine.node import StatusChange
 
 Convert = Callable[[Any], Any]
 
+TICKED = frozenset(("RUNNING", "SUCCESS", "FAILURE", "SKIPPED"))  # statuses of a root that was asked
 TICK = {"tick": INTEGER}
 TEXTS = array(TEXT)
 NUMBERS = array(NUMBER)
@@ -73,6 +75,8 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT, "order": TEXT},
     "/note/memory": {**TICK, **fields_of(Memory)},
     "/note/skill": {**TICK, "node": TEXT, "status": TEXT, "reason": TEXT},
+    "/note/cause": {**TICK, **fields_of(Cause)},
+    "/note/why": {**TICK, "text": TEXT, "otherwise": TEXT, "held": TEXT, "guard": OBJECT, "tree": OBJECT},
     "/edit": {**TICK, "files": OBJECT},
     "/hook": {**TICK, "order": TEXT},
     "/snapshot": {**TICK, "statuses": OBJECT, "blackboard": OBJECT, "display": record(Display)},

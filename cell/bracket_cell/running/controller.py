@@ -30,6 +30,7 @@ from bracket_ground.interfaces.memory import Memory
 from bracket_ground.interfaces.notes import ListJournal
 from bracket_ground.interfaces.observation import JointSamples, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
+from btxml.engine.causes import Causes, collecting
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
 from btxml.engine.why import Reason
@@ -96,6 +97,7 @@ class Controller:
         watchdog: Watchdog | None = None,
     ) -> None:
         self.journal = ListJournal()
+        self._causes = Causes()
         self._devices = devices
         self._clock = devices.clock
         self._gripper = devices.gripper
@@ -143,7 +145,7 @@ class Controller:
         began_s, wall_began_s = self._clock.now_s(), time.monotonic()
         self._scheduled_s = self._deadline_s = began_s
         with self._watchdog.watching(), self._signals.heard():  # no signal raises in here, but in a step of a tick
-            with self._watchdog.ticks(self._devices.arm.stop):
+            with self._watchdog.ticks(self._devices.arm.stop), collecting(self._causes):
                 ending = self._until_end(tree, services)
                 condition, problems = self._stop(tree, services)
             self._watchdog.left = condition
@@ -259,7 +261,8 @@ class Controller:
         overrun = wall_s + observers_s > self._period_s
         self._ticks += 1
         self._overruns += overrun
-        notes = self.journal.take()
+        causes = tuple(("cause", vars(one)) for one in self._causes.take())
+        notes = (*self.journal.take(), *causes)
         self._observers.tick(
             TickRecord(
                 seen,

@@ -17,6 +17,7 @@ from bracket_ground.interfaces.command import Command, JointTrajectory
 from bracket_ground.interfaces.faults import Judgement
 from bracket_ground.interfaces.observation import LETS_GO, STALE_ARM_S, ArmMode, Observation
 from bracket_ground.interfaces.perception import BenchView
+from btxml.engine.causes import compared
 
 
 @dataclass(frozen=True)
@@ -162,12 +163,12 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
         return Detection(words) if words else None
 
     def stale(seen: Observation, _: Command, memory: Memory) -> Detection | None:
-        if words := _old_arm(seen, STALE_ARM_S):
+        if words := _old_arm(seen, "STALE_ARM_S", STALE_ARM_S):
             return Detection(words)
         repeats_s = watched(seen, memory).repeats_s
         return (
             Detection(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
-            if repeats_s > ARM.repeats_s
+            if compared("supervisor arm_stale", "repeats_s", repeats_s, ">", ARM.repeats_s, ArmMonitor.__module__)
             else None
         )
 
@@ -192,10 +193,10 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
     }
 
 
-def _old_arm(seen: Observation, limit_s: float) -> str:
+def _old_arm(seen: Observation, name: str, limit_s: float) -> str:
     """How old the arm's state is, where it is too old, and why in the arm's words."""
     age_s = seen.time_s - seen.arm.time_s
-    if age_s <= limit_s:
+    if compared("supervisor arm", name, age_s, "<=", limit_s, __name__):
         return ""
     words = Message("the arm's state is {age_s} s old", age_s=f"{age_s:.2f}")
     return Message("{words} ({reason})", words=words, reason=seen.arm.reason) if seen.arm.reason else words
@@ -203,7 +204,7 @@ def _old_arm(seen: Observation, limit_s: float) -> str:
 
 def _lost_arm(seen: Observation, _: Command, memory: Memory) -> Detection | None:
     words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "arm")
-    return _unless_vain(words or _old_arm(seen, LIMITS.lost_arm_s), memory)
+    return _unless_vain(words or _old_arm(seen, "lost_arm_s", LIMITS.lost_arm_s), memory)
 
 
 def _lost_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
@@ -242,11 +243,15 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
         off = float(np.abs(measured - sent.along(path_s - np.array(LIMITS.servo_lags_s))).max(axis=1).min())
-        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > LIMITS.off_path_rad else ""
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if _off(off, LIMITS.off_path_rad) else ""
     if seen.arm.moving:  # somewhere along its path
         off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())
-        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if off > LIMITS.off_path_rad else ""
-    return "the arm does not follow its trajectory" if _missed_rad(seen, sent) > _near_rad(sent) else ""
+        return Message("a joint is {off} rad off its path", off=f"{off:.3f}") if _off(off, LIMITS.off_path_rad) else ""
+    return "the arm does not follow its trajectory" if _off(_missed_rad(seen, sent), _near_rad(sent)) else ""
+
+
+def _off(measured_rad: float, limit_rad: float) -> bool:
+    return compared("supervisor arm_off_path", "off_path_rad", measured_rad, ">", limit_rad, __name__)
 
 
 def _far_rad(sent: JointTrajectory) -> float:
@@ -296,7 +301,7 @@ def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     age_s = seen.time_s - seen.bench.time_s
     return (
         Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
-        if not age_s <= PLAUSIBLE.stale_s
+        if not compared("supervisor bench_stale", "stale_s", age_s, "<=", PLAUSIBLE.stale_s, PLAUSIBLE.__module__)
         else None
     )
 
@@ -340,14 +345,17 @@ def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
 
 def tick_checks(tick_s: float) -> dict[str, Check]:
     """Checks of a control loop with this period."""
-    return {"tick_late": _late(LIMITS.late * tick_s), "tick_very_late": _late(LIMITS.very_late * tick_s)}
+    return {
+        "tick_late": _late("late", LIMITS.late * tick_s),
+        "tick_very_late": _late("very_late", LIMITS.very_late * tick_s),
+    }
 
 
-def _late(limit_s: float) -> Check:
+def _late(name: str, limit_s: float) -> Check:
     def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
         return (
             Detection(Message("a tick came {late_s} s late", late_s=f"{seen.late_s:.2f}"))
-            if seen.late_s > limit_s
+            if compared("supervisor tick_late", name, seen.late_s, ">", limit_s, __name__)
             else None
         )
 

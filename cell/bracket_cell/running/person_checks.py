@@ -14,6 +14,7 @@ from bracket_cell.skills.motion.person_space import HANDS
 from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
+from btxml.engine.causes import compared
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,13 @@ class ApproachLimits:
 LIMITS = ApproachLimits()
 
 
+SOURCE = "configuration, motion.separation"
+
+
 def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
     """Checks that need to know the arm's outline."""
     known: list[tuple[int, Separation | None]] = [(-1, None)]
+    given = monitor.settings.model_dump()
 
     def separation(seen: Observation, memory: Memory) -> Separation | None:
         if known[0][0] != seen.tick:
@@ -45,7 +50,7 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
     def near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         found = separation(seen, memory)
-        if found is None or found.share >= 1:
+        if found is None or compared("supervisor hand_near", "full_share", found.share, ">=", 1.0, SOURCE, **given):
             return None
         return Detection("slower, as a hand is near", found.share)
 
@@ -59,7 +64,9 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         least_m, slack_m = found.least_m, monitor.settings.hysteresis_m
         if memory.too_near:
             least_m = max(least_m for _, least_m in memory.leasts_m) + slack_m
-        memory.too_near = not found.distance_m >= least_m
+        memory.too_near = not compared(
+            "supervisor hand_too_near", "least_m", found.distance_m, ">=", least_m, SOURCE, **given
+        )
         if not memory.too_near:
             return None
         if not found.distance_m >= found.least_m + slack_m:  # else only a motion before asks for more room

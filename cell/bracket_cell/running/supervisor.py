@@ -18,6 +18,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, Judgement
 from bracket_ground.interfaces.observation import Observation
+from btxml.engine.causes import compared
 
 
 @dataclass(frozen=True)
@@ -149,14 +150,15 @@ def _update(fault: Fault, state: _State, detection: Detection | None, seen: Obse
     if detection is not None:
         state.since_s = now_s if state.since_s is None else state.since_s
         state.last_s, state.detection = now_s, detection
-        if state.active_s is None and now_s - state.since_s >= fault.delay_s:
+        if state.active_s is None and _lasts(fault, "delay_s", now_s - state.since_s, ">=", fault.delay_s):
             state.active_s, state.acknowledged_s = now_s, now_s if acknowledged else -math.inf
     else:
         state.since_s = None
         if state.active_s is not None and _clears(fault, state, seen):
             state.active_s, state.expired = None, False
     if state.active_s is not None:
-        lasts = fault.stop_after_s is not None and now_s - state.active_s > fault.stop_after_s
+        limit_s = fault.stop_after_s
+        lasts = limit_s is not None and _lasts(fault, "stop_after_s", now_s - state.active_s, ">", limit_s)
         state.expired |= lasts and fault.does > Action.WARN
         state.expired |= fault.clear == "person" and state.detection.vain
 
@@ -188,4 +190,9 @@ def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
     if fault.clear == "standstill" and not seen.arm.stands:
         state.last_s = seen.time_s
         return False
-    return seen.time_s - state.last_s >= fault.clear_s
+    return _lasts(fault, "clear_s", seen.time_s - state.last_s, ">=", fault.clear_s)
+
+
+def _lasts(fault: Fault, parameter: str, lasted_s: float, relation: str, limit_s: float) -> bool:
+    """Whether something lasts as long as a row of the table says."""
+    return compared(f"supervisor {fault.signal}", parameter, lasted_s, relation, limit_s, "table of faults")

@@ -116,7 +116,8 @@ class Assembled:
     def _observers(self, why_now: WhyNow, jobs: WorkOrders, viewers: Viewers) -> tuple[Observer, ...]:
         goals = self._files.configuration.planners.semantic.goals
         finished = () if goals is None else (FinishedBrackets(goals, self._files.product),)
-        first = (self.recorder, why_now, self._progress, self.moments, jobs)
+        self.recorder.why = lambda: why_now().plain()
+        first = (why_now, self.recorder, self._progress, self.moments, jobs)
         bits, signals = self._files.configuration.plant.bits, self.devices.signals
         plant = () if signals is None else (PlantBits(bits, signals, self._files.product, self.operator.press),)
         return (*first, *self.counts.observers, *viewers.observers, *finished, *plant)

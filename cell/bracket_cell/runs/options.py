@@ -123,7 +123,10 @@ class RunOptions:
     )
     max_duration_s: float | None = None
     images: bool = True
-    pixels: bool = True
+    pixels: Annotated[
+        bool,
+        Option("--pixels/--no-pixels", help="Render what cameras see; else the simulation says what is there: faster."),
+    ] = True
     one_process: bool = False
     devices: Devices | None = None
 

@@ -16,6 +16,7 @@ from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
 from bracket_ground.interfaces.product import Product
+from btxml.engine.causes import compared
 
 Decision = Literal["act", "wait", "ask"]
 TOLD = "if somebody said which goal it is"
@@ -152,10 +153,10 @@ class Guard:
         most_s = min(self._settings.question_s, outlook.wait_s)
         least = 1.0 - most_s / self._settings.wrong_act_s
         words = Message("{part} at {position}", part=placement[0], position=placement[1])
-        if risk_s <= most_s:
+        if self._compared("most_risk_s", risk_s, "<=", most_s, str(words)):
             reason = Message("{placement} has probability {probability:.2f}", placement=words, probability=probability)
             return Verdict("act", reason, f"if {words} had less than {least:.3f}")
-        if outlook.asks:
+        if self._asks(outlook, str(words)):
             question = "is this {goal}? Acting may cost {act_s:.0f} s, waiting {wait_s:.0f} s, a question {ask_s:.0f} s"
             return Verdict("ask", Message(question, goal=plan.goal, **vars(outlook)), TOLD)
         too_low = "{placement} has probability {probability:.3f} < {least:.3f}"
@@ -175,12 +176,12 @@ class Guard:
         if self.fits_none(state) and self.sure_goal(plan, state) is None:
             return True
         full = len(state.placed) == len(self._product.positions)
-        return plan.goal == UNKNOWN_GOAL if full else self.outlook(plan, state, may_ask, waited_s).asks
+        return plan.goal == UNKNOWN_GOAL if full else self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
 
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
         """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""
         beliefs = (belief for (name, _), belief in plan.next_belief.items() if part in (None, name))
-        return max(beliefs, default=0.0) >= self._settings.act_probability
+        return self._likely(max(beliefs, default=0.0), part or "any part")
 
     def fits_none(self, state: AssemblyState) -> bool:
         """Whether no known goal has every placed part where it is, and nothing that was taken out again."""
@@ -190,7 +191,7 @@ class Guard:
     def sure_goal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
         goal = plan.goal if state.told_goal is None else state.told_goal
-        sure = state.told_goal is not None or plan.goal_belief[goal] >= self._settings.act_probability
+        sure = state.told_goal is not None or self._likely(plan.goal_belief[goal], goal)
         if self.contradicted(plan, state):
             return None
         return goal if sure and goal in self._product.goals else None
@@ -211,6 +212,18 @@ class Guard:
         right = {at: part for at, part in state.confirmed.items() if state.placed.get(at, part) == part}
         otherwise = any(part not in wanted.get(position, ()) for position, part in right.items())
         return otherwise or _has_taken_out(wanted, state)
+
+    def _asks(self, outlook: Outlook, of: str) -> bool:
+        """Whether a question is the cheapest."""
+        return self._compared("asking_s", outlook.ask_s, "<", min(outlook.act_s, outlook.wait_s), of)
+
+    def _likely(self, probability: float, of: str) -> bool:
+        return self._compared("act_probability", probability, ">=", self._settings.act_probability, of)
+
+    def _compared(self, parameter: str, measured: float, relation: str, limit: float, of: str) -> bool:
+        """Expected costs [s] and probabilities, noted with the two costs of the configuration that make them."""
+        costs = {"guard.wrong_act_s": self._settings.wrong_act_s, "guard.question_s": self._settings.question_s}
+        return compared("guard", parameter, measured, relation, limit, "configuration, guard", of, **costs)
 
     def _risk_s(self, probability: float) -> float:
         """What it costs to make a placement that is right with this probability."""

@@ -11,7 +11,7 @@ import importlib.util
 import os
 import pkgutil
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -89,9 +89,13 @@ def node_registry(
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
 
 
-def own_code(tree: Tree) -> list[Path]:
-    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit."""
-    members = [member for node in tree.nodes for member in vars(type(node)).values()]
+def own_code(tree: Tree, nodes: Sequence[TreeNode] | None = None) -> list[Path]:
+    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit.
+
+    Args:
+        nodes: some of them; by default all.
+    """
+    members = [member for node in (tree.nodes if nodes is None else nodes) for member in vars(type(node)).values()]
     files = {Path(member.__code__.co_filename).resolve() for member in members if hasattr(member, "__code__")}
     here = Path.cwd() / USUAL_FOLDER
     return sorted(

@@ -45,11 +45,6 @@ class Outlook:
     wait_s: float
     ask_s: float
 
-    @property
-    def asks(self) -> bool:
-        """Whether a question is the cheapest."""
-        return self.ask_s < min(self.act_s, self.wait_s)
-
 
 def waiting_s(left_s: tuple[float, ...], waited_s: float = 0.0) -> float:
     """Expected cost [s] of waiting.

@@ -36,16 +36,18 @@ class Why:
         reason: of the tree; None before its first tick.
         held: why the supervisor holds the robot; empty where it does not.
         guard: empty where nothing was judged yet.
+        causes: comparisons that whoever decided noted last, as `Cause` has them, with the time [s].
     """
 
     reason: Reason | None = None
     held: str = ""
     guard: Guarded = Guarded()
+    causes: tuple[Mapping[str, Any], ...] = ()
 
     def __str__(self) -> str:
         said = [f"held: {self.held}"] if self.held else []
         said += [] if self.reason is None else [str(self.reason)]
-        if self._guard_counts:
+        if self.guard_counts:
             said.append(f"the guard: {self.guard.reason}")
         return "; ".join(said)
 
@@ -54,12 +56,12 @@ class Why:
         """What would have changed it: "if ..."; empty where nothing is known."""
         if self.held:
             return f"if this were over: {self.held}"
-        if self._guard_counts and self.guard.otherwise:
+        if self.guard_counts and self.guard.otherwise:
             return self.guard.otherwise
         return "" if self.reason is None else self.reason.otherwise
 
     @property
-    def _guard_counts(self) -> bool:
+    def guard_counts(self) -> bool:
         """Whether the guard keeps the robot from something that its tree does not name by itself."""
         named = "" if self.reason is None else str(self.reason)
         return self.guard.decision not in ("", "act", "unguarded") and self.guard.reason not in named
@@ -71,6 +73,7 @@ class Why:
             "otherwise": self.otherwise,
             "held": self.held,
             "guard": asdict(self.guard),
+            "causes": [dict(one) for one in self.causes],
             "tree": None if self.reason is None else self.reason.plain(),
         }
 
@@ -85,21 +88,20 @@ class WhyNow(Observer):
     def __init__(self, tree: Callable[[], Tree]) -> None:
         self._tree = tree
         self._verdict = Guarded()
-        self._held = ""
+        self._held, self._held_by = "", ""
+        self._causes: dict[str, dict[tuple[str, str], Mapping[str, Any]]] = {}
 
     def tick(self, record: TickRecord) -> None:
         judged = record.judgement
-        self.take(record.notes, "" if judged is None else judged.action.name, "" if judged is None else judged.words)
-
-    def take(self, notes: Iterable[tuple[str, Mapping[str, Any]]], action: str, words: str) -> None:
-        """The same, as a log has it.
-
-        Args:
-            action: of the supervisor, by name, with its words.
-        """
-        self._held = words if action in HOLDS else ""
-        for topic, fields in notes:
-            if topic == "verdict":
+        holds = judged is not None and judged.action.name in HOLDS
+        self._held = judged.words if judged is not None and holds else ""
+        self._held_by = judged.reasons[0][0] if judged is not None and holds and judged.reasons else ""
+        for topic, fields in record.notes:
+            if topic == "cause":
+                key = str(fields["parameter"]), str(fields["of"])
+                noted = {**fields, "time_s": record.observation.time_s}
+                self._causes.setdefault(str(fields["by"]), {})[key] = noted
+            elif topic == "verdict":
                 told = (str(fields.get(name, "")) for name in ("subject", "decision", "reason"))
                 self._verdict = Guarded(*told)
 
@@ -108,9 +110,18 @@ class WhyNow(Observer):
         tree, verdict = self._tree(), self._verdict
         reason = tree.why()
         if reason is not None and tree.nodes[reason.leaf.uid - 1].traits.claims:  # the robot acts: nothing keeps it
-            return Why(reason, self._held)
+            return Why(reason, self._held, causes=self._noted(reason))
         what_if = _what_if(tree.nodes, verdict.reason) if verdict.reason else ""
-        return Why(reason, self._held, replace(verdict, otherwise=what_if))
+        why = Why(reason, self._held, replace(verdict, otherwise=what_if))
+        return replace(why, causes=self._noted(reason, verdict.subject if why.guard_counts else ""))
+
+    def _noted(self, reason: Reason | None, subject: str = "") -> tuple[Mapping[str, Any], ...]:
+        """What the supervisor compared that holds the robot, else the guard about a placement, else the node."""
+        if self._held:
+            return tuple(self._causes.get(f"supervisor {self._held_by}", {}).values())
+        if subject:
+            return tuple(one for (_, of), one in self._causes.get("guard", {}).items() if of == subject)
+        return () if reason is None else tuple(self._causes.get(reason.leaf.path, {}).values())
 
 
 def _what_if(nodes: Iterable[TreeNode], said: str) -> str:

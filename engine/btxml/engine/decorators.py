@@ -115,7 +115,8 @@ class Timeout(Decorator):
             limit_ms = self.msec.get()
             self._deadline_s = now_s + limit_ms / 1000 if limit_ms > 0 else None
         self.set_status(RUNNING)
-        if self._deadline_s is not None and now_s >= self._deadline_s:
+        end_s = self._deadline_s
+        if end_s is not None and self.compare(now_s, ">=", self.msec, limit=end_s):
             self.feedback_message = f"time is up after {self.msec.get()} ms"
             return FAILURE
         self.feedback_message = ""
@@ -143,7 +144,7 @@ class Delay(Decorator):
         if self.status is not RUNNING:
             self._start_s = now_s + self.delay_msec.get() / 1000
             self.set_status(RUNNING)
-        if now_s < self._start_s:
+        if self.compare(now_s, "<", self.delay_msec, limit=self._start_s):
             return RUNNING
         return self.decorated.execute()
 

@@ -47,7 +47,8 @@ class Sleep(Node):
         self._end_s = self.runtime.clock.now_s() + self.msec.get() / 1000
 
     def update(self) -> Status:
-        return SUCCESS if self.runtime.clock.now_s() >= self._end_s else RUNNING
+        over = self.compare(self.runtime.clock.now_s(), ">=", self.msec, limit=self._end_s)
+        return SUCCESS if over else RUNNING
 
     def decision(self, answer: Status, history: History) -> Decision:
         told = super().decision(answer, history)

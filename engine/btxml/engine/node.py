@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, final
 
+from btxml.engine.causes import compared
 from btxml.engine.clock import Clock, Journal, ManualClock
 from btxml.engine.errors import NodeError
-from btxml.engine.ports import Port
+from btxml.engine.ports import Input, Port
 from btxml.engine.status import FAILURE as FAILURE
 from btxml.engine.status import IDLE as IDLE
 from btxml.engine.status import RUNNING as RUNNING
@@ -25,7 +26,7 @@ from btxml.engine.status import SKIPPED as SKIPPED
 from btxml.engine.status import SUCCESS as SUCCESS
 from btxml.engine.status import Status
 from btxml.engine.traits import Traits, refuse_former, refuse_own
-from btxml.engine.why import VERBS, Decision, History
+from btxml.engine.why import VERBS, Decision, History, Placed
 
 if TYPE_CHECKING:
     from btxml.engine.outside import LoggedAnswers
@@ -61,6 +62,7 @@ class Runtime:
         journal: takes notes for the log.
         answers: of a log, for who would ask beyond the cell; None where it is to ask.
         history: what the nodes answered.
+        place_of: file and line of a node, or of one of its attributes.
     """
 
     clock: Clock = field(default_factory=ManualClock)
@@ -71,6 +73,7 @@ class Runtime:
     journal: Journal | None = None
     answers: LoggedAnswers | None = None
     history: History = field(default_factory=History)
+    place_of: Placed = lambda *_: ("", 0)
 
 
 class Conditions(Protocol):
@@ -188,6 +191,26 @@ class TreeNode:
             return Decision((), self.feedback_message, self.what_if)
         silent = f" without a word: {_first_line(type(self))}" if answer is FAILURE else ""
         return Decision((), f"{VERBS[answer]}{silent}", self.what_if)
+
+    @final
+    def compare(
+        self, measured: float, relation: str, port: Input[Any], of: str = "", limit: float | None = None, **given: float
+    ) -> bool:
+        """Whether a value is as a port demands, like `self.compare(age_s, "<=", self.oldest_s)`; noted for the log.
+
+        Args:
+            of: what it is about, where a port is compared for several things.
+            limit: what the port makes the limit, such as an end of time; its value by default.
+            given: further parameters that somebody set and the value depends on.
+        """
+
+        def place() -> tuple[str, str]:
+            file, line = self.runtime.place_of(self, port.port.name)
+            return self.full_path, f"{file}:{line}" if line else ""
+
+        name, value = port.port.name, port.get()
+        most = value if limit is None else limit
+        return compared(place, name, measured, relation, most, "", of, **{name: value, **given})
 
     @property
     def raised(self) -> bool:

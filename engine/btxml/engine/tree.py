@@ -89,6 +89,7 @@ class Tree:
         self.scopes = tuple(scopes) or (blackboard,)
         self.unused = frozenset(unused)
         self._runtime = runtime
+        runtime.place_of = self.place_of
         self._change_cache: dict[tuple[int, str, str, str], StatusChange] = {}
 
     def setup(self, services: Any, clock: Clock) -> None:

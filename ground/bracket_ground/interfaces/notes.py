@@ -5,7 +5,19 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 Topic = Literal[
-    "belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot", "memory", "outside"
+    "belief",
+    "plan",
+    "verdict",
+    "help",
+    "skill",
+    "bracket",
+    "file",
+    "message",
+    "snapshot",
+    "memory",
+    "outside",
+    "cause",
+    "why",
 ]
 
 

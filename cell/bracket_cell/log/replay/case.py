@@ -114,7 +114,7 @@ def _write(log: Log, weights: Mapping[str, bytes], until_s: float, stream: Any) 
     end_ns = round(min(until_s, log.ticks[-1].time_s) * 1e9)  # what follows the last whole tick is no part of it
     for message in log.messages:
         topic = message.topic
-        if message.time_ns <= end_ns and (topic in TICK_TOPICS or topic.startswith("/note/")):
+        if message.time_ns <= end_ns and (topic in TICK_TOPICS or topic.startswith("/note/")) and topic != "/note/why":
             writer.channel(topic, message.encoding, "cell.Any", "jsonschema", b'{"type": "object"}')
             writer.message(topic, message.time_ns, message.data)
     writer.note("outcome", dict(log.outcome) if until_s == math.inf else {"end": "trimmed"})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,11 +14,13 @@ from bracket_cell.recording.json_schema import without_nulls
 from bracket_cell.recording.schemas import asked_of_devices, judged, plain
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Judgement
+from btxml.engine.causes import RELATIONS, Cause
 from btxml.engine.node import StatusChange
 
 _NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
 MEMORY = "memory"
+CAUSE, WHY = "cause", "why"  # notes that explain, and decide nothing
 LEADING = ("command", "judgement", "verdict", "plan")
 
 
@@ -58,6 +61,26 @@ class Difference:
     node: str = ""
 
 
+@dataclass(frozen=True)
+class Turn:
+    """A comparison that answers otherwise in one of two runs, each as it was noted last.
+
+    Attributes:
+        noted: ticks of these notes: a comparison is noted only where its answer turns.
+    """
+
+    tick: int
+    time_s: float
+    was: Cause
+    now: Cause
+    noted: tuple[int, int]
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """What somebody set otherwise that the measured value or the limit depends on."""
+        return tuple(name for name in self.was.given if self.was.given[name] != self.now.given.get(name))
+
+
 @dataclass
 class Comparison:
     """Differences of a whole run, kept small: all counts, and the first of every kind.
@@ -69,6 +92,10 @@ class Comparison:
         first_by_aspect, ticks_by_aspect, ticks_by_node: by name.
         at_first: all differences of the first tick that differs.
         command_node: the first node that differs in the tick of the first other command, or before it.
+        by_name: places of a tree are compared without their numbers.
+        turns: comparisons that turned out otherwise, up to the first other command.
+        first_by_node: the first difference of each node up to there.
+        recorded: whether the first run noted any comparison.
     """
 
     ticks: int = 0
@@ -79,6 +106,13 @@ class Comparison:
     ticks_by_node: Counter[str] = field(default_factory=Counter)
     at_first: list[Difference] = field(default_factory=list)
     command_node: str = ""
+    by_name: bool = False
+    turns: list[Turn] = field(default_factory=list)
+    first_by_node: dict[str, Difference] = field(default_factory=dict)
+    recorded: bool = False
+    _causes: tuple[dict[object, tuple[int, Cause]], dict[object, tuple[int, Cause]]] = field(
+        default_factory=lambda: ({}, {})
+    )
 
     @property
     def leading(self) -> Difference | None:
@@ -96,11 +130,30 @@ class Comparison:
         self.at_first = self.at_first or list(differences)
         if "command" not in self.first_by_aspect and (node := next((one.node for one in differences if one.node), "")):
             self.command_node = node
+        for difference in differences if "command" not in self.first_by_aspect else ():
+            self.first_by_node.setdefault(difference.node, difference)
         for difference in differences:
             self.first = self.first or difference
             self.first_by_aspect.setdefault(difference.aspect, difference)
         self.ticks_by_aspect.update({difference.aspect for difference in differences})
         self.ticks_by_node.update(difference.node for difference in differences if difference.node)
+
+    def compared(self, number: int, time_s: float, was: Iterable[Cause], now: Iterable[Cause]) -> None:
+        """The comparisons of one more tick, before its differences are added."""
+        if "command" in self.first_by_aspect:
+            return
+        touched: dict[object, None] = {}
+        for known, causes in zip(self._causes, (was, now), strict=True):
+            for cause in causes:
+                key = (_NUMBER.sub("", cause.by) if self.by_name else cause.by, cause.parameter, cause.of)
+                known[key] = number, cause
+                touched[key] = None
+        before, after = self._causes
+        self.recorded |= bool(before)
+        for key in touched:
+            if key in before and key in after and before[key][1].holds is not after[key][1].holds:
+                (then, was), (since, now) = before[key], after[key]
+                self.turns.append(Turn(number, time_s, was, now, (then, since)))
 
     def as_json(self) -> dict[str, object]:
         """Keys of the commands' `--json`."""
@@ -120,9 +173,33 @@ class Comparison:
 def logged(tick: LoggedTick) -> Decisions:
     """What a tick of a log decided."""
     command = tick.command and {key: value for key, value in tick.command.items() if not key.startswith("sent_")}
-    notes = tuple((topic, without_nulls(fields)) for topic, fields in tick.notes)
+    notes = tuple((topic, without_nulls(fields)) for topic, fields in tick.notes if topic not in (CAUSE, WHY))
     display = tick.display and {**plain(Display()), **tick.display}  # older logs lack what it can show since then
     return Decisions(tick.status, tick.changes, notes, without_nulls(command), without_nulls(display), tick.judgement)
+
+
+def causes_of(tick: LoggedTick) -> Iterator[Cause]:
+    """The comparisons that a tick of a log noted."""
+    return causes_in(fields for topic, fields in tick.notes if topic == CAUSE)
+
+
+def causes_in(notes: Iterable[Mapping[str, Any]]) -> Iterator[Cause]:
+    """Comparisons from their plain data; what is none is left out."""
+    for fields in notes:
+        if fields.get("relation") not in RELATIONS:
+            continue
+        with suppress(KeyError, TypeError, ValueError, AttributeError):
+            yield Cause(
+                str(fields["by"]),
+                str(fields["parameter"]),
+                float(fields["measured"]),
+                fields["relation"],
+                float(fields["limit"]),
+                fields["holds"] is True,
+                str(fields.get("source", "")),
+                str(fields.get("of", "")),
+                {str(name): float(value) for name, value in fields["given"].items()},
+            )
 
 
 def decided(

@@ -1,9 +1,10 @@
-"""Why a replay decides otherwise: what was changed, and which value lies between the old limit and the new one."""
+"""Why a run decides otherwise than another: from what both noted when they compared, and from nothing else."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +12,26 @@ from typing import Any
 import yaml
 
 from bracket_cell.log.read.reader import Log, read_log
-from bracket_cell.log.replay.compare import Comparison, Difference
+from bracket_cell.log.replay.compare import Comparison, Difference, Turn
 from bracket_cell.log.replay.loading import Changes
-from bracket_cell.log.replay.logged_tree import logged_tree
+from bracket_cell.log.replay.logged_tree import logged_tree, other_nodes
 from bracket_cell.log.replay.replay import Replay
 from bracket_cell.recording.schemas import plain
 from bracket_ground.errors import InputError, LogError
 from btxml.engine.tree import Tree
 
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 _PLACE = re.compile(r"::\d+")
 NOT_THERE = "not there"
-MOST_CROSSED = 6
+MOST_CAUSES = 6
+CONFIGURED = ("configuration.yaml", "simulation.json", "product.yaml", "faults.yaml")
+SEEN_BY = {  # of what two runs saw: words of the keys of whoever measures it
+    "bench": ("overhead", "camera", "perception", "person", "seed"),
+    "parts": ("wrist", "camera", "perception", "seed"),
+    "arm": ("arm", "joint", "latency", "trailing", "motion", "seed"),
+    "gripper": ("gripper", "seed"),
+    "time": ("controller",),
+}
+PLANNED = {"belief": ("semantic", "goals"), "plan": ("grasp", "graspable")}
 
 
 @dataclass(frozen=True)
@@ -31,75 +40,139 @@ class Change:
 
     Attributes:
         where: a key of the configuration, or a node's path and its attribute.
+        node: that path, without numbers; empty for a key.
     """
 
     where: str
     was: str
     now: str
+    node: str = ""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.was} -> {self.now}"
 
 
 def changed_keys(log: Log, changes: Changes, tree: Tree | None = None) -> list[Change]:
-    """What configuration and tree have otherwise than those of the log.
+    """What configuration, weights, nodes and tree have otherwise than those of the log.
 
     Args:
         tree: the one that is ticked in place of the log's.
     """
     found: list[Change] = []
     if changes.configuration is not None and "configuration.yaml" in log.attachments:
-        was = yaml.safe_load(log.attachments["configuration.yaml"])
-        found += _differing(dict(_flat(was)), dict(_flat(yaml.safe_load(changes.configuration.read_text("utf-8")))))
+        now = changes.configuration.read_bytes()
+        found += _differing(_keys(log.attachments["configuration.yaml"]), _keys(now))
     found += [Change(f"weights.{name}", "those of the log", str(file)) for name, file in changes.weights.items()]
     if changes.perception is not None:
         found.append(Change("perception", log.metadata.get("perception", "unknown"), changes.perception))
+    if tree is not None:
+        found += [
+            Change(f"code of {_PLACE.sub('', node.full_path)}", "that of the log", file, _PLACE.sub("", node.full_path))
+            for node, file in other_nodes(log, tree)
+        ]
     if changes.tree is not None and tree is not None:
         try:
-            found += _differing(_attributes(logged_tree(log, changes.nodes)), _attributes(tree))
+            found += _other_attributes(_attributes(logged_tree(log, changes.nodes)), _attributes(tree))
         except (LogError, InputError):
             found.append(Change("tree", log.metadata.get("tree", "unknown"), str(changes.tree)))
     return found
 
 
-def crossed(replay: Replay, changed: Iterable[Change], comparison: Comparison) -> list[str]:
-    """Values of the first tick that differs, or of what was believed then, that lie between an old and a new limit."""
-    numbers = list(dict.fromkeys(_numbers([vars(one) for one in comparison.at_first], "")))
-    numbers += list(_numbers(_believed(replay.log, comparison.first), "belief"))
-    told = []
-    for one in changed:
-        try:
-            low, high = sorted((float(one.was), float(one.now)))
-        except ValueError:
+def changed_files(one: Log, other: Log) -> list[Change]:
+    """What two logs were recorded with that is not alike: keys of files, attributes of trees, weights and seeds."""
+    found: list[Change] = []
+    for name in CONFIGURED:
+        if name in one.attachments and name in other.attachments:
+            found += _differing(_keys(one.attachments[name]), _keys(other.attachments[name]))
+    names = [key for key in one.metadata if key == "seed" or key.startswith(("weights.", "code."))]
+    found += _differing(*({key: log.metadata.get(key, NOT_THERE) for key in names} for log in (one, other)))
+    try:
+        found += _other_attributes(*(_attributes(logged_tree(log)) for log in (one, other)))
+    except (LogError, InputError) as error:
+        found.append(Change("tree", "", str(error)))
+    return found
+
+
+def causes(comparison: Comparison, changed: Sequence[Change]) -> list[str]:
+    """The first cause of a difference, then the comparisons that turned with the first other command; a line each.
+
+    A cause is what was noted: another answer of a planner on the same, a comparison that turned, a changed node that
+    answers otherwise, or something else that was seen.
+    """
+    if comparison.first is None:
+        return []
+    found = sorted(
+        [*_seen(comparison, changed), *_planned(comparison), *_turned(comparison), *_answered(comparison, changed)],
+        key=lambda cause: cause[:2],
+    )
+    leading = comparison.leading
+    last = [line for tick, _, line in found[1:] if leading is not None and tick == leading.tick]
+    lines = [line for *_, line in found[:1]] + last
+    if lines:
+        return list(dict.fromkeys(lines))[:MOST_CAUSES]
+    if not comparison.recorded:
+        return ["no record: the log holds no comparisons, as a release before 0.14 wrote none"]
+    return ["no record: no noted comparison answers otherwise up to there"]
+
+
+_Found = Iterator[tuple[int, int, str]]  # tick, rank among those of one tick, words
+
+
+def _seen(comparison: Comparison, changed: Iterable[Change]) -> _Found:
+    """What two runs saw; in a replay both see the same."""
+    for aspect, words in SEEN_BY.items():
+        if (first := comparison.first_by_aspect.get(aspect)) is not None:
+            keys = [str(one) for one in changed if any(word in one.where for word in words)]
+            reason = f"; changed: {', '.join(keys)}" if keys else "; no record of what makes it so"
+            yield first.tick, 0, f"{_at(first)}: {aspect} is seen otherwise{reason}"
+
+
+def _planned(comparison: Comparison) -> _Found:
+    """A planner that answers otherwise about the same parts in place."""
+    for aspect, (planner, key) in PLANNED.items():
+        first = comparison.first_by_aspect.get(aspect)
+        if first is None or not (isinstance(first.was, list) and isinstance(first.now, list)):
             continue
-        values = [(name, value) for name, value in numbers if low <= value <= high]
-        values.sort(key=lambda pair: pair[1] in (low, high))
-        told += [f"{name} {value:g} lies between {one.was} and {one.now} of {one.where}" for name, value in values[:1]]
-    return told[:MOST_CROSSED]
+        for was, now in zip(first.was, first.now, strict=False):
+            same = all(was.get(name) == now.get(name) for name in ("placed", "required"))
+            if same and key in was and was[key] != now.get(key):
+                yield first.tick, 1, f"{_at(first)}: planner {planner} answers {key} {was[key]} -> {now.get(key)}"
 
 
-def _believed(log: Log, first: Difference | None) -> Mapping[str, float]:
-    before = [tick for tick in log.ticks if first is not None and tick.number <= first.tick]
-    goals = (note["goals"] for tick in reversed(before) for topic, note in tick.notes if "goals" in note)
-    return next(goals, {})
+def _turned(comparison: Comparison) -> _Found:
+    for turn in comparison.turns:
+        yield turn.tick, 2 if turn.changed else 4, turn_text(turn)
 
 
-def _numbers(value: Any, name: str) -> Iterator[tuple[str, float]]:
-    """(what, number) of everything in plain data, in the words of texts, too."""
-    if isinstance(value, Mapping):
-        for key, one in value.items():
-            if key not in ("tick", "time_s", "node"):
-                yield from _numbers(one, f"{name}.{key}".strip("."))
-    elif isinstance(value, list | tuple):
-        for one in value:
-            yield from _numbers(one, name)
-    elif isinstance(value, str):
-        yield from ((f"{name} ({value})" if len(value) < 90 else name, float(one)) for one in _NUMBER.findall(value))
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield name, float(value)
+def _answered(comparison: Comparison, changed: Iterable[Change]) -> _Found:
+    """A changed node that answers otherwise, and no node whose comparison turned."""
+    nodes: dict[str, list[str]] = {}
+    for one in changed:
+        if one.node:
+            nodes.setdefault(one.node, []).append(str(one))
+    turned = {(turn.tick, _PLACE.sub("", turn.now.by)) for turn in comparison.turns}
+    for path, first in comparison.first_by_node.items():
+        place = _PLACE.sub("", path)
+        if place in nodes and (first.tick, place) not in turned:
+            was, now = (" ".join(map(str, one)) if isinstance(one, list) else one for one in (first.was, first.now))
+            yield first.tick, 3, f"{_at(first)}: {place}: {was} -> {now}; changed: {', '.join(nodes[place])}"
 
 
-def _attributes(tree: Tree) -> dict[str, str]:
+def turn_text(turn: Turn) -> str:
+    """A comparison in both runs, and which parameter makes the difference."""
+    was, now = turn.was, turn.now
+    named = [f"{name} {was.given[name]:.6g} -> {now.given.get(name, math.nan):.6g}" for name in turn.changed]
+    reason = f"changed: {', '.join(named)}" if named else "no parameter of it was changed"
+    place = f" ({now.source})" if now.source else ""
+    sides = (f"{one}{f', since tick {at}' * (at < turn.tick)}" for one, at in zip((was, now), turn.noted, strict=True))
+    return f"tick {turn.tick}, {turn.time_s:.2f} s: {_PLACE.sub('', now.by)}{place}, {' -> '.join(sides)}; {reason}"
+
+
+def _at(first: Difference) -> str:
+    return f"tick {first.tick}, {first.time_s:.2f} s"
+
+
+def _attributes(tree: Tree) -> dict[tuple[str, str], str]:
     """Every attribute of every node, by the node's path and the attribute; a node without any is there, too."""
     counts: dict[str, int] = {}
     found = {}
@@ -107,9 +180,18 @@ def _attributes(tree: Tree) -> dict[str, str]:
         path = _PLACE.sub("", node.full_path)
         counts[path] = counts.get(path, 0) + 1
         place = path if counts[path] == 1 else f"{path} ({counts[path]})"
-        found[place] = origin.tag
-        found |= {f"{place}.{name}": value for name, value in origin.attributes.items() if name != "name"}
+        found[place, ""] = origin.tag
+        found |= {(place, f".{name}"): value for name, value in origin.attributes.items() if name != "name"}
     return found
+
+
+def _other_attributes(was: Mapping[tuple[str, str], str], now: Mapping[tuple[str, str], str]) -> list[Change]:
+    keys = [key for key in dict.fromkeys((*was, *now)) if was.get(key) != now.get(key)]
+    return [Change("".join(key), was.get(key, NOT_THERE), now.get(key, NOT_THERE), key[0]) for key in keys]
+
+
+def _keys(content: bytes) -> dict[str, str]:
+    return dict(_flat(yaml.safe_load(content)))
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
@@ -142,6 +224,5 @@ def replay_row(path: str, changes: Changes) -> dict[str, Any]:
         at = {"tick": None, "time_s": None, "aspect": None} if one is None else plain(one)
         row |= {f"{name}_{key}": at[key] for key in ("tick", "time_s", "aspect")}
     row["node"] = comparison.command_node if act is not None else (comparison.first.node if comparison.first else "")
-    changed = changed_keys(replay.log, changes, replay.tree)
-    row["why"] = "; ".join(crossed(replay, changed, comparison) or map(str, changed[:1])) if comparison.first else ""
+    row["why"] = "; ".join(causes(comparison, changed_keys(replay.log, changes, replay.tree)))
     return row

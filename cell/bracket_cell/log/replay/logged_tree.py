@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +24,7 @@ from bracket_ground.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, F
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import DEFAULT
 from bracket_ground.interfaces.robot import FOLDER as ROBOTS
+from btxml.engine.node import TreeNode
 from btxml.engine.tree import Tree
 from btxml.files.check import with_stubs
 from btxml.files.loader import build, find_problems
@@ -146,6 +147,14 @@ def code_differs(log: Log | LogStream, tree: Tree) -> list[str]:
             if here.get(name) != digest:
                 found.append(f"{name} is {'another one here' if name in here else 'not used here'}")
     return found
+
+
+def other_nodes(log: Log | LogStream, tree: Tree) -> Iterator[tuple[TreeNode, str]]:
+    """Nodes of a tree whose own code is in a file that the log has otherwise, or not at all, with that file."""
+    for node in tree.nodes:
+        for file in own_code(tree, (node,)):
+            if log.metadata.get(f"code.{file.name}.sha256") != _digest(file.read_bytes()):
+                yield node, str(file)
 
 
 def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:

@@ -10,7 +10,16 @@ from typing import Any
 
 from bracket_cell.log.read.reader import Log, LoggedTick, json_of
 from bracket_cell.log.read.ticks import Gap
-from bracket_cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
+from bracket_cell.log.replay.compare import (
+    Comparison,
+    Decisions,
+    Difference,
+    causes_of,
+    decided,
+    differences,
+    logged,
+    remembers,
+)
 from bracket_cell.log.replay.loading import Changes, load, recorded_tree
 from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, write_files
 from bracket_cell.log.replay.perceive import perceived
@@ -34,6 +43,7 @@ from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.notes import ListJournal
 from bracket_ground.interfaces.resume import ResumeState
+from btxml.engine.causes import Causes, collecting
 from btxml.engine.hooks import ORDERS, Hooks
 from btxml.engine.node import StatusChange
 from btxml.engine.outside import LoggedAnswers
@@ -104,7 +114,7 @@ class Replay:
         rules = logged_rules(log) if own is None else load_rules(own)
         self._rules = RuleLook(rules.rules, motion.kinematics)
         self._halted = False
-        self._journal = ListJournal()
+        self._journal, self._causes = ListJournal(), Causes()
         left_off = None if place else json_of(log.path, log.metadata, "left_off", ResumeState.of)
         self._services = make_services(
             configuration,
@@ -154,7 +164,7 @@ class Replay:
         Args:
             watch: sees every compared tick; ends the replay by answering False.
         """
-        comparison, ticks, place = Comparison(), self.log.ticks, self._place
+        comparison, ticks, place = Comparison(by_name=self._by_name), self.log.ticks, self._place
         while place < len(ticks) and ticks[place].time_s <= until_s:
             tick = ticks[place]
             if place > self._place and tick.number != ticks[place - 1].number + 1:
@@ -168,7 +178,9 @@ class Replay:
                 continue
             if tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK:
                 break  # a second signal stopped it anywhere
-            now = self._tick(tick)
+            with collecting(self._causes):
+                now = self._tick(tick)
+            comparison.compared(tick.number, tick.time_s, causes_of(tick), self._causes.take())
             if tick.time_s >= from_s:
                 found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name, self._memory)
                 comparison.add(found)

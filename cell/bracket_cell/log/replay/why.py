@@ -1,59 +1,40 @@
-"""Why the cell did what it did at a time of a log: its tree is ticked again up to there, and asked."""
+"""Why the cell did what it did at a time of a log, as the run noted it; nothing is ticked again."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
-from bracket_cell.log.read.reader import Log, LoggedTick
-from bracket_cell.log.replay.loading import Changes
-from bracket_cell.log.replay.replay import Replay, Step
-from bracket_cell.running.controller import STOPPED, STOPPING
-from bracket_cell.watching.why_now import Why, WhyNow
+from bracket_cell.log.read.indexed import FOREVER_S, IndexedLog
+from bracket_cell.recording.schemas import TICKED
 from bracket_ground.errors import LogError
 
 
-@dataclass(frozen=True)
-class WhyThen:
-    """Why, at a tick of a log.
-
-    Attributes:
-        remark: why this may not be what the run decided, for people; else empty.
-    """
-
-    tick: LoggedTick
-    why: Why
-    remark: str = ""
-
-
-def why_at(log: Log, at_s: float, changes: Changes | None = None) -> WhyThen:
-    """After the last tick of the tree up to a time [s].
+def why_at(paths: Sequence[Path], at_s: float = math.inf) -> dict[str, Any]:
+    """What was noted last, with the last tick of the tree up to a time [s]: the keys of `Why.plain`, of that tick.
 
     Raises:
-        LogError: there is no tick so early, or the log cannot be replayed.
-        InputError: this version cannot load the tree.
+        LogError: there is no tick so early, or the run noted no reasons.
     """
-    ticks = [tick for tick in log.ticks if tick.time_s <= at_s and tick.status not in (STOPPED, STOPPING)]
-    if not ticks:
-        first = f"; its first one is at {log.ticks[0].time_s:.2f} s" if log.ticks else ""
-        raise LogError(log.path, f"holds no tick of the tree up to {at_s:g} s{first}")
-    replay, last = Replay(log, changes), ticks[-1]
-    now, found = WhyNow(lambda: replay.tree), list[Why]()
-
-    def watch(step: Step) -> bool:
-        judged = step.now.judgement or {}
-        now.take(step.now.notes, str(judged.get("action", "")), _words(judged.get("reasons", ())))
-        if step.logged is last:
-            found.append(now())
-        return step.logged is not last
-
-    compared = replay.run(until_s=last.time_s, watch=watch)
+    log = IndexedLog(paths)
+    until_s = min(max(at_s, -1.0), FOREVER_S)
+    found: dict[str, Any] = {}
+    noted: dict[str, Any] = {}
+    for message in log.messages(0.0, until_s, ("/tick", "/note/why"), reverse=True) if until_s >= 0 else ():
+        try:
+            fields = json.loads(message.data)
+            if message.topic == "/tick" and not found and fields["status"] in TICKED:
+                found = {"tick": fields["tick"], "time_s": message.time_ns / 1e9, "status": fields["status"]}
+            elif message.topic == "/note/why" and not noted:
+                noted = {**fields, "text": str(fields["text"]), "otherwise": str(fields["otherwise"])}
+            if found and noted:
+                return {**noted, **found}
+        except (ValueError, KeyError, TypeError) as error:
+            raise LogError(log.paths[0], f"holds a tick or a reason that cannot be read: {error!r}") from None
     if not found:
-        raise LogError(log.path, f"cannot be ticked again up to {last.time_s:.2f} s: {'; '.join(replay.remarks)}")
-    differs = compared.differing_ticks
-    told = f"{differs} of {compared.ticks} ticks up to there are decided otherwise than in the run" if differs else ""
-    return WhyThen(last, found[0], told)
-
-
-def _words(reasons: Iterable[object]) -> str:
-    return "; ".join(str(one["words"]) for one in reasons if isinstance(one, dict))
+        until = "" if math.isinf(at_s) else f" up to {at_s:.2f} s"
+        raise LogError(log.paths[0], f"holds no tick of the tree{until}")
+    raise LogError(log.paths[0], "holds no record of reasons, as a release before 0.14 wrote none")

@@ -18,9 +18,7 @@ from bracket_cell.log.report.text import difference_lines, short
 from bracket_ground.errors import LogError
 
 TEMPLATE = Path(__file__).with_name("diff.html.j2")
-INPUTS = ("time", "arm", "gripper", "bench", "parts")
 OF_ONE_RUN = ("run_id", "started_utc", "host")  # are others in every run and explain nothing
-CODE = ("commit", "clean", "version.", "weights.", "code.")
 LANE, WIDTH, LABELS = 22, 1000, 250
 MOST_LANES, MOST_EVENTS, MOST_LINES = 24, 120, 60
 
@@ -45,17 +43,22 @@ class Lane:
     other: tuple[tuple[float, float, str, str], ...]
 
 
-def write_diff(one: Log, other: Log, comparison: Comparison, names: tuple[str, str], path: Path) -> int:
+def write_diff(
+    one: Log, other: Log, comparison: Comparison, names: tuple[str, str], path: Path, causes: Sequence[str]
+) -> int:
     """Write the page; returns its size in bytes.
+
+    Args:
+        causes: why they differ.
 
     Raises:
         LogError: one of them holds no tick.
         InputError: it cannot be written.
     """
-    return write_page(diff_html(one, other, comparison, names), path)
+    return write_page(diff_html(one, other, comparison, names, causes), path)
 
 
-def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, str]) -> str:
+def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, str], causes: Sequence[str]) -> str:
     """The page as text."""
     for log in (one, other):
         if not log.ticks:
@@ -68,7 +71,7 @@ def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, st
         TEMPLATE,
         names=names,
         comparison=comparison,
-        why=why(one, other, comparison),
+        causes=causes or ["The two saw and decided the same in every tick."],
         first=None if first is None else difference_lines(first, names)[1:],
         asked_with=list(_asked_with(one, other)),
         files=[(name, list(lines)) for name, lines in _changed_files(one, other, names)],
@@ -88,25 +91,6 @@ def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, st
         ],
         nodes=comparison.ticks_by_node.most_common(MOST_LANES),
     )
-
-
-def why(one: Log, other: Log, comparison: Comparison) -> str:
-    """In one sentence what came first: other files, another thing seen, or another decision on the same things."""
-    first = comparison.first
-    if first is None:
-        return "The two saw and decided the same in every tick."
-    at = f"tick {first.tick}, {first.time_s:.2f} s"
-    if first.aspect == "length":
-        return f"One goes on where the other ends ({at}); up to there they are the same."
-    if first.aspect in INPUTS:
-        seed = one.metadata.get("seed"), other.metadata.get("seed")
-        reason = f", as the seeds are {seed[0]} and {seed[1]}" if seed[0] != seed[1] else ""
-        return f"They saw different things first: {first.aspect} at {at}{reason}. Decisions differ after that."
-    changed = [name for name, _ in _changed_files(one, other, ("", ""))]
-    made_of = [name for name, *_ in _asked_with(one, other) if name.startswith(CODE)]
-    reason = ", ".join([*changed, *made_of]) or "nothing that the logs name"
-    what = first.node or first.aspect
-    return f"On the same inputs they decided differently: {what} at {at}. Not alike in both: {reason}."
 
 
 def _asked_with(one: Log, other: Log) -> Iterator[tuple[str, str, str]]:

@@ -10,7 +10,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from bracket_cell.log.read.reader import Log, LogStream, json_of
-from bracket_cell.log.replay.compare import Comparison, Difference, differences, input_differences, logged, remembers
+from bracket_cell.log.replay.compare import (
+    CAUSE,
+    WHY,
+    Comparison,
+    Difference,
+    causes_of,
+    differences,
+    input_differences,
+    logged,
+    remembers,
+)
 from bracket_cell.recording.schemas import plain
 
 FOREVER = float("inf")
@@ -90,7 +100,8 @@ def ticks(
     """
     late: list[dict[str, Any]] = []
     for tick in (tick for piece in log for tick in piece.ticks):
-        told = tick.notes or tick.command or tick.display or tick.status != "RUNNING"
+        notes = [{"topic": topic, **fields} for topic, fields in tick.notes if topic != WHY]
+        told = any(note["topic"] != CAUSE for note in notes) or tick.command or tick.display or tick.status != "RUNNING"
         if not (from_s <= tick.time_s <= until_s and (told or all_ticks)):
             continue
         shown = {
@@ -98,7 +109,7 @@ def ticks(
             "time_s": tick.time_s,
             "status": tick.status,
             "changes": plain(tick.changes),
-            "notes": [{"topic": topic, **fields} for topic, fields in tick.notes],
+            "notes": notes,
             "command": tick.command,
             "display": tick.display,
             "wall_s": tick.wall_s,
@@ -130,13 +141,13 @@ def query(log: Log | LogStream, asked: Query) -> Iterator[dict[str, Any]]:
 
 def diff(one: Log, other: Log) -> Comparison:
     """Two logs tick by tick: what was seen (model outputs among it) and what was decided."""
-    comparison = Comparison()
     by_name = one.attachments.keys() != other.attachments.keys() or any(
         one.attachments[name] != other.attachments[name] for name in one.attachments if name.startswith("tree/")
     )
-    memory = remembers(one) and remembers(other)
+    comparison, memory = Comparison(by_name=by_name), remembers(one) and remembers(other)
     for a, b in zip(one.ticks, other.ticks, strict=False):
         decided = differences(a.number, a.time_s, logged(a), logged(b), by_name, memory)
+        comparison.compared(a.number, a.time_s, causes_of(a), causes_of(b))
         comparison.add([*input_differences(a, b), *decided])
     shorter, longer = sorted((one, other), key=lambda log: len(log.ticks))
     if len(shorter.ticks) != len(longer.ticks):

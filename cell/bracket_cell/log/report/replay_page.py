@@ -25,7 +25,7 @@ def write_replay(
     """Write the page; returns its size in bytes.
 
     Args:
-        told: what differs in the program, keys that were changed, and values between their old and new limits.
+        told: what differs in the program, keys that were changed, and causes.
         following: differences in their order.
 
     Raises:
@@ -41,7 +41,7 @@ def write_replay(
         comparison=comparison,
         program=told[0],
         changed=told[1],
-        crossed=told[2],
+        causes=told[2],
         leading=leading,
         words=[] if leading is None else difference_lines(leading)[1:],
         frames=frames,

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from bracket_cell.log.replay.compare import Difference
+from bracket_cell.log.replay.compare import Difference, causes_in
 from btxml.engine.node import StatusChange
 from btxml.engine.why import Step
 
@@ -92,13 +92,24 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
     ),
     ("verdict", "decision"): ("guard", _verdict),
     ("skill", "node"): ("skill", lambda one: f"{one['node']} {one.get('status')}: {one.get('reason')}"),
+    ("cause", "relation"): ("compared", lambda one: cause_text(one).removeprefix("compared").strip()),
     ("help", ""): ("help", lambda one: str(one.get("text"))),
 }
 
 
+def cause_text(cause: Mapping[str, Any]) -> str:
+    """A comparison: who compared what with which limit, and where that comes from."""
+    [noted] = causes_in([cause])
+    given = ", ".join(f"{name} {float(value):.4g}" for name, value in list(noted.given.items())[:MOST_FIELDS])
+    place = "; ".join(filter(None, (noted.source, given)))
+    return f"compared   {noted.by.rpartition('/')[2]}: {noted}" + (f" ({place})" if place else "")
+
+
 def why_text(why: Mapping[str, Any]) -> str:
     """Why a tree ended so or goes on, and what would have changed it."""
-    return f"{why['text']}; otherwise {why['otherwise']}" if why["otherwise"] else str(why["text"])
+    compared = [f"; {cause_text(one)}" for one in why.get("causes", ())]
+    otherwise = f"; otherwise {why['otherwise']}" if why["otherwise"] else ""
+    return "".join([str(why["text"]), *compared, otherwise])
 
 
 def why_lines(why: Mapping[str, Any]) -> Iterator[str]:
@@ -108,7 +119,11 @@ def why_lines(why: Mapping[str, Any]) -> Iterator[str]:
         yield f"  otherwise {why['otherwise']}"
     if why["guard"]["decision"]:
         yield f"  {note_text('verdict', why['guard'])}"
-    if (tree := why["tree"]) is None:
+    for cause in why["causes"]:
+        yield f"  {cause_text(cause)}, at {cause['time_s']:.2f} s"
+    if not why["causes"]:
+        yield "  compared   no record: whoever decided noted no comparison"
+    if (tree := why.get("tree")) is None:
         return
     yield "the way from the root:"
     yield from (f"{'  ' * depth}{Step(**step)}" for depth, step in enumerate(tree["steps"], start=1))

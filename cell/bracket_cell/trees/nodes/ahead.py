@@ -69,7 +69,7 @@ class ChooseSparePart(CellNode):
             self._held, self._held_since_s = held, seen.time_s
         rests_s = 0.0 if self._rests_since_s is None else seen.time_s - self._rests_since_s
         last = (+remaining(self.services, self.state.get(), self.plan.get())).total() == 1
-        if seen.bench.action.kind == "idle" and rests_s < self.patience_s.get() and not last:
+        if seen.bench.action.kind == "idle" and self.compare(rests_s, "<", self.patience_s) and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
         spare = self._spare()
@@ -88,7 +88,7 @@ class ChooseSparePart(CellNode):
         bench = self.now.observation.bench
         assert bench is not None
         left = remaining(self.services, self.state.get(), self.plan.get())
-        steady = self.now.observation.time_s - self._held_since_s >= self.steady_s.get()
+        steady = self.compare(self.now.observation.time_s - self._held_since_s, ">=", self.steady_s)
         if self._held is not None and steady:
             left[self._held] -= 1
         elif bench.action.kind in BUSY:
@@ -163,8 +163,8 @@ class AwaitPosition(CellNode):
     def _waits_for_hand(self, position: str) -> bool:
         now_s = self.now.observation.time_s
         self._sure_since_s = now_s if self._sure_since_s is None else self._sure_since_s
-        near = _clear_m(self.services, position) < self.clear_m.get()
-        return near and now_s - self._sure_since_s < self.patience_s.get()
+        near = self.compare(_clear_m(self.services, position), "<", self.clear_m)
+        return near and self.compare(now_s - self._sure_since_s, "<", self.patience_s)
 
 
 class RecallTray(CellNode):
@@ -184,7 +184,7 @@ class RecallTray(CellNode):
         if memory.tray_seen_s < 0:
             self.feedback_message = "not known what stands in the tray"
             return Status.FAILURE
-        if self.now.observation.time_s - memory.tray_seen_s > self.oldest_s.get():
+        if self.compare(self.now.observation.time_s - memory.tray_seen_s, ">", self.oldest_s):
             self.feedback_message = "the last look is too long ago"
             return Status.FAILURE
         standing = tuple(part for part in memory.tray_parts if part.upright)

@@ -201,7 +201,7 @@ class ToolIsAt(CellNode):
         distance_m = math.dist(off.position_m, (0.0, 0.0, 0.0))
         angle_deg = math.degrees(2 * math.acos(min(1.0, abs(off.quaternion_wxyz[0]))))
         self.feedback_message = f"{distance_m * 1000:.1f} mm and {angle_deg:.1f} degrees off"
-        near = distance_m <= self.within_m.get() and angle_deg <= self.within_deg.get()
+        near = self.compare(distance_m, "<=", self.within_m) and self.compare(angle_deg, "<=", self.within_deg)
         return SUCCESS if near else Status.FAILURE
 
 

@@ -47,7 +47,7 @@ class AskPosition(Asks):
             self.feedback_message = "the person goes on"
             return Status.FAILURE
         if self._question is None:
-            if self._by_hand or services.now.observation.time_s - self._asked_s >= self.settle_s.get():
+            if self._by_hand or self.compare(services.now.observation.time_s - self._asked_s, ">=", self.settle_s):
                 self._ask(part)
             return Status.RUNNING
         answer = self.answered()

@@ -44,7 +44,7 @@ class LookAtTray(CellNode):
             self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing") + lying
             return Status.SUCCESS
         self.feedback_message = "waiting for the detector"
-        late = observation.time_s - self._asked_s > self.timeout_s.get()
+        late = self.compare(observation.time_s - self._asked_s, ">", self.timeout_s)
         return Status.FAILURE if late else Status.RUNNING
 
 
@@ -93,7 +93,7 @@ class CheckGraspability(CellNode):
         self.tools.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
         names = " ".join(parts.seen[one].part for one in parts.on_top(index))
         self.feedback_message = f"{names} on it" if names else f"graspable with probability {plan.graspable:.2f}"
-        return Status.SUCCESS if plan.graspable >= self.threshold.get() else Status.FAILURE
+        return Status.SUCCESS if self.compare(plan.graspable, ">=", self.threshold) else Status.FAILURE
 
 
 class DecodeSolution(CellNode):

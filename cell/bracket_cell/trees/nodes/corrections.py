@@ -41,7 +41,7 @@ class AwaitMistake(CellNode):
         self._began_s = view.time_s if self._began_s is None else self._began_s
         now = mistakes_in(self.services, self.plan.get(), self.state.get())
         self._since_s = {one: self._since_s.get(one, view.holes[one.position].seen_s) for one in now}
-        settled = [one for one in now if self._stood_s(one) >= self.settle_s.get()]
+        settled = [one for one in now if self.compare(self._stood_s(one), ">=", self.settle_s, one.position)]
         settled += self._hidden()
         for kind in KINDS:
             if told := tuple(one for one in settled if one.kind == kind):
@@ -67,7 +67,7 @@ class AwaitMistake(CellNode):
         return [
             Mistake(name, "hidden")
             for name, seen_s in last_s.items()
-            if name not in kept and view.time_s - seen_s >= self.hidden_s.get()
+            if name not in kept and self.compare(view.time_s - seen_s, ">=", self.hidden_s, name)
         ]
 
     @property
@@ -95,7 +95,7 @@ class AwaitMisfit(CellNode):
         now_s = services.now.observation.time_s
         self._since_s = now_s if self._since_s is None else self._since_s
         self.feedback_message = "it fits no product that is known"
-        return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
+        return Status.SUCCESS if self.compare(now_s - self._since_s, ">=", self.settle_s) else Status.RUNNING
 
 
 class AwaitContradiction(CellNode):
@@ -117,7 +117,7 @@ class AwaitContradiction(CellNode):
             self._since_s = None
             return Status.RUNNING
         self._since_s = now_s if self._since_s is None else self._since_s
-        return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
+        return Status.SUCCESS if self.compare(now_s - self._since_s, ">=", self.settle_s) else Status.RUNNING
 
 
 class AskToMend(Asks):
@@ -169,7 +169,7 @@ class AskToMend(Asks):
             self._ask("")
         elif answer is not None:
             self._done_s = services.now.observation.time_s if self._done_s is None else self._done_s
-            if services.now.observation.time_s - self._done_s >= self.look_s.get():
+            if self.compare(services.now.observation.time_s - self._done_s, ">=", self.look_s):
                 self.feedback_message = "it still looks the same"
                 return self._in_vain()
         elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):

@@ -64,7 +64,8 @@ class NoteFastenings(CellNode):
             return
         for name in due:
             for slot in self.tools.product.fastenings[name].at:
-                if math.dist(view.hand.fingertips_m, hole_on_bench_m(self.services, slot)) <= self.near_m.get():
+                away_m = math.dist(view.hand.fingertips_m, hole_on_bench_m(self.services, slot))
+                if self.compare(away_m, "<=", self.near_m, slot):
                     yield name, slot
 
     def _reported(self) -> Iterator[str]:

@@ -17,6 +17,7 @@ from bracket_ground.interfaces.perception import BenchView, HandSample
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import Skill
+from btxml.engine.causes import collecting
 from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 from btxml.engine.traits import Traits
@@ -54,7 +55,11 @@ class PositionForeseen(CellNode):
         if self._foreseen is None:
             return Status.FAILURE
         position, of_part, since_s = self._foreseen
-        if of_part != part or seen.time_s - since_s > self.stays_s.get() or position in self.state.get().placed:
+        if (
+            of_part != part
+            or self.compare(seen.time_s - since_s, ">", self.stays_s)
+            or position in self.state.get().placed
+        ):
             self._foreseen = None
             return Status.FAILURE
         self.position.set(Hole(position))
@@ -72,7 +77,9 @@ class PositionForeseen(CellNode):
         plan, part = self.tools.infer(state, self.now.observation.operator.job), self.part.get()
         for position in plan.guidance.get(part, ()):
             open_yet = position != theirs and position not in self.memory.let_go
-            if open_yet and judge(self.services, plan, state, part, position).decision == "act":
+            with collecting(None):  # of a bracket that is only supposed
+                acts = open_yet and judge(self.services, plan, state, part, position).decision == "act"
+            if acts:
                 note = f"{view.hand.held_part} at {theirs}"
                 self.tools.journal.note("verdict", subject=f"{part} at {position}", decision="foreseen", reason=note)
                 return position
@@ -92,7 +99,7 @@ class PositionForeseen(CellNode):
         belongs = {name: plan.next_belief.get((part, name), 0.0) for name in holes_m}
         shares = foreseen(hand.fingertips_m, velocity_m_s, holes_m, belongs) if near else {}
         best = max(shares, key=lambda name: shares[name], default=None)
-        return best if best is not None and shares[best] >= self.sure.get() else None
+        return best if best is not None and self.compare(shares[best], ">=", self.sure) else None
 
 
 class MoveBeside(SkillNode):

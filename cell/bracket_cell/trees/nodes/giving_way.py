@@ -64,7 +64,7 @@ class GiveWay(SkillNode):
             self._skill, self._out_s = None, seen.time_s
             if progress.status is SkillStatus.FAILURE:
                 return Status.SUCCESS
-        if seen.time_s - self._out_s > self.wait_s.get() or self._left(seen):
+        if self.compare(seen.time_s - self._out_s, ">", self.wait_s) or self._left(seen):
             return Status.SUCCESS
         self.feedback_message = Message("waits until the hand has left")
         self.what_if = "if the hand were seen away from there"
@@ -86,7 +86,7 @@ class GiveWay(SkillNode):
         if now_s - self._held_s > PAUSE_S:
             self._since_s = now_s
         self._held_s = now_s
-        return now_s - self._since_s >= self.after_s.get()
+        return self.compare(now_s - self._since_s, ">=", self.after_s)
 
     def _waits(self, seen: Observation) -> bool:
         """Whether a near hand holds the arm, or rests beside an arm that stands."""
@@ -98,7 +98,7 @@ class GiveWay(SkillNode):
         if math.dist(hand.palm_m, self._palm_m) > RESTS_M:
             self._palm_m, self._held_s = hand.palm_m, -math.inf  # from now on
             return False
-        return self._room_m(seen, None) < self.near_m.get()
+        return self.compare(self._room_m(seen, None), "<", self.near_m)
 
     def _room_m(self, seen: Observation, joints_rad: Array | None) -> float:
         """From the hands to the arm, as it stands or where it would; infinite where no hand is."""
@@ -111,4 +111,4 @@ class GiveWay(SkillNode):
         """Whether no hand is near the place any more where the arm stood."""
         if seen.bench is None or seen.bench.hand_unknown or not seen.time_s - seen.bench.time_s <= STALE_S:
             return False
-        return self._room_m(seen, self._held_rad) >= self.near_m.get()
+        return self.compare(self._room_m(seen, self._held_rad), ">=", self.near_m)

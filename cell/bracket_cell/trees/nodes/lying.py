@@ -50,7 +50,11 @@ class FindLying(CellNode):
         for number, one in enumerate(view.seen):
             away_m = 0.0 if there is None else math.dist(_place(one), there)
             vain = self.memory.tried_in_vain(one)
-            wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
+            wanted = (
+                one.lies is not None
+                and part in ("", one.part)
+                and self.compare(away_m, "<=", self.within_m, str(number))
+            )
             wanted = wanted and not view.on_top(number) and (not self.on_others.get() or raised(self.tools.motion, one))
             if wanted and self.after.get() <= vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
@@ -64,7 +68,7 @@ class FindLying(CellNode):
 
     def _turned_in_vain(self, one: PartDetection) -> bool:
         turned = self.memory.turned.get(one.part, 0)
-        if turned < self.turns.get():
+        if self.compare(turned, "<", self.turns):
             return False
         title = self.tools.product.title(one.part)
         self.memory.failed(

@@ -47,7 +47,7 @@ class CountIsReached(CellNode):
     def update(self) -> Status:
         count = self.count.get_or(0)
         self.feedback_message = f"{count} of {self.limit.get()}"
-        return SUCCESS if count >= self.limit.get() else FAILURE
+        return SUCCESS if self.compare(count, ">=", self.limit) else FAILURE
 
 
 class StartTimer(CellNode):
@@ -87,7 +87,7 @@ class TimerIsOver(CellNode):
     def update(self) -> Status:
         elapsed = self.now.observation.time_s - self.timer.get()
         self.feedback_message = f"{elapsed:.2f} of {self.after_s.get():g} s"
-        return SUCCESS if elapsed >= self.after_s.get() else FAILURE
+        return SUCCESS if self.compare(elapsed, ">=", self.after_s) else FAILURE
 
 
 class KeepResult(Decorator):

@@ -52,7 +52,7 @@ class ActivateGripper(CellNode):
                 return Status.RUNNING
             self._asked_s = seen.worked_s
             self.now.command.activate_gripper = True
-        late = seen.worked_s - self._asked_s > self.timeout_s.get()
+        late = self.compare(seen.worked_s - self._asked_s, ">", self.timeout_s)
         return Status.FAILURE if late else Status.RUNNING
 
 

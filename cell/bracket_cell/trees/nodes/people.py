@@ -63,7 +63,7 @@ class WaitForAction(CellNode):
 
     def _say(self, awaited: str) -> None:
         """Once, so that what is told after it stays."""
-        if not self._said and self.now.observation.time_s - self._began_s >= self.say_s.get():
+        if not self._said and self.compare(self.now.observation.time_s - self._began_s, ">=", self.say_s):
             self._said = True
             self.now.show(message=Message("waiting until you {act}", act=DONE_BY[awaited]))
 
@@ -91,11 +91,11 @@ class ShowHand(CellNode):
             self.feedback_message = ""
             return Status.SUCCESS
         waited_s = seen.time_s - self._began_s
-        if not self._said and waited_s >= self.say_s.get():
+        if not self._said and self.compare(waited_s, ">=", self.say_s):
             self._said = True
             self.now.show(message="show your hand to the overhead camera")
         self.feedback_message = Message("no hand was seen for {waited_s} s", waited_s=f"{waited_s:.0f}")
-        return Status.FAILURE if waited_s > self.wait_s.get() else Status.RUNNING
+        return Status.FAILURE if self.compare(waited_s, ">", self.wait_s) else Status.RUNNING
 
 
 class HandWatch(CellNode):
@@ -120,7 +120,7 @@ class HandWatch(CellNode):
 
     def update(self) -> Status:
         view = self.now.observation.bench
-        if view is None or not self.now.observation.time_s - view.time_s <= self.stale_s.get():
+        if view is None or not self.compare(self.now.observation.time_s - view.time_s, "<=", self.stale_s):
             self.feedback_message = "no fresh view of the bench"
             return Status.RUNNING
         if view.hand is None:
@@ -128,7 +128,9 @@ class HandWatch(CellNode):
         name, target_m = self.target()
         way = beginning(np.array(self.services.tool_on_bench_m()), target_m, self.way_m.get())
         soon = moved(view.hand, self.lookahead_s.get())
-        if all(distance_m(point, *way) >= self.distance_m.get() for point in (soon.fingertips_m, soon.palm_m)):
+        away_m = float(np.min([distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m)]))
+        given = {"lookahead_s": self.lookahead_s.get(), "way_m": self.way_m.get()}
+        if self.compare(away_m, ">=", self.distance_m, name, **given):
             return Status.SUCCESS
         self.feedback_message = Message("the hand is near the way to {name}", name=name)
         self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))
@@ -264,7 +266,7 @@ class AssemblyFinished(CellNode):
             self._away_since_s = None
             return False
         self._away_since_s = now_s if self._away_since_s is None else self._away_since_s
-        return now_s - self._away_since_s >= self.away_s.get()
+        return self.compare(now_s - self._away_since_s, ">=", self.away_s)
 
     def _away(self, view: BenchView | None) -> bool:
         if view is None or view.hand_unknown:
@@ -273,4 +275,4 @@ class AssemblyFinished(CellNode):
             return True
         holes = [hole_on_bench_m(self.services, position) for position in self.tools.product.positions]
         points = (view.hand.palm_m, view.hand.fingertips_m)
-        return all(math.dist(point, hole) >= self.away_m.get() for point in points for hole in holes)
+        return self.compare(float(np.min([math.dist(at, hole) for at in points for hole in holes])), ">=", self.away_m)

@@ -66,7 +66,7 @@ class PlacedInVain(CellNode):
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
         memory, where = self.memory, _where(part, position)
-        if memory.unplaced.get(where, 0) < self.tries.get():
+        if self.compare(memory.unplaced.get(where, 0), "<", self.tries):
             return Status.FAILURE
         self.feedback_message = Message(
             "the {part} does not go into {position}", part=self.tools.product.title(part), position=position
@@ -126,8 +126,8 @@ class VerifyPlacement(CellNode):
         self.what_if = f"if {part} were seen upright at {position}"
         if clear and self._seen_since_s is None:
             self._seen_since_s = now_s
-        late = self._seen_since_s is not None and now_s - self._seen_since_s > self.timeout_s.get()
-        if not late and now_s - self._begun_s <= self.hidden_s.get():
+        late = self._seen_since_s is not None and self.compare(now_s - self._seen_since_s, ">", self.timeout_s)
+        if not late and self.compare(now_s - self._begun_s, "<=", self.hidden_s):
             return Status.RUNNING
         self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
         self.memory.fingers_doubted = True

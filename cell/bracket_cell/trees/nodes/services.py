@@ -22,6 +22,7 @@ from bracket_ground.interfaces.perception import PartDetection, PartsView
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from bracket_ground.interfaces.product import Product
 from btxml.engine.blackboard import Scope
+from btxml.engine.causes import compared
 from btxml.engine.node import Node
 from btxml.engine.outside import LoggedAnswers
 
@@ -227,7 +228,8 @@ class Services:
 
     def _refusal(self, plan: GraspPlan, parts: PartsView, required: int) -> str | None:
         """Where a plan and the arm disagree about the part as it stands, if they do."""
-        if plan.graspable >= GRASPABLE:
+        of, source = parts.seen[required].part, f"{__name__}.GRASPABLE"
+        if compared("planner grasp", "GRASPABLE", plan.graspable, ">=", GRASPABLE, source, of):
             return self.why_not_graspable(parts, required)
         if plan.needs_help and self.why_not_graspable(parts, required) is None:
             return "it asks for help, and the arm can take the part as it stands"

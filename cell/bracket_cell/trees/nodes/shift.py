@@ -118,7 +118,7 @@ class BracketTaken(CellNode):
             self.feedback_message = ""
             return Status.FAILURE
         self._empty_s = view.time_s if self._empty_s is None else self._empty_s
-        if view.time_s - self._empty_s < self.settle_s.get():
+        if self.compare(view.time_s - self._empty_s, "<", self.settle_s):
             return Status.FAILURE
         self.feedback_message = "the bracket was taken away before it was finished"
         return Status.SUCCESS

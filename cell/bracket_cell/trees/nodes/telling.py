@@ -90,7 +90,7 @@ class SetSignal(CellNode):
             return SUCCESS
         self.feedback_message = f"sets {name}"
         services.now.command.signals = {**services.now.command.signals, name: value}
-        late = services.now.observation.worked_s - self._begun_s > self.timeout_s.get()
+        late = self.compare(services.now.observation.worked_s - self._begun_s, ">", self.timeout_s)
         return FAILURE if late else RUNNING
 
 
@@ -166,7 +166,7 @@ class TakeSnapshot(CellNode):
         view = seen.bench if camera is CameraName.overhead else seen.parts
         if view is None or view.time_s <= self._asked_s:
             self.feedback_message = f"waits for a picture of camera {camera.value}"
-            return FAILURE if seen.time_s - self._asked_s > self.timeout_s.get() else RUNNING
+            return FAILURE if self.compare(seen.time_s - self._asked_s, ">", self.timeout_s) else RUNNING
         self.number.set(view.sequence)
         mark = {"camera": camera.value, "sequence": view.sequence, "taken_s": view.time_s, "label": self.label.get()}
         self.tools.journal.note("snapshot", **mark)

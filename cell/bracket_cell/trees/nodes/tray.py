@@ -35,7 +35,10 @@ class ChoosePart(CellNode):
         if (near := self.near.get_or(None)) is not None:
             place = world_pose(self.services, near).position_m[:2]
             distance_m = {n: math.dist(view.detections[n].world_from_part.position_m[:2], place) for n in numbers}
-            numbers = sorted((n for n in numbers if distance_m[n] <= self.within_m.get()), key=distance_m.__getitem__)
+            numbers = sorted(
+                (n for n in numbers if self.compare(distance_m[n], "<=", self.within_m, str(n))),
+                key=distance_m.__getitem__,
+            )
         else:
             plans = {number: self.services.solve(view, number) for number in numbers}
             numbers = sorted(numbers, key=lambda number: (plans[number].needs_help, -plans[number].graspable))

@@ -87,7 +87,7 @@ class UpdateGraph(CellNode):
         action = self.action.get().action
         state = self.state.get()
         if action.kind == "assembly" and action.finished and action.part and action.position:
-            if action.confidence < self.least.get():
+            if self.compare(action.confidence, "<", self.least):
                 self.feedback_message = f"in doubt: {action}, {action.confidence:.2f}"
                 return Status.SUCCESS
             if action.position not in state.placed:
@@ -160,7 +160,7 @@ class ReconcileGraph(CellNode):
         if position not in self._differs or part != hole.part:
             since_s = hole.seen_s
         self._differs[position] = (hole.part, since_s)
-        return hole.seen_s - since_s >= self.settle_s.get()
+        return self.compare(hole.seen_s - since_s, ">=", self.settle_s)
 
     def _believed(self, position: str, hole: HoleView, placed: dict[str, str]) -> bool:
         """Whether a hole that looks otherwise is believed against the action that filled it, if one did."""
@@ -170,10 +170,10 @@ class ReconcileGraph(CellNode):
         if position not in self._again_s:
             self._again_s[position] = hole.seen_s
             self._note("looked at again", position, said, hole)
-        if hole.seen_s - self._again_s[position] < self.settle_s.get():
+        if self.compare(hole.seen_s - self._again_s[position], "<", self.settle_s):
             self.feedback_message = Message("looks at {position} again", position=position)
             return False
-        if hole.confidence >= self.sure.get():
+        if self.compare(hole.confidence, ">=", self.sure):
             self._note("the hole is believed", position, said, hole)
             del self._said[position], self._again_s[position]
             return True
@@ -228,7 +228,7 @@ class ReadHole(CellNode):
         hole = seen.bench.holes.get(position) if seen.bench else None
         if hole is None or hole.seen_s <= self._begun_s:
             self.feedback_message = f"waits for a clear view of {position}"
-            return FAILURE if seen.time_s - self._begun_s > self.timeout_s.get() else RUNNING
+            return FAILURE if self.compare(seen.time_s - self._begun_s, ">", self.timeout_s) else RUNNING
         self.part.set(hole.part or EMPTY)
         self.upright.set(hole.upright)
         self.feedback_message = f"{position}: {hole.part or EMPTY}{'' if hole.upright else ', tilted'}"

@@ -35,6 +35,5 @@ def why_at(paths: Sequence[Path], at_s: float = math.inf) -> dict[str, Any]:
         except (ValueError, KeyError, TypeError) as error:
             raise LogError(log.paths[0], f"holds a tick or a reason that cannot be read: {error!r}") from None
     if not found:
-        until = "" if math.isinf(at_s) else f" up to {at_s:.2f} s"
-        raise LogError(log.paths[0], f"holds no tick of the tree{until}")
+        raise LogError(log.paths[0], "holds no tick of the tree up to the time that was asked for")
     raise LogError(log.paths[0], "holds no record of reasons, as a release before 0.14 wrote none")

@@ -16,6 +16,7 @@ from bracket_cell.log.report.report import report_html
 from bracket_cell.log.report.summary import node_rows, with_cause
 from bracket_cell.log.report.text import info_lines, tick_lines, why_lines
 from bracket_cell.recording.recorder import Heading, McapRecorder
+from bracket_cell.recording.schemas import TICKED
 from bracket_cell.settings import LogSettings
 from bracket_cell.watching.observer import Outcome
 from bracket_ground.errors import LogError
@@ -63,20 +64,34 @@ def test_a_log_that_does_not_say_has_no_cause(commission_log: Log) -> None:
 
 
 def test_a_moment_of_a_log_is_explained_from_the_root(commission_log: Log) -> None:
-    middle_s = commission_log.ticks[len(commission_log.ticks) // 2].time_s
-    then = why_at(commission_log, middle_s)
-    assert then.remark == ""
-    assert then.tick.time_s == pytest.approx(middle_s)
-    plain = then.why.plain()
-    assert plain["tree"]["steps"][0]["path"] == commission_log.ticks[0].changes[0].path
-    lines = list(why_lines({"time_s": 1.0, "tick": 25, "status": "RUNNING", **plain}))
-    assert lines[0].endswith(str(then.why))
-    assert plain["tree"]["words"] in lines[0]
+    middle = commission_log.ticks[len(commission_log.ticks) // 2]
+    told = why_at(commission_log.parts, middle.time_s)
+    assert (told["tick"], told["time_s"]) == (middle.number, pytest.approx(middle.time_s))
+    assert told["tree"]["steps"][0]["path"] == commission_log.ticks[0].changes[0].path
+    lines = list(why_lines(told))
+    assert told["tree"]["words"] in lines[0]
+    assert any(line.startswith("  compared") for line in lines)
+
+
+def test_a_time_as_it_is_printed_finds_its_tick(commission_log: Log, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [tick for tick in commission_log.ticks if tick.status in TICKED][3::97]
+    for tick in asked:
+        assert main(["log", "why", str(commission_log.path), "--at", f"{tick.time_s:.2f}", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["tick"] == tick.number
+
+
+def test_a_log_that_noted_no_reasons_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "log.mcap"
+    recorder = McapRecorder(log, LogSettings(camera_frames=False), Heading({}, {}))
+    recorder.tick(record(0))
+    recorder.close(Outcome("finished", "", 1, 0, 0.0, 0.1))
+    assert main(["log", "why", str(log)]) == 2
+    assert "holds no record of reasons" in capsys.readouterr().err
 
 
 def test_a_time_before_the_log_begins_is_refused(commission_log: Log, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["log", "why", str(commission_log.path), "--at", "-1"]) == 2
-    assert "holds no tick of the tree up to -1 s; its first one is at" in capsys.readouterr().err
+    assert "holds no tick of the tree up to the time" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("told", ["{", "[1]", '"x"', '{"text": "x"}'])

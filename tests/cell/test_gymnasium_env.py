@@ -1,39 +1,90 @@
-"""The cell as a Gymnasium environment passes Gymnasium's own checker, and pays for coming nearer."""
+"""The cell as Gymnasium environments: found by name in a fresh process, checked by Gymnasium, solved by a script."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bracket_cell.learned.inference.policy import ENVIRONMENT
-from bracket_sim.gymnasium_env import ABOVE_M, NAME, AbovePart, register
+from bracket_ground.interfaces.pose import Array
+from bracket_sim.gymnasium_env import TASKS, CellTask
+
+NAME = "bracket_sim.gymnasium_env:cell/{}-v0"
 
 
-@pytest.mark.filterwarnings("ignore:.*normalized space")  # actions are joints, as the policy in the cell has them
-def test_it_is_made_by_name_and_passes_the_checker() -> None:
-    register()
-    made = gymnasium.make(NAME)
-    assert made.spec is not None
-    check_env(made.unwrapped, skip_render_check=True)
-    made.close()
+def test_a_fresh_process_makes_it_by_name() -> None:
+    program = f"import gymnasium; env = gymnasium.make({NAME.format('Grasp')!r}); env.reset(seed=1); env.close()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
-def test_the_way_above_the_part_ends_the_episode_and_a_way_through_the_table_is_refused() -> None:
-    env = AbovePart()
+def test_gymnasiums_checker_and_torch_take_it() -> None:
+    env = CellTask("Reach")
+    check_env(env, skip_render_check=True)
+    assert not any("." in name for name in env.observation_space)  # a torch.nn.ModuleDict takes no dots
+    env.close()
+
+
+def to(tool_m: Array, goal_m: Array, fingers: float) -> Array:
+    """The step towards a place."""
+    return np.array([*np.clip((goal_m - tool_m) / 0.04, -1, 1), 0.0, fingers], np.float32)
+
+
+def tool_m(env: CellTask, seen: dict[str, Array]) -> Array:
+    return np.asarray(env._motion.kinematics.position_m(seen["state"][:6].astype(float)))
+
+
+def test_a_script_reaches_and_a_way_through_the_table_is_refused() -> None:
+    env = CellTask("Reach")
     seen, told = env.reset(seed=3, options={"part": "o1"})
     assert told["part"] == "o1"
-    start = np.array(seen["observation.state"][:6])
-    x, y, z = seen[ENVIRONMENT]
-    down = env.above(np.array((x, y, z - 0.3 - ABOVE_M)), start)
-    _, reward, ended, _, info = env.step(down)
-    assert info["refused"]
-    assert reward < -1.0
-    assert not ended
-    seen, reward, ended, _, info = env.step(env.above(np.array((x, y, z)), start))
-    assert ended, info
-    assert reward > -0.01
+    ended, total, steps = False, 0.0, 0
+    while not ended and steps < 60:
+        seen, reward, ended, _, told = env.step(to(tool_m(env, seen), seen["target"], 1.0))
+        total, steps = total + reward, steps + 1
+    assert ended, told
+    assert total > 1.0
+    refused = []
+    for _ in range(12):
+        *_, told = env.step(np.array([0, 0, -1, 0, 1], np.float32))
+        refused.append(bool(told["refused"]))
+    assert refused[-1], "it went through the table"
     with pytest.raises(ValueError, match="no part 'o9'"):
         env.reset(seed=3, options={"part": "o9"})
     env.close()
+
+
+def test_the_same_seed_is_the_same_episode_also_side_by_side() -> None:
+    both = gymnasium.make_vec(NAME.format("Reach"), num_envs=2, vectorization_mode="sync")
+    first, _ = both.reset(seed=[5, 5])
+    assert all(np.array_equal(rows[0], rows[1]) for rows in first.values())
+    after, rewards, *_ = both.step(np.tile(np.array([0.5, 0.2, 0, 0, 1], np.float32), (2, 1)))
+    assert rewards[0] == rewards[1]
+    assert all(np.array_equal(rows[0], rows[1]) for rows in after.values())
+    both.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_begins_and_steps(task: str) -> None:
+    env = CellTask(task)
+    seen, _ = env.reset(seed=2)
+    for _ in range(3):
+        seen, reward, *_ = env.step(to(tool_m(env, seen), seen["part"] + (0, 0, 0.16), 1.0))
+        assert np.isfinite(reward)
+    env.close()
+
+
+@pytest.mark.slow
+def test_beside_a_person_the_arm_keeps_its_distance() -> None:
+    env = CellTask("Reach", person=True)
+    seen, _ = env.reset(seed=2)
+    for _ in range(5):
+        seen, *_ = env.step(to(tool_m(env, seen), seen["target"], 1.0))
+    env.close()
+    with pytest.raises(ValueError, match="without images"):
+        CellTask("Reach", images=("wrist",), person=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -9,15 +10,17 @@ import numpy as np
 
 from bracket_cell.skills.grasping.handling import joints_of
 from bracket_cell.skills.grasping.phases import failed
-from bracket_cell.skills.motion.planner import Load
+from bracket_cell.skills.motion.planner import Load, MotionPlanner, Plan
 from bracket_cell.skills.move_to import FreeMove
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
-from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.skill import Progress, SkillStatus
 
 SETTLED_RAD = 0.01  # a policy that wants the arm no farther than this from where it stands is done
+STEP_M, STEP_RAD = 0.04, 0.3  # the largest step of a policy that answers with steps
+STEPS = ("x", "y", "z", "turn")
 Zone = tuple[float, float, float, float, float, float]  # least and largest x, y, z of the tool in the world [m]
 
 
@@ -65,3 +68,30 @@ class FollowPolicy(FreeMove):
             return self._finish(failed("the policy did not come to rest in the motions that it may make"))
         self._phases = self._end = None
         return Progress(SkillStatus.RUNNING, "asking the policy again")
+
+
+def step_goal(motion: MotionPlanner, start_rad: Array, step: Array) -> Pose:
+    """Where the tool is after a step (4,): shares from -1 to 1 of STEP_M along x, y and z, of STEP_RAD about z."""
+    tool = motion.kinematics.forward(start_rad)
+    by = np.clip(np.asarray(step, np.float64), -1.0, 1.0)
+    x, y, z = (float(at + STEP_M * share) for at, share in zip(tool.position_m, by[:3], strict=True))
+    half = 0.5 * STEP_RAD * float(by[3])
+    turn = Pose((0.0, 0.0, 0.0), (math.cos(half), 0.0, 0.0, math.sin(half)))
+    return Pose((x, y, z), (turn @ Pose((0.0, 0.0, 0.0), tool.quaternion_wxyz)).quaternion_wxyz)
+
+
+def stepped(motion: MotionPlanner, start_rad: Array, step: Array, opening_m: float) -> Plan:
+    """A straight motion by a step, or why it is not free, in words."""
+    return motion.straight_move(start_rad, step_goal(motion, start_rad, step), Load(opening_m, close=True))
+
+
+def joints_after(motion: MotionPlanner, start_rad: Array, step: Array) -> Array:
+    """Where the joints are after a step, (6,).
+
+    Raises:
+        ModelError: the arm cannot be there.
+    """
+    joints = motion.kinematics.follow(step_goal(motion, start_rad, step), start_rad)
+    if joints is None:
+        raise ModelError(f"the policy wants a step {np.round(step, 2).tolist()} where the arm cannot go")
+    return joints

@@ -40,12 +40,14 @@ def open_simulation(
     rendered: bool = True,
     detect: Callable[[], DetectByCamera] | None = None,
     arm: Callable[[World], DrivenArm] | None = None,
+    worker: bool = True,
 ) -> SimCell:
     """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
 
     Args:
         detect: makes the detectors that run beside it, where frames are made beside it, too.
         arm: makes what drives the joints; by default an arm that follows joint trajectories.
+        worker: with the person, or the robot alone.
 
     Raises:
         CellError: it could not be opened.
@@ -67,6 +69,7 @@ def open_simulation(
         robot=configuration.robot,
         detect=detect,
         arm=arm,
+        worker=worker,
     )
 
 

@@ -166,7 +166,7 @@ def test_a_rosbag_has_joints_transforms_images_and_lines(assembly_log: Log, tmp_
     images = [message for message in assembly_log.messages if message.topic == "/camera/overhead"]
     assert len(found["/camera/overhead/compressed"]) == len(images)
     assert found["/camera/overhead/compressed"][0].data.tobytes()[:2] == b"\xff\xd8"
-    assert {one.child_frame_id for message in found["/tf"] for one in message.transforms} >= {"camera_overhead"}
+    assert {one.child_frame_id for message in found["/tf_static"] for one in message.transforms} >= {"camera_overhead"}
     assert found["/rosout"]
     with pytest.raises(InputError, match="exists already"):
         export(assembly_log, "rosbag2", target)

@@ -1,11 +1,14 @@
 """Trained policies as ONNX files: what they see by name, in LeRobot's words, and what they want of the arm.
 
-A file has inputs of these names, of as many numbers as stand here, and an output `action` of as many as the state:
+A file has inputs of these names, of as many numbers as stand here, and an output `action`:
 
-    observation.state               six joints in [rad], then the opening of the fingers in [m]
-    observation.environment_state   where the part is that the robot is after, (x, y, z) in the world in [m]
+    observation.state, state              six joints in [rad], then the opening of the fingers in [m]
+    observation.environment_state, part   where the part is that the robot is after, (x, y, z) in the world in [m]
+    target                                where the tool goes, (x, y, z)
 
-What `cell log export --to lerobot` writes has the same names.
+An action has as many numbers as the state, joints where the arm goes, or five: a step of the tool as in
+`bracket_sim.gymnasium_env`. Several, (k, n), are followed one after the other before the policy is asked again. What
+`cell log export --to lerobot` writes has the same names, and so has the environment for Gymnasium.
 """
 
 from __future__ import annotations
@@ -26,15 +29,19 @@ from bracket_ground.interfaces.pose import Array
 STATE, ENVIRONMENT, ACTION = "observation.state", "observation.environment_state", "action"
 OF_STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
 OF_ENVIRONMENT = ("part_x_m", "part_y_m", "part_z_m")
-SIZES = {STATE: len(OF_STATE), ENVIRONMENT: len(OF_ENVIRONMENT)}
+STEP_N = 5
+SIZES = {
+    **dict.fromkeys((STATE, "state"), len(OF_STATE)),
+    **dict.fromkeys((ENVIRONMENT, "part", "target"), len(OF_ENVIRONMENT)),
+}
 
 
-def observed(arm: ArmState, gripper: GripperState, part_m: Sequence[float]) -> dict[str, Array]:
+def observed(
+    arm: ArmState, gripper: GripperState, part_m: Sequence[float], target_m: Sequence[float]
+) -> dict[str, Array]:
     """What a policy sees, by name."""
-    return {
-        STATE: np.array([*arm.positions_rad, gripper.opening_m]),
-        ENVIRONMENT: np.array(part_m, np.float64),
-    }
+    state, part = np.array([*arm.positions_rad, gripper.opening_m]), np.array(part_m, np.float64)
+    return {STATE: state, "state": state, ENVIRONMENT: part, "part": part, "target": np.array(target_m, np.float64)}
 
 
 class Policy:
@@ -63,17 +70,16 @@ class Policy:
         if ACTION not in {one.name for one in self._session.get_outputs()}:
             raise ModelError(f"{path}: has no output {ACTION!r}")
 
-    def action(self, seen: Mapping[str, Array]) -> Array:
-        """The joints (6,) that it wants next in [rad]; an opening of the fingers that follows them is left out.
+    def actions(self, seen: Mapping[str, Array]) -> Array:
+        """What it wants next, (k, 6) joints in [rad] or (k, 4) steps; fingers that follow them are left out.
 
         Raises:
             ModelError: it answers other than that many finite numbers.
         """
         fed = {name: np.asarray(seen[name], np.float32)[None] for name in self._inputs}
         [answer] = self._session.run([ACTION], fed)
-        wanted = np.asarray(answer, np.float64).reshape(-1)
-        if len(wanted) not in (len(JOINTS), len(OF_STATE)) or not np.isfinite(wanted).all():
-            raise ModelError(
-                f"{self._path}: answers {wanted.tolist()}; legal: {len(JOINTS)} or {len(OF_STATE)} numbers"
-            )
-        return wanted[: len(JOINTS)]
+        wanted = np.atleast_2d(np.asarray(answer, np.float64)[0] if np.size(answer) else answer)
+        size, legal = wanted.shape[-1], (STEP_N, len(JOINTS), len(OF_STATE))
+        if wanted.ndim != 2 or not len(wanted) or size not in legal or not np.isfinite(wanted).all():
+            raise ModelError(f"{self._path}: answers {wanted.tolist()}; legal: rows of {legal} finite numbers")
+        return wanted[:, : STEP_N - 1 if size == STEP_N else len(JOINTS)]

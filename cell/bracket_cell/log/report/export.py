@@ -88,7 +88,7 @@ def export(log: Log, style: str, path: Path) -> int:
         "transitions": lambda log, path: _parquet(log, list(transitions(log)), path),
         "notes": lambda log, path: _parquet(log, list(notes(log)), path),
         "candump": _candump,
-        "rosbag2": write_rosbag,
+        "rosbag2": lambda log, partial: write_rosbag(log, partial, path.name),
         "btlog": _btlog,
         "rerun": write_for_rerun,
         "video": lambda log, partial: _video(log, partial, path),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from bracket_cell.packages import needed
 from bracket_ground.interfaces.bench import JOINTS
 
 JOINT_STATE, TF = ("/joint_states", "sensor_msgs/msg/JointState"), ("/tf", "tf2_msgs/msg/TFMessage")
+STATIC = "/tf_static", TF[1]
 IMAGES, LOG = "sensor_msgs/msg/CompressedImage", ("/rosout", "rcl_interfaces/msg/Log")
 LEVELS = {0: 10, 1: 10, 2: 20, 3: 30, 4: 40, 5: 50}  # by the numbers of foxglove.Log
 VERSION = 9  # of the bag's metadata
@@ -24,8 +26,11 @@ VERSION = 9  # of the bag's metadata
 Sent = tuple[int, tuple[str, str], Any]
 
 
-def write_rosbag(log: Log, path: Path) -> int:
+def write_rosbag(log: Log, path: Path, name: str) -> int:
     """Write a folder with a bag; returns how many messages it has.
+
+    Args:
+        name: of the bag's file, without its ending.
 
     Raises:
         LogError: an image, transform or line of the log is damaged.
@@ -33,16 +38,20 @@ def write_rosbag(log: Log, path: Path) -> int:
         OSError: it cannot be written.
     """
     bags, types = (needed(name, "a rosbag2", "parquet") for name in ("rosbags.rosbag2", "rosbags.typesys"))
-    known = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    known, latched = types.get_typestore(types.Stores.ROS2_HUMBLE), [_latched()]
     channels: dict[tuple[str, str], Any] = {}
     count = 0
     try:
         with bags.Writer(path, version=VERSION, storage_plugin=bags.StoragePlugin.MCAP) as writer:
             for at_ns, of, message in sorted(_all(log, known.types), key=lambda sent: sent[0]):
                 if of not in channels:
-                    channels[of] = writer.add_connection(*of, typestore=known)
+                    qos = latched if of == STATIC else []
+                    channels[of] = writer.add_connection(*of, typestore=known, offered_qos_profiles=qos)
                 writer.write(channels[of], at_ns, known.serialize_cdr(message, of[1]))
                 count += 1
+        (path / f"{path.name}.mcap").rename(path / f"{name}.mcap")
+        about = path / "metadata.yaml"
+        about.write_text(about.read_text().replace(f"{path.name}.mcap", f"{name}.mcap"))
     except BaseException:
         shutil.rmtree(path, ignore_errors=True)
         raise
@@ -59,13 +68,17 @@ def _all(log: Log, types: Any) -> Iterator[Sent]:
         at_ns, arm = start_ns + round(tick.time_s * 1e9), tick.observation.arm
         numbers = np.array(arm.positions_rad, np.float64), np.zeros(0), np.zeros(0)
         yield at_ns, JOINT_STATE, types[JOINT_STATE[1]](header(at_ns, ""), list(JOINTS), *numbers)
+    told_n = Counter(message.topic for message in log.messages)
     for message in log.messages:
         at_ns, topic = start_ns + message.time_ns, message.topic
         if topic.startswith("/tf/"):
             kind: Any = messages.FrameTransform if topic.startswith("/tf/camera_") else messages.FrameTransforms
             told = decoded(log.path, message, kind)
             moved = [told] if kind is messages.FrameTransform else told.transforms
-            yield at_ns, TF, types[TF[1]]([_transform(types, header(at_ns, one.parent_frame_id), one) for one in moved])
+            of = (
+                STATIC if told_n[topic] <= max(1, len(log.parts)) < len(log.ticks) else TF
+            )  # one in each part: it stays
+            yield at_ns, of, types[TF[1]]([_transform(types, header(at_ns, one.parent_frame_id), one) for one in moved])
         elif topic.startswith(CAMERA) and "/" not in topic.removeprefix(CAMERA):
             image = decoded(log.path, message, IMAGE)
             data = np.frombuffer(image.data, np.uint8)
@@ -76,6 +89,14 @@ def _all(log: Log, types: Any) -> Iterator[Sent]:
             level = LEVELS.get(line.level, 40)
             sent = types[LOG[1]](_stamp(types, at_ns), level, line.name, line.message, line.file, "", line.line)
             yield at_ns, LOG, sent
+
+
+def _latched() -> Any:
+    """The quality of service of what is told once, as tf2 offers it."""
+    ros = needed("rosbags.interfaces", "a rosbag2", "parquet")
+    forever = ros.QosTime(2147483647, 4294967295)
+    kept = ros.QosHistory.KEEP_LAST, 1, ros.QosReliability.RELIABLE, ros.QosDurability.TRANSIENT_LOCAL
+    return ros.Qos(*kept, forever, forever, ros.QosLiveliness.SYSTEM_DEFAULT, forever, False)
 
 
 def _transform(types: Any, header: Any, told: Any) -> Any:

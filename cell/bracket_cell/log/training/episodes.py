@@ -25,6 +25,7 @@ class Episode:
         task: in words.
         success: the bracket is right; None where nobody knows.
         ended: the log holds the run's end.
+        pixels: some of each camera's, (n, 3) from 0 to 1.
     """
 
     times_s: Array
@@ -34,7 +35,7 @@ class Episode:
     task: str
     success: bool | None
     ended: bool = True
-    pixels: list[Array] = field(default_factory=list)
+    pixels: dict[str, list[Array]] = field(default_factory=dict)
 
 
 def rows_of(log: Log, rate_hz: float) -> Episode:

@@ -8,7 +8,7 @@ gripper's goal.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from bracket_ground.files.files import whole_or_none
 from bracket_ground.interfaces.pose import Array
 
 VERSION, CHUNK = "v3.0", 1000
-VIDEO = "observation.images.overhead"
+CAMERAS = ("overhead", "wrist")
 AXES = ("height", "width", "channels")
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
 ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
@@ -86,32 +86,39 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
     rate_hz = rates.pop()
     try:
         with whole_or_none(folder) as partial:
-            episodes, size = [], (0, 0)
+            episodes, sizes = [], dict[str, tuple[int, int]]()
+            cameras = [one for one in CAMERAS if filmed and all(Frames(log).times_s(one) for log in logs)]
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
-                if filmed:
-                    video = FilmedVideo(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, codec)
-                    size = _write_video(log, episode, video)
+                for camera in cameras:
+                    video = FilmedVideo(partial / "videos" / _video(camera) / _file(number, ".mp4"), rate_hz, codec)
+                    sizes[camera] = _write_video(log, camera, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)
-            _write_json(_info(episodes, rate_hz, size, codec), partial / "meta" / "info.json")
+            _write_json(_info(episodes, rate_hz, sizes, codec), partial / "meta" / "info.json")
             _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return sum(len(episode.times_s) for episode in episodes)
 
 
-def _write_video(log: Log, episode: Episode, video: FilmedVideo) -> tuple[int, int]:
-    """One frame a row; returns (height, width)."""
-    frames, size = Frames(log), (0, 0)
+def _video(camera: str) -> str:
+    return f"observation.images.{camera}"
+
+
+def _write_video(log: Log, camera: str, episode: Episode, video: FilmedVideo) -> tuple[int, int]:
+    """One frame a row, before the first one of a camera that first; returns (height, width)."""
+    frames, size, pixels = Frames(log), (0, 0), episode.pixels.setdefault(camera, [])
+    first_s, image, shown_s = frames.times_s(camera)[0], None, -1.0
     for row, time_s in enumerate(episode.times_s):
-        frame = frames.newest_of("overhead", float(time_s))
-        assert frame is not None, "an episode begins with its first image"
-        image = frame.image()
+        frame = frames.newest_of(camera, max(float(time_s), first_s))
+        assert frame is not None, "it has one from its first time on"
+        if image is None or frame.time_s != shown_s:
+            image, shown_s = frame.image(), frame.time_s
         size = image.shape[0], image.shape[1]
         video.add(image)
         if row % PIXELS_EVERY == 0:
-            episode.pixels.append(np.asarray(image[::4, ::4, ::-1], np.float64).reshape(-1, 3) / 255.0)
+            pixels.append(np.asarray(image[::4, ::4, ::-1], np.float64).reshape(-1, 3) / 255.0)
     video.close()
     return size
 
@@ -135,7 +142,7 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
                 "dataset_from_index": first,
                 "dataset_to_index": first + count,
                 **{f"data/{name}": value for name, value in place.items()},
-                **({f"videos/{VIDEO}/{name}": value for name, value in video.items()} if episode.pixels else {}),
+                **{f"videos/{_video(one)}/{name}": value for one in episode.pixels for name, value in video.items()},
                 **{f"meta/episodes/{name}": 0 for name in place},
                 **_of_episode(episode, rate_hz),
             }
@@ -184,18 +191,11 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], codec: str) -> dict[str, Any]:
+def _info(
+    episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple[int, int]], codec: str
+) -> dict[str, Any]:
     vector = {"dtype": "float32", "shape": [len(OF_STATE)], "names": list(OF_STATE)}
-    video = {
-        "video.height": size[0],
-        "video.width": size[1],
-        "video.codec": codec,
-        "video.pix_fmt": PIXELS,
-        "video.is_depth_map": False,
-        "video.fps": rate_hz,
-        "video.channels": 3,
-        "has_audio": False,
-    }
+    videos = {_video(one): _about_video(size, rate_hz, codec) for one, size in sizes.items()}
     flag, whole = {"dtype": "bool", "shape": [1], "names": None}, {"dtype": "int64", "shape": [1], "names": None}
     return {
         "codebase_version": VERSION,
@@ -214,7 +214,7 @@ def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], co
             "observation.state": vector,
             ENVIRONMENT: {**vector, "shape": [len(OF_ENVIRONMENT)], "names": list(OF_ENVIRONMENT)},
             "action": vector,
-            **({VIDEO: {"dtype": "video", "shape": [*size, 3], "names": list(AXES), "info": video}} if size[0] else {}),
+            **videos,
             "next.done": flag,
             "next.success": flag,
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -223,22 +223,36 @@ def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int], co
     }
 
 
+def _about_video(size: tuple[int, int], rate_hz: float, codec: str) -> dict[str, Any]:
+    video = {
+        "video.height": size[0],
+        "video.width": size[1],
+        "video.codec": codec,
+        "video.pix_fmt": PIXELS,
+        "video.is_depth_map": False,
+        "video.fps": rate_hz,
+        "video.channels": 3,
+        "has_audio": False,
+    }
+    return {"dtype": "video", "shape": [*size, 3], "names": list(AXES), "info": video}
+
+
 def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
     lengths = [len(episode.times_s) for episode in episodes]
     times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
-    pixels = [rows for episode in episodes for rows in episode.pixels]
     told = {
         "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
         ENVIRONMENT: _spread(np.concatenate([episode.parts_m for episode in episodes])),
         "action": _spread(np.concatenate([episode.actions for episode in episodes])),
         "timestamp": _spread(times_s[:, np.newaxis]),
     }
-    if not pixels:
-        return told
-    spread = _spread(np.concatenate(pixels))
-    image = {name: [[[one]] for one in values] for name, values in spread.items() if name != "count"}
-    return {**told, VIDEO: {**image, "count": [sum(len(episode.pixels) for episode in episodes)]}}
+    for camera in episodes[0].pixels:
+        pixels = [rows for episode in episodes for rows in episode.pixels[camera]]
+        spread = _spread(np.concatenate(pixels))
+        image = {name: [[[one]] for one in values] for name, values in spread.items() if name != "count"}
+        told[_video(camera)] = {**image, "count": [len(pixels)]}
+    return told
 
 
 def _of_episode(episode: Episode, rate_hz: float) -> dict[str, Any]:

@@ -69,6 +69,7 @@ class RunPolicy(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
     zone_m = InputPort(list[float], "where the tool may go in the world: least and largest x, then y, then z in [m]")
     motions = InputPort(int, "motions that it may make", default=10)
+    above_m = InputPort(float, "how far over the part its target is in [m]", default=0.16)
 
     _policy: Policy | None = None
 
@@ -85,7 +86,8 @@ class RunPolicy(SkillNode):
         except ModelError as error:
             raise NodeError(str(error)) from None
         services.journal.note("message", text=f"policy {self.file.get()}, sha256 {self._policy.sha256}")
-        self._part_m = part.world_from_part.position_m
+        x, y, z = self._part_m = part.world_from_part.position_m
+        self._target_m, self._chunk = (x, y, z + self.above_m.get()), list[Array]()
         motion, (_, held), motions = services.tools.motion, self.surroundings, self.motions.get()
         box = (zone[0], zone[1], zone[2], zone[3], zone[4], zone[5])
         return FollowPolicy(motion, (part, *others), held, wants=self.wants, zone=box, steps=motions)
@@ -93,9 +95,16 @@ class RunPolicy(SkillNode):
     def wants(self, seen: Observation) -> Array:
         """Raises: ModelError: the policy has no answer."""
         from bracket_cell.learned.inference.policy import observed
+        from bracket_cell.skills.follow_policy import STEPS, joints_after
 
         assert self._policy is not None, "make_skill comes first"
-        return self._policy.action(observed(seen.arm, seen.gripper, self._part_m))
+        if not self._chunk:
+            told = self._policy.actions(observed(seen.arm, seen.gripper, self._part_m, self._target_m))
+            self._chunk = list(told)
+        wanted = self._chunk.pop(0)
+        if len(wanted) > len(STEPS):
+            return wanted
+        return joints_after(self.services.tools.motion, np.array(seen.arm.positions_rad), wanted)
 
 
 class MoveToJoints(SkillNode):

@@ -173,6 +173,29 @@ def test_a_policy_of_our_own_export_moves_above_parts(tmp_path: Path) -> None:
     assert again.identical, again.first
 
 
+@pytest.mark.parametrize(("shape", "answers"), [((1, 7), (1, 6)), ((1, 3, 7), (3, 6)), ((1, 4, 5), (4, 4))])
+def test_a_chunk_of_actions_or_of_steps_is_taken(
+    shape: tuple[int, ...], answers: tuple[int, ...], tmp_path: Path
+) -> None:
+    """As ACT and diffusion policies answer: several actions at once."""
+    chunk = numpy_helper.from_array(np.arange(math.prod(shape), dtype=np.float32).reshape(shape) / 100, "chunk")
+    nothing = numpy_helper.from_array(np.zeros(1, np.float32), "nothing")
+    nodes = [
+        helper.make_node("ReduceSum", ["state"], ["sum"], keepdims=0),
+        helper.make_node("Mul", ["sum", "nothing"], ["none"]),
+        helper.make_node("Add", ["chunk", "none"], [ACTION]),
+    ]
+    graph = helper.make_graph(
+        nodes, "chunks",
+        [helper.make_tensor_value_info("state", TensorProto.FLOAT, [1, 7])],
+        [helper.make_tensor_value_info(ACTION, TensorProto.FLOAT, list(shape))], [chunk, nothing],
+    )  # fmt: skip
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), tmp_path / "p")
+    told = Policy(tmp_path / "p").actions({"state": np.zeros(7)})
+    assert told.shape == answers
+    assert told[0, 1] == pytest.approx(0.01)
+
+
 def test_what_a_policy_wants_to_see_is_checked_by_name(tmp_path: Path) -> None:
     for name, size, why in (("pixels", 3, "'pixels' of 3"), (STATE, 5, "of 5 numbers")):
         graph = helper.make_graph(

@@ -207,15 +207,17 @@ def run_all(tasks: Iterable[Task], total: int, out: str, workers: int, scheduler
                     else:
                         yield task
 
-            for row in results(client, missing()):
-                if row["end"] in NOT_DONE:  # runs that no worker finished are tried again next time
-                    lost.append(f"seed {row['seed']} with {row['tree']}: {row['end']}: {row['reason']}")
-                    continue
-                store.add(row)
-                more()
-                progress.advance(shown)
+            try:
+                for row in results(client, missing()):
+                    if row["end"] in NOT_DONE:  # runs that no worker finished are tried again next time
+                        lost.append(f"seed {row['seed']} with {row['tree']}: {row['end']}: {row['reason']}")
+                        continue
+                    store.add(row)
+                    more()
+                    progress.advance(shown)
+            finally:  # what is done is in the table, however it ends
+                done = [key for key in wanted if key in store]
+                write_table(store.rows_of(done), folder / "runs.parquet")
         for why in lost[:1]:
             console().print(f"{len(lost)} runs are not there; the first: {why}", highlight=False)
-        done = [key for key in wanted if key in store]
-        write_table(store.rows_of(done), folder / "runs.parquet")
         yield Rows(folder, len(done))

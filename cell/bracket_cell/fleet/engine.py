@@ -1,14 +1,22 @@
-"""Runs on Dask: on this machine, or on any cluster whose scheduler is named; a lost worker loses nothing."""
+"""Runs on Dask: on this machine, or on any cluster whose scheduler is named.
+
+A worker's trouble is not the run's: it goes elsewhere once more, and a worker that had two is left out. Where the
+scheduler is gone, it is waited for, and what was under way is handed out again.
+"""
 
 from __future__ import annotations
 
 import itertools
+import logging
 import pickle
 import sys
 import tempfile
 import time
+from asyncio import CancelledError
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -23,6 +31,9 @@ LOSSES = 20  # workers that may be lost over one run before it is given up
 COLD_S = 60.0  # how long a cluster may be without a worker that can do the work
 REFUSED_S = 10.0  # ... where all that are there were refused: others may be about to come
 CONNECT_S = 15.0
+AWAY_S = 90.0  # in which a scheduler must be back
+TROUBLES = 2  # after which a worker is left out, and a run goes nowhere else
+FROZEN = "60s"  # a worker of this machine that says nothing for so long is gone
 POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
 # Asked of every worker before its first run; sent as source, as a worker may lack the package.
 FACTS = """
@@ -48,7 +59,10 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
     settings = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.worker.memory.terminate": False,
+        "distributed.scheduler.worker-ttl": FROZEN,
     }
+    for name in ("distributed", "tornado", "asyncio"):  # what goes wrong there is said here, in words
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with dask.config.set(settings):
         if address is not None:
             try:
@@ -92,15 +106,94 @@ def _closed(opened: Any) -> Iterator[Any]:
 def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = run_task) -> Iterator[Row]:
     """Rows as they come; tasks are taken from the iterable only as workers need them.
 
-    A task whose worker was lost goes to another one. One that loses every worker is a row that says so.
+    A task whose worker was lost, or had trouble, goes to another one. One that loses every worker is a row that says
+    so. Each task has one row, also where the scheduler went and came back.
+
+    Raises:
+        InputError: the scheduler did not come back.
     """
-    for (task,), future in _done(client, work, ((task,) for task in tasks), in_order=False):
-        error = future.exception()
-        if error is None:
-            yield future.result()
-        else:
-            told = {"end": "lost", "reason": _words(error), "took_s": 0.0}
-            yield {"key": task.key, "seed": task.seed, **dict(task.label), **told}
+    distributed = needed("distributed", "cell lab sweep")
+    gone = (distributed.client.FuturesCancelledError, CancelledError, OSError)
+    address, waiting, done = client.scheduler.address, _Once(tasks), set[str]()
+    while True:
+        try:
+            for (task,), future in _done(client, work, ((task,) for task in waiting), in_order=False):
+                row = _row(task, future)
+                done.add(task.key)
+                yield row
+            return
+        except gone as error:
+            if client.status == "running":
+                raise
+            client = _again(address, error, len(done))
+            waiting.again(done)
+
+
+def _row(task: Task, future: Any) -> Row:
+    error, trouble = future.exception(), None
+    if error is None:
+        answer = future.result()
+        if not isinstance(answer, Trouble):
+            row: Row = answer
+            return row
+        trouble = answer.words
+    elif future.status == "cancelled" or isinstance(error, CancelledError):
+        raise error  # the scheduler is gone: it is nobody's answer
+    told = {"end": "lost", "reason": trouble or _words(error), "took_s": 0.0}
+    return {"key": task.key, "seed": task.seed, **dict(task.label), **told}
+
+
+class _Once:
+    """Tasks that are taken one by one, and those that must be taken again first."""
+
+    def __init__(self, tasks: Iterable[Task]) -> None:
+        self._tasks, self._taken, self._first = iter(tasks), dict[str, Task](), list[Task]()
+
+    def again(self, done: set[str]) -> None:
+        """Those that were taken and are not done come first."""
+        self._taken = {key: task for key, task in self._taken.items() if key not in done}
+        self._first = list(self._taken.values())
+
+    def __iter__(self) -> Iterator[Task]:
+        while self._first:
+            yield self._first.pop(0)
+        for task in self._tasks:
+            self._taken[task.key] = task
+            yield task
+
+
+def _again(address: str, error: BaseException, done: int) -> Any:
+    """A client of a scheduler that is back.
+
+    Raises:
+        InputError: it did not come back in time.
+    """
+    distributed = needed("distributed", "cell lab sweep")
+    sys.stderr.write(f"cell: the scheduler {address} is gone ({type(error).__name__}); waiting for it\n")
+    until_s = time.monotonic() + AWAY_S
+    while time.monotonic() < until_s:
+        with suppress(OSError, TimeoutError, ValueError):
+            return distributed.Client(address, timeout=POLL_S)
+        time.sleep(POLL_S)
+    what = f"--scheduler {address}: gone for {AWAY_S:g} s; {done} runs of this call are done and written"
+    raise InputError(f"{what}; the same command goes on with the rest")
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """A worker could not do a run, for reasons of its machine: a full disk, for instance."""
+
+    worker: str
+    words: str
+
+
+def on_worker(work: Callable[..., T], *arguments: Any) -> T | Trouble:
+    """What a function answers, or the trouble that its worker has."""
+    try:
+        return work(*arguments)
+    except OSError as error:
+        distributed = needed("distributed", "cell lab sweep")
+        return Trouble(distributed.get_worker().address, f"{type(error).__name__}: {error}")
 
 
 def mapped(
@@ -127,7 +220,10 @@ def mapped(
         for _, future in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
             error = future.exception()
             if error is None:
-                yield future.result()
+                answer = future.result()
+                if isinstance(answer, Trouble):
+                    raise CellError(f"several workers had trouble, the last one: {answer.words}")
+                yield answer
             elif isinstance(error, ChildDied) or type(error).__name__ == "KilledWorker":
                 raise CellError(f"a worker was lost again and again: {_words(error)}") from error
             else:
@@ -143,6 +239,7 @@ def _done(
     """
     distributed = needed("distributed", "cell lab sweep")
     waiting, pending, crew = iter(arguments), dict[Any, tuple[tuple[Any, ...], set[str]]](), _Crew(client)
+    troubled = dict[int, set[str]]()
     try:
         while True:
             crew.look(idle=not pending)
@@ -155,15 +252,22 @@ def _done(
                 distributed.wait([first] if in_order else list(pending), timeout=POLL_S, return_when="FIRST_COMPLETED")
             done = [one for one in ([first] if in_order else list(pending)) if one.done()]
             for future in done:
-                yield pending.pop(future)[0], future
+                one, _ = pending.pop(future)
+                trouble = future.result() if future.status == "finished" else None
+                if isinstance(trouble, Trouble) and crew.had(trouble, troubled, one):
+                    pending[_submitted(client, work, one, crew)] = one, crew.agreeing
+                    continue
+                troubled.pop(id(one), None)
+                yield one, future
             if not done:
                 pending = {_kept(client, work, one, told, crew): told for one, told in pending.items()}
     finally:
-        client.cancel(list(pending))
+        with suppress(Exception):  # of a scheduler that is gone there is nothing to cancel
+            client.cancel(list(pending))
 
 
 def _submitted(client: Any, work: Callable[..., Any], one: tuple[Any, ...], crew: _Crew) -> Any:
-    return client.submit(work, *one, pure=False, workers=sorted(crew.agreeing))
+    return client.submit(on_worker, work, *one, pure=False, workers=sorted(crew.agreeing))
 
 
 def _kept(
@@ -188,7 +292,7 @@ class _Crew:
     def __init__(self, client: Any) -> None:
         self._client, self._refused = client, dict[str, str]()
         self._here = {**versions(), **code_version()}
-        self._since_s = time.monotonic()
+        self._since_s, self._troubles = time.monotonic(), Counter[str]()
         self._facts: dict[str, Any] = {"__name__": "__main__"}
         exec(FACTS, self._facts)
         self.agreeing: set[str] = set()
@@ -216,6 +320,17 @@ class _Crew:
             if time.monotonic() - self._since_s > patience_s:
                 raise InputError("; ".join(self._refused.values()) or f"no worker came within {COLD_S:g} s")
             time.sleep(POLL_S / 4)
+
+    def had(self, trouble: Trouble, troubled: dict[int, set[str]], one: tuple[Any, ...]) -> bool:
+        """Note a worker's trouble; whether the run is to go to another worker."""
+        where = troubled.setdefault(id(one), set())
+        where.add(trouble.worker)
+        self._troubles[trouble.worker] += 1
+        if self._troubles[trouble.worker] == TROUBLES:
+            self._refused[trouble.worker] = f"worker {trouble.worker} is left out, as it had trouble: {trouble.words}"
+            self.agreeing.discard(trouble.worker)
+            sys.stderr.write(f"cell: {self._refused[trouble.worker]}\n")
+        return len(where) < TROUBLES and bool(self.agreeing)
 
     def _judge(self, name: str, address: str, told: Any) -> None:
         if isinstance(told, Exception):

@@ -3,6 +3,7 @@ with the process."""
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import pickle
@@ -33,6 +34,7 @@ TRIES = 2  # a run that kills its process is tried once more
 IDLE_S = 60.0  # a process that was asked and used no processor for this long is stopped, or waits for ever
 GLANCE_S = 0.5  # between looks at it
 LEAVES_S = 5.0  # in which one ends that is asked no more
+OF_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.ENFILE, errno.EMFILE)
 LENGTH = struct.Struct(">Q")  # before each answer
 SERVE = "from bracket_cell.fleet.one_run import serve; serve({answers})"
 _folder: str | None = None  # of the run that goes on in this process
@@ -214,6 +216,8 @@ def run_here(task: Task) -> Row:
         try:
             summary = _run(task, Path(_folder))
         except CellError as error:
+            if isinstance(cause := error.__context__, OSError) and cause.errno in OF_MACHINE:
+                raise cause from None  # the worker's trouble, not the run's
             summary = {"end": "refused", "reason": str(error).replace(f"{_folder}/", ""), "finished": False}
     took = {"took_s": round(time.perf_counter() - began_s, 3), "cpu_s": round(time.process_time() - began_cpu_s, 3)}
     return {**_heading(task), **summary, **took}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ from bracket_cell.packages import needed
 from bracket_ground.errors import InputError
 
 EVERY_S = 5.0  # how often rows that are done are copied to an address
+AWAY_S = 120.0  # in which a store must be back
+LONGEST_PAUSE_S = 8.0
+SHARDS = "shards"  # pieces of a table that grows, until it is whole at the end
 
 
 def is_address(place: str | Path) -> bool:
@@ -26,9 +31,7 @@ def put(file: Path, address: str) -> None:
     Raises:
         InputError: nothing can be written there.
     """
-    with _told(address):
-        system, path = _system(address)
-        system.put_file(str(file), path)
+    _insisted(address, lambda system, path: system.put_file(str(file), path))
 
 
 def get(address: str, folder: Path) -> list[Path]:
@@ -51,8 +54,9 @@ def get(address: str, folder: Path) -> list[Path]:
 def results_folder(place: str, names: tuple[str, ...]) -> Iterator[tuple[Path, Callable[[], None]]]:
     """A folder to write results to, and what is called when there are more.
 
-    For an address the folder is one here that begins with the files that are there and is copied back: now and then,
-    and at the end.
+    For an address the folder is one here that begins with the files that are there. What is new of a table that grows
+    (*.jsonl) goes there as a shard, now and then, and whole files at the end. A store that is away is waited for, and
+    the folder stays where it does not come back.
 
     Args:
         names: of the files.
@@ -63,31 +67,95 @@ def results_folder(place: str, names: tuple[str, ...]) -> Iterator[tuple[Path, C
     if not is_address(place):
         yield Path(place), lambda: None
         return
-    with tempfile.TemporaryDirectory(prefix="cell-results-") as name:
-        folder, copied_s = Path(name), time.monotonic()
+    folder = Path(tempfile.mkdtemp(prefix="cell-results-"))
+    try:
+        store = _Growing(place, folder, names)
+        try:
+            yield folder, store.more
+        finally:
+            store.end()
+    except InputError as error:
+        if any(map(Path.exists, map(folder.joinpath, names))):
+            raise InputError(f"{error}; the results are in {folder}") from None
+        shutil.rmtree(folder)
+        raise
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class _Growing:
+    """Files at an address that grow there as they grow here."""
+
+    def __init__(self, place: str, folder: Path, names: tuple[str, ...]) -> None:
+        self._place, self._folder, self._names = place, folder, names
+        self._copied_s, self._sent, self._troubled = time.monotonic(), dict[str, int](), False
         with _told(place):
             system, path = _system(place)
             for one in names:
                 if system.exists(f"{path}/{one}"):
                     system.get_file(f"{path}/{one}", str(folder / one))
+            self._shards = sorted(system.find(f"{path}/{SHARDS}")) if system.exists(f"{path}/{SHARDS}") else []
+            for shard in self._shards:
+                with (folder / shard.rpartition("/")[2].partition(".")[2]).open("ab") as file:
+                    file.write(system.cat_file(shard))
             system.pipe_file(f"{path}/.written", b"")  # better refused now than after all runs
+        self._sent = {one: self._size(one) for one in names}
 
-        def copy() -> None:
-            with _told(place):
-                for one in names:
-                    if (folder / one).exists():
-                        system.put_file(str(folder / one), f"{path}/{one}")
-
-        def more() -> None:
-            nonlocal copied_s
-            if time.monotonic() - copied_s > EVERY_S:
-                copied_s = time.monotonic()
-                copy()
-
+    def more(self) -> None:
+        """Send what is new, now and then; a store that is away gets it later."""
+        if time.monotonic() - self._copied_s < EVERY_S:
+            return
+        self._copied_s = time.monotonic()
         try:
-            yield folder, more
-        finally:
-            copy()
+            with _told(self._place):
+                system, path = _system(self._place)
+                for one in (name for name in self._names if name.endswith(".jsonl")):
+                    self._send(system, path, one)
+            self._troubled = False
+        except InputError as error:
+            if not self._troubled:
+                sys.stderr.write(f"cell: {error}; the runs go on, and it is tried again\n")
+            self._troubled = True
+
+    def _send(self, system: Any, path: str, one: str) -> None:
+        with (self._folder / one).open("rb") if self._size(one) > self._sent[one] else nullcontext() as file:
+            if file is not None:
+                file.seek(self._sent[one])
+                content = file.read()
+                shard = f"{path}/{SHARDS}/{len(self._shards):08d}.{one}"
+                system.pipe_file(shard, content)
+                self._shards.append(shard)
+                self._sent[one] += len(content)
+
+    def end(self) -> None:
+        """Whole files in the place of shards."""
+        for one in self._names:
+            if (file := self._folder / one).exists():
+                _insisted(f"{self._place}/{one}", lambda system, path, file=file: system.put_file(str(file), path))
+        if self._shards:
+            _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
+
+    def _size(self, one: str) -> int:
+        file = self._folder / one
+        return file.stat().st_size if file.exists() else 0
+
+
+def _insisted(address: str, work: Callable[[Any, str], object]) -> None:
+    """Do it, again and again for a while, as a store may be away.
+
+    Raises:
+        InputError: it stays away, or there is none of that kind.
+    """
+    until_s, pause_s = time.monotonic() + AWAY_S, 1.0
+    while True:
+        try:
+            with _told(address):
+                work(*_system(address))
+            return
+        except InputError:
+            if time.monotonic() + pause_s > until_s:
+                raise
+        time.sleep(pause_s)
+        pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
 
 
 def _system(address: str) -> tuple[Any, str]:

@@ -61,6 +61,9 @@ class Difference:
     node: str = ""
 
 
+Known = dict[tuple[str, str, str], tuple[int, Cause]]  # by key: in which tick a comparison was noted last
+
+
 @dataclass(frozen=True)
 class Turn:
     """A comparison that answers otherwise in one of two runs, each as it was noted last.
@@ -110,9 +113,7 @@ class Comparison:
     turns: list[Turn] = field(default_factory=list)
     first_by_node: dict[str, Difference] = field(default_factory=dict)
     recorded: bool = False
-    _causes: tuple[dict[object, tuple[int, Cause]], dict[object, tuple[int, Cause]]] = field(
-        default_factory=lambda: ({}, {})
-    )
+    _causes: tuple[Known, Known] = field(default_factory=lambda: ({}, {}))
 
     @property
     def leading(self) -> Difference | None:
@@ -142,9 +143,9 @@ class Comparison:
         """The comparisons of one more tick, before its differences are added."""
         if "command" in self.first_by_aspect:
             return
-        touched: dict[object, None] = {}
-        for known, causes in zip(self._causes, (was, now), strict=True):
-            for cause in causes:
+        touched: dict[tuple[str, str, str], None] = {}
+        for known, noted in zip(self._causes, (was, now), strict=True):
+            for cause in noted:
                 key = (_NUMBER.sub("", cause.by) if self.by_name else cause.by, cause.parameter, cause.of)
                 known[key] = number, cause
                 touched[key] = None
@@ -152,8 +153,8 @@ class Comparison:
         self.recorded |= bool(before)
         for key in touched:
             if key in before and key in after and before[key][1].holds is not after[key][1].holds:
-                (then, was), (since, now) = before[key], after[key]
-                self.turns.append(Turn(number, time_s, was, now, (then, since)))
+                noted_n = before[key][0], after[key][0]
+                self.turns.append(Turn(number, time_s, before[key][1], after[key][1], noted_n))
 
     def as_json(self) -> dict[str, object]:
         """Keys of the commands' `--json`."""

@@ -241,7 +241,7 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
     lengths = [len(episode.times_s) for episode in episodes]
     times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
-    told = {
+    told: dict[str, dict[str, Any]] = {
         "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
         ENVIRONMENT: _spread(np.concatenate([episode.parts_m for episode in episodes])),
         "action": _spread(np.concatenate([episode.actions for episode in episodes])),

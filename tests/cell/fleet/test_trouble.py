@@ -1,0 +1,83 @@
+"""What goes wrong with workers, schedulers and stores is not the runs': each has one row."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bracket_cell.fleet import store
+from bracket_cell.fleet.engine import cluster, results
+from bracket_cell.fleet.store import results_folder
+from bracket_ground.errors import InputError
+from tests.cell.fleet import working
+from tests.cell.fleet.test_cluster import task
+
+NAMES = ("runs.jsonl", "runs.parquet")
+
+
+def test_a_worker_with_a_full_disk_is_named_and_left_out(capfd: pytest.CaptureFixture[str]) -> None:
+    with cluster(2) as client:
+        rows = list(results(client, map(task, range(12)), working.row_of_the_sound))
+    assert Counter(row["seed"] for row in rows) == Counter(range(12))
+    assert {row["end"] for row in rows} == {"finished"}
+    told = capfd.readouterr().err
+    assert told.count("is left out, as it had trouble: OSError: [Errno 28] No space left on device") == 1
+    assert "Traceback" not in told
+
+
+@pytest.fixture
+def flaky(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A store that is away while its list says so."""
+    away: list[str] = []
+    system = store._system
+
+    def sometimes(address: str) -> tuple[Any, str]:
+        if away:
+            away.pop()
+            raise OSError("no route to host")
+        return system(address)
+
+    monkeypatch.setattr(store, "_system", sometimes)
+    monkeypatch.setattr(store, "EVERY_S", 0.0)
+    return away
+
+
+def test_a_store_that_was_away_has_every_row_once(flaky: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    place = "memory://results/away"
+    with results_folder(place, NAMES) as (folder, more):
+        for number in range(6):
+            with (folder / "runs.jsonl").open("a") as file:
+                file.write(json.dumps({"key": number}) + "\n")
+            flaky += ["away"] * (number == 2)
+            more()
+        flaky.append("away")
+    assert capsys.readouterr().err.count("the runs go on") == 1
+    with results_folder(place, NAMES) as (folder, _):
+        rows = [json.loads(line)["key"] for line in (folder / "runs.jsonl").read_text().splitlines()]
+    assert rows == list(range(6))
+
+
+def test_what_a_killed_sweep_sent_is_there_next_time(flaky: list[str]) -> None:
+    place = "memory://results/killed"
+    growing = store._Growing(place, folder := Path(store.tempfile.mkdtemp()), NAMES)
+    (folder / "runs.jsonl").write_text('{"key": 1}\n')
+    growing.more()
+    with results_folder(place, NAMES) as (again, _):
+        assert (again / "runs.jsonl").read_text() == '{"key": 1}\n'
+    assert not flaky
+
+
+def test_results_stay_here_where_the_store_stays_away(flaky: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "AWAY_S", 0.0)
+    opened = results_folder("memory://results/gone", NAMES)
+    folder, _ = opened.__enter__()
+    (folder / "runs.jsonl").write_text('{"key": 1}\n')
+    flaky += ["away"] * 5
+    with pytest.raises(InputError, match=r"no route to host; the results are in (\S+)") as refused:
+        opened.__exit__(None, None, None)
+    kept = Path(str(refused.value).rpartition("are in ")[2])
+    assert (kept / "runs.jsonl").read_text() == '{"key": 1}\n'

@@ -130,7 +130,7 @@ class _Growing:
         """Whole files in the place of shards."""
         for one in self._names:
             if (file := self._folder / one).exists():
-                _insisted(f"{self._place}/{one}", lambda system, path, file=file: system.put_file(str(file), path))
+                put(file, f"{self._place}/{one}")
         if self._shards:
             _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
 

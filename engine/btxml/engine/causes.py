@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -49,6 +50,11 @@ class Cause:
         truth = str(self.holds).lower()
         return f"{self.parameter}{of}: {self.measured:.6g} {self.relation} {self.limit:.6g} is {truth}"
 
+    def plain(self) -> dict[str, Any]:
+        """As a log holds it: JSON has no number that is not finite, but its word."""
+        given = {name: _finite(value) for name, value in self.given.items()}
+        return {**vars(self), "measured": _finite(self.measured), "limit": _finite(self.limit), "given": given}
+
     @property
     def key(self) -> tuple[str, str, str]:
         """The same comparison in another tick has the same."""
@@ -73,6 +79,10 @@ class Causes:
         answers.update((one.key, one.holds) for one in found)
         self._tick.clear()
         return found
+
+
+def _finite(value: float) -> float | str:
+    return value if math.isfinite(value) else str(value)
 
 
 _COLLECTS: ContextVar[Causes | None] = ContextVar("causes", default=None)

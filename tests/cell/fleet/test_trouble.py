@@ -61,10 +61,10 @@ def test_a_store_that_was_away_has_every_row_once(flaky: list[str], capsys: pyte
     assert rows == list(range(6))
 
 
-def test_what_a_killed_sweep_sent_is_there_next_time(flaky: list[str]) -> None:
+def test_what_a_killed_sweep_sent_is_there_next_time(flaky: list[str], tmp_path: Path) -> None:
     place = "memory://results/killed"
-    growing = store._Growing(place, folder := Path(store.tempfile.mkdtemp()), NAMES)
-    (folder / "runs.jsonl").write_text('{"key": 1}\n')
+    growing = store._Growing(place, tmp_path, NAMES)
+    (tmp_path / "runs.jsonl").write_text('{"key": 1}\n')
     growing.more()
     with results_folder(place, NAMES) as (again, _):
         assert (again / "runs.jsonl").read_text() == '{"key": 1}\n'

@@ -130,7 +130,7 @@ def explained(log: Log, changes: Changes) -> tuple[Comparison, list[str]]:
     return comparison, causes(comparison, changed_keys(log, changes, replay.tree))
 
 
-FAST = ("threshold of a cost", "distance", "weights of the goals", "code of a node")
+FAST = ("distance", "code of a node")
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.memory import Memory
-from bracket_ground.interfaces.notes import ListJournal
+from bracket_ground.interfaces.notes import ListJournal, Topic
 from bracket_ground.interfaces.observation import JointSamples, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from btxml.engine.causes import Causes, collecting
@@ -261,7 +261,7 @@ class Controller:
         overrun = wall_s + observers_s > self._period_s
         self._ticks += 1
         self._overruns += overrun
-        causes = tuple(("cause", one.plain()) for one in self._causes.take())
+        causes: list[tuple[Topic, dict[str, object]]] = [("cause", one.plain()) for one in self._causes.take()]
         notes = (*self.journal.take(), *causes)
         self._observers.tick(
             TickRecord(

@@ -18,7 +18,6 @@ import onnx
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from bracket_cell.learned.inference.onnx_model import sealed, without_digest
 from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.replay.compare import Comparison
@@ -190,7 +189,3 @@ def test_the_command_says_the_cause(tmp_path: Path, capsys: pytest.CaptureFixtur
     why = told[told.index("why:\n") :]
     assert "WaitForHandClear" in why
     assert "distance_m 0.25 -> 0.45" in why
-
-
-def test_the_configuration_of_these_tests_is_that_of_the_run(kept: Log) -> None:
-    assert kept.attachments["configuration.yaml"] == DEFAULT_CONFIGURATION.read_bytes()

@@ -27,7 +27,7 @@ from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from bracket_cell.learned.inference.policy import OF_STATE
 from bracket_cell.skills.follow_policy import STEPS, stepped
 from bracket_cell.skills.motion.grip import STROKE_M
-from bracket_cell.skills.motion.known_bench import STALE_S
+from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.near_hand import separation_of
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.interfaces.command import GripperCommand
@@ -230,7 +230,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
             return 1.0
         cell, frame = self._cell, self._frames.get("overhead")
         now_s, arm = cell.devices.clock.now_s(), cell.devices.arm.state()
-        if frame is None or now_s - frame.time_s > STALE_S or cell.sight is None:
+        if frame is None or now_s - frame.time_s > PLAUSIBLE.stale_s or cell.sight is None:
             return 0.0
         bench = BenchView(frame.sequence, frame.time_s, cell.sight.track(frame), {}, Action("idle", 1.0))
         ahead = None if self._way is None or not arm.moving or arm.path_s is None else (self._way, arm.path_s)

@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: three vsix help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: three vsix judge help run test test-contracts test-all check site sbom bench bench-long pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -42,6 +42,7 @@ help:
 	@echo "make test-contracts  what every device must do, simulated, recorded and behind a twin's wires"
 	@echo "make check      ruff, mypy, import-linter, sizes of rooms, the site"
 	@echo "make site       the documentation as a site, in site/"
+	@echo "make judge      BehaviorTree.CPP from its sources (BTCPP_SOURCE=FOLDER), which random trees are compared with"
 	@echo "make vsix       the extension for Visual Studio Code, into build/ (needs npm)"
 	@echo "make sbom       all that the program is made of, as CycloneDX, in build/sbom.json"
 	@echo "make bench      benchmarks"
@@ -117,6 +118,17 @@ vsix:
 	@mkdir -p build/vscode $(dir $(VSIX)) && cp -r editor/vscode/. build/vscode && cp LICENSE editor/README.md build/vscode
 	cd build/vscode && npm install --silent --no-audit --no-fund --omit=dev --no-package-lock && \
 	  npx --yes @vscode/vsce@$(VSCE) package --allow-missing-repository --out $(abspath $(VSIX))
+
+# BehaviorTree.CPP 4.10 as the judge of random trees; without it those tests are skipped, and say so.
+JUDGE := build/judge
+judge: $(JUDGE)
+$(JUDGE): tests/trees/engine/judge.cpp
+	@test -n "$(BTCPP_SOURCE)" || { echo "BTCPP_SOURCE=FOLDER names the sources of BehaviorTree.CPP"; exit 2; }
+	cmake -S "$(BTCPP_SOURCE)" -B build/btcpp -DCMAKE_BUILD_TYPE=Release -DBTCPP_SHARED_LIBS=OFF -DBTCPP_EXAMPLES=OFF \
+	  -DBTCPP_BUILD_TOOLS=OFF -DBUILD_TESTING=OFF -DBTCPP_GROOT_INTERFACE=OFF -DBTCPP_SQLITE_LOGGING=OFF >/dev/null
+	cmake --build build/btcpp --target behaviortree_cpp
+	$(CXX) -O1 -std=c++17 -I"$(BTCPP_SOURCE)/include" $< -o $@ build/btcpp/libbehaviortree_cpp.a \
+	  $$(find build/btcpp/3rdparty -name '*.a') -lpthread -ldl
 
 train-deps: .venv/tests
 

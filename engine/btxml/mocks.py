@@ -114,7 +114,7 @@ def read_mocks(file: Path, registry: Registry) -> Mocks:
     except (OSError, ValueError) as error:
         raise TreeFileError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     sections = ("TestNodeConfigs", "SubstitutionRules")
-    parts = [told.get(one, {}) for one in sections] if isinstance(told, dict) else [None]
+    parts: list[Any] = [told.get(one, {}) for one in sections] if isinstance(told, dict) else [None]
     if not all(isinstance(part, dict) for part in parts) or set(told) - {*sections}:
         raise TreeFileError(f"{file}: holds an object with {' and '.join(sections)}, which are objects, too")
     problems: list[str] = []

@@ -46,7 +46,7 @@ def hosted(extension: Path, cell: Path, folder: Path) -> dict[str, Any]:
     tree = folder / "trees" / "mine.xml"
     tree.write_text(TREE)
     host = Path(__file__).with_name("vscode_host.js")
-    words = ["node", host, extension, cell, folder, tree]
+    words: list[str | Path] = ["node", host, extension, cell, folder, tree]
     done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)

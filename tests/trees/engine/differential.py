@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Any, Protocol
 
 import behaviortreepy
 
 from bracket_ground.interfaces.clock import ManualClock
 from btxml.engine.blackboard import UNSET
-from btxml.engine.errors import TreeFileError
+from btxml.engine.errors import NodeError, TreeFileError
 from btxml.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
+from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
 from btxml.files.compile.registry import Registry
@@ -145,6 +148,137 @@ class Original:
             return None
 
 
+class Judge:
+    """The library's newest version, in a process of its own; see judge.cpp and `make judge`."""
+
+    def __init__(self, program: Path) -> None:
+        self._process = subprocess.Popen(
+            [program, *VARIABLES], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def load(self, case: Case) -> Judge:
+        """Load the tree of a case.
+
+        Raises:
+            Refused: the library does not.
+        """
+        xml = case.xml.encode()
+        self._say(f"tree {len(xml)}\n{case.xml}")
+        for name, letters in case.answers.items():
+            self._say(f"answers {name} {letters}")
+        for kind, words in self._ask("load"):
+            if kind == "refused":
+                raise Refused(words)
+        return self
+
+    def tick(self) -> Step:
+        return self._step("tick")
+
+    def halt(self) -> Step:
+        return self._step("halt")
+
+    def close(self) -> None:
+        """The next case takes its place."""
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+    def _step(self, word: str) -> Step:
+        step, values = Step(), list[float | None]()
+        for kind, words in self._ask(word):
+            if kind == "raised":
+                raise RuntimeError(words)
+            if kind == "status":
+                step.status = WORDS[words]
+            elif kind == "event":
+                step.events.append(words)
+            elif kind == "change":
+                name, old, new = words.split(" ")
+                old, new = (IDLE_NAME if one == "SKIPPED" else one for one in (old, new))
+                step.changes += [(name, old, new)] if old != new else []
+            elif kind == "value":
+                text = words.split(" ")[1]
+                values.append(None if text == "-" else float(text))
+        step.values = tuple(values)
+        return step
+
+    def _say(self, text: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{text}\n")
+
+    def _ask(self, word: str) -> list[tuple[str, str]]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._say(word)
+        self._process.stdin.flush()
+        lines = iter(self._process.stdout.readline, ".\n")
+        told = []
+        for line in lines:
+            assert line, "the judge has ended"
+            kind, _, words = line.rstrip("\n").partition(" ")
+            told.append((kind, words))
+        return told
+
+
+class Colour(Enum):
+    """An enum of the judge's."""
+
+    RED = 1
+    GREEN = 2
+    BLUE = 5
+
+
+TYPED: Mapping[str, Any] = {
+    **{"Int": int, "Double": float, "Bool": bool, "Text": str, "Colour": Colour},
+    **{"Ints": list[int], "Doubles": list[float], "Texts": list[str]},
+}
+WRITTEN: Mapping[str, Any] = {"Int": 7, "Double": 1.5, "Bool": True, "Text": "12", "Colour": Colour.GREEN}
+
+
+def typed_nodes(answers: Answers) -> list[type[Node]]:
+    """The judge's leaves with typed ports."""
+    made: list[type[Node]] = []
+
+    def read(node: Any, ports: Iterable[str]) -> Status:
+        values, status = [], SUCCESS
+        for port in ports:
+            try:
+                values.append(_shown(getattr(node, port).get()))
+            except NodeError:
+                values.append("-")
+                status = FAILURE
+        answers.events.append(f"read {node.name} {' '.join(values)}")
+        return status
+
+    for name, kind in TYPED.items():
+        ports = {"v": InputPort(kind, "a value"), "update": lambda node: read(node, ["v"])}
+        made.append(type(f"Read{name}", (Node,), {"__doc__": "Reads.", **ports}))
+    for name, value in WRITTEN.items():
+
+        def write(node: Any, value: Any = value) -> Status:
+            node.v.set(value)
+            return SUCCESS
+
+        made.append(
+            type(f"Write{name}", (Node,), {"__doc__": "Writes.", "v": OutputPort(TYPED[name]), "update": write})
+        )
+    own = {"n": InputPort(int, default="{=}"), "m": InputPort(int, default="{@n}")}  # type: ignore[type-var]
+    made.append(type("ReadOwn", (Node,), {"__doc__": "Reads.", **own, "update": lambda node: read(node, ["n", "m"])}))
+    return made
+
+
+def _shown(value: Any) -> str:
+    """As the judge prints it."""
+    if isinstance(value, list | tuple):
+        return "".join(f"{_shown(one)};" for one in value)
+    if isinstance(value, Enum):
+        return str(value.value)
+    if isinstance(value, bool):
+        return str(int(value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 class Ours:
     """This engine."""
 
@@ -171,7 +305,7 @@ class Ours:
 
         path.write_text(case.xml)
         try:
-            self._tree = load_whatever_is_reached(path, Registry([Leaf, Check]))
+            self._tree = load_whatever_is_reached(path, Registry([Leaf, Check, *typed_nodes(answers)]))
         except TreeFileError as error:
             raise Refused(str(error)) from None
         self._tree.setup(None, clock)
@@ -198,7 +332,10 @@ class Ours:
 
     def _value(self, name: str) -> float | None:
         value = self._tree.blackboard.entry(name).value
-        return None if value is UNSET else float(value)
+        try:
+            return None if value is UNSET else float(value.value if isinstance(value, Enum) else value)
+        except (TypeError, ValueError):  # a text or a list
+            return None
 
 
 def differences(one: Step, other: Step, mine: dict[str, str], theirs: dict[str, str], in_order: bool) -> list[str]:
@@ -246,6 +383,34 @@ def standard_output() -> Iterator[IO[bytes]]:
         finally:
             os.dup2(before, 1)
             os.close(before)
+
+
+def judged(case: Case, path: Path, judge: Judge, in_order: bool) -> tuple[str, list[str]]:
+    """How a case ends that the newest version judges: equal, differs, raised there, or refused; and its differences."""
+    there, ours = "", None
+    try:
+        judge.load(case)
+    except Refused as error:
+        there = str(error)
+    try:
+        ours = Ours(case, path, ManualClock())
+    except Refused as error:
+        return ("refused by both" if there else "refused here"), [str(error), there]
+    if there:
+        return "refused there", [there]
+    here: dict[str, str] = {}
+    seen: dict[str, str] = {}
+    for turn in range(case.ticks):
+        steps = ("halt",) * (turn in case.halts) + ("tick",)
+        for word in steps:
+            try:
+                other = judge.halt() if word == "halt" else judge.tick()
+            except RuntimeError as error:
+                return "raised there", [str(error)]
+            one = ours.halt() if word == "halt" else ours.tick()
+            if found := differences(one, other, here, seen, in_order):
+                return "differs", [f"{word} {turn}", *found]
+    return "equal", []
 
 
 def compare(case: Case, path: Path, in_order: bool) -> list[str] | None:

@@ -59,6 +59,30 @@ CONDITIONS_OF_PORTS = (
     *("n == 2", "n &gt; 1 ? x : y", "w == 1", "w &lt; 3", "i == 2", "i + n &gt; 3", "d &gt; 1", "f", "!f", "f == 1"),
     *("d == i", "w == 'a'", "n == '2'", "x == i"),
 )
+# At the typed ports of the judge's own leaves, and of SubTrees that rename: entries and constants.
+TYPED_ENTRIES = ("n", "w", "i", "d", "f", "c", "l", "v")
+READERS = ("Int", "Double", "Bool", "Text", "Colour", "Ints", "Doubles", "Texts")
+WRITERS = (("Int", "ni"), ("Double", "d"), ("Bool", "f"), ("Text", "w"), ("Colour", "c"))
+CONSTANTS_TYPED = {
+    "Int": ("3", "-2", "true"), "Double": ("0.5", "2", "-1.25"), "Bool": ("true", "0", "False"), "Colour": ("RED", "2"),
+    "Text": ("a b", "7"), "Ints": ("1;2", "json:[3, 4]"), "Doubles": ("0.5;2", "json:[1.5]"), "Texts": ("a;b",),
+}  # fmt: skip
+READ_OF = {
+    "Int": "nid",
+    "Double": "nid",
+    "Bool": "f",
+    "Text": "w",
+    "Colour": "c",
+    "Ints": "l",
+    "Doubles": "l",
+    "Texts": "l",
+}
+ASSIGNMENTS_TYPED = (
+    *("n := 3", "n += 1", "n := n &gt; 5 ? 0 : n", "i := n + 1", "d := n / 2", "d := 2", "f := n &gt; 1", "f := !f"),
+    *("w := 'ab'", "w := '3'", "w := w .. 'x'", "c := GREEN", "c := RED", "l := '4;5'", "n := 2; i := n * n", "d *= 2"),
+    *("@n := 1", "@n += 1; @n := @n &gt; 4 ? 0 : @n", "n = 0"),
+)
+CONDITIONS_TYPED = ("n == 2", "d &gt; 1", "f", "c == GREEN", "w == 'ab'", "i &gt;= n", "@n &lt; 3", "n + d &gt; 3")
 AUTOREMAPS = ("true", "1", "True", "TRUE", "false", "0", "False")
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
@@ -94,6 +118,7 @@ class Features:
             IfThenElse and WhileDoElse, `_autoremap` in all its spellings, `_onHalted`.
         ports: entries at the typed ports of the language's nodes: numbers of rounds, texts of a Switch, values of a
             Loop; scripts write them and read them.
+        typed: leaves with typed ports of every kind, and SubTrees that rename what they pass.
     """
 
     skips: bool = False
@@ -102,6 +127,7 @@ class Features:
     times: bool = False
     kinds: bool = False
     ports: bool = False
+    typed: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,6 +166,9 @@ class Generator:
         subtrees = "".join(f'<BehaviorTree ID="T{i}">{body}</BehaviorTree>' for i, body in enumerate(self._subtrees))
         more = "; t := 5; b := true" if self._features.kinds else ""
         more += "; n := 2; w := 1; i := 0; d := 0.5; f := false" if self._features.ports else ""
+        more += (
+            "; n := 2; w := 'a'; i := 0; d := 0.5; f := false; c := BLUE; l := '1;2'" if self._features.typed else ""
+        )
         start = f"<Script code=\"x := 0; y := 0; s := 'a'{more}\"/>"
         main = f'<BehaviorTree ID="Main"><Sequence><RunOnce>{start}</RunOnce>{tree}</Sequence></BehaviorTree>'
         root = ElementTree.fromstring(f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{subtrees}</root>')
@@ -168,6 +197,8 @@ class Generator:
 
     def _leaf(self) -> str:
         draw = self._random.random()
+        if self._features.typed and draw < 0.5:
+            return self._typed_leaf()
         if self._features.scripts and draw < 0.1:
             return self._script()
         if self._features.scripts and draw < 0.2:
@@ -180,6 +211,18 @@ class Generator:
             return self._random.choice(("<AlwaysSuccess/>", "<AlwaysFailure/>"))
         letters = "SSSFFRRR" + ("K" if self._skips else "")
         return f'<Leaf name="{self._scripted(letters)}"{self._leaf_conditions()}{self._halted()}/>'
+
+    def _typed_leaf(self) -> str:
+        draw = self._random.random()
+        if draw < 0.2:
+            kind, entries = self._random.choice(WRITERS)
+            return f'<Write{kind} v="{{{self._random.choice(entries)}}}"/>'
+        if draw < 0.3:
+            return self._random.choice(("<ReadOwn/>", '<ReadOwn n="{=}"/>', '<ReadOwn n="{i}" m="5"/>'))
+        kind = self._random.choice(READERS)
+        constant = self._random.random() < 0.25
+        value = self._random.choice(CONSTANTS_TYPED[kind]) if constant else f"{{{self._random.choice(READ_OF[kind])}}}"
+        return f'<Read{kind} v="{value}"/>'
 
     def _data_leaf(self) -> str:
         source, target = self._random.choice(("{x}", "{y}")), self._random.choice(("z", "v"))
@@ -304,6 +347,15 @@ class Generator:
             joins += ['x="{@x}" y="{y}" s="{s}" z="{z}"', 'x="{x}" y="{y}" s="{s}" k="3"', '_autoremap="true" k="1"']
         if self._features.ports:
             joins = ['_autoremap="true"', " ".join(f'{name}="{{=}}"' for name in "xysnwidf")]
+        if self._features.typed:
+            same = " ".join(f'{name}="{{=}}"' for name in "xyswdfcl")
+            joins = [
+                '_autoremap="true"',
+                f'{same} n="{{n}}" i="{{i}}"',
+                f'{same} n="{{i}}" i="{{n}}"',
+                f'{same} n="3" i="{{n}}"',
+            ]
+            joins += [f'{same} n="{{@n}}" i="4"']
         if self._features.kinds:
             joins = [
                 f'_autoremap="{self._random.choice(AUTOREMAPS)}" x="{{x}}" y="{{y}}" s="{{s}}" t="{{t}}" b="{{b}}"'
@@ -375,6 +427,8 @@ class Generator:
             return self._random.choice(CONDITIONS_OF_KINDS)
         if self._features.ports and self._random.random() < 0.5:
             return self._random.choice(CONDITIONS_OF_PORTS)
+        if self._features.typed and self._random.random() < 0.5:
+            return self._random.choice(CONDITIONS_TYPED)
         more = CONDITIONS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*CONDITIONS, *more, *(CONDITIONS_OF_CONSTANTS * self._constants))))
 
@@ -383,6 +437,8 @@ class Generator:
             return self._random.choice(ASSIGNMENTS_OF_KINDS)
         if self._features.ports and self._random.random() < 0.5:
             return self._random.choice(ASSIGNMENTS_OF_PORTS)
+        if self._features.typed and self._random.random() < 0.5:
+            return self._random.choice(ASSIGNMENTS_TYPED)
         more = ASSIGNMENTS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*ASSIGNMENTS, *more, *(ASSIGNMENTS_OF_CONSTANTS * self._constants))))
 

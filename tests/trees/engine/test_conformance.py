@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,18 @@ from pathlib import Path
 import pytest
 
 from bracket_ground.interfaces.clock import ManualClock
-from tests.trees.engine.differential import Original, Ours, both, compare, differences, read_changes, standard_output
+from tests import ROOT
+from tests.trees.engine.differential import (
+    Judge,
+    Original,
+    Ours,
+    both,
+    compare,
+    differences,
+    judged,
+    read_changes,
+    standard_output,
+)
 from tests.trees.engine.random_trees import SHORT_MS, Case, Features, Generator
 
 MODES = {
@@ -60,6 +72,46 @@ def test_random_trees_run_as_in_behaviortree_cpp(mode: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("mode", MODES)
 def test_many_random_trees_run_as_in_behaviortree_cpp(mode: str, tmp_path: Path) -> None:
     assert_same([*range(PUSHED, 270), *range(1000, 3500)], mode, tmp_path / "tree.xml")
+
+
+# How the newest version and this engine refuse what the other one takes; docs/conformance.md has each.
+REFUSED_HERE = ("takes {", "takes an int", "takes a bool", "which nothing writes", "is not an int", "is not a bool")
+REFUSED_THERE = ("later type", "Invalid token '\"'")
+JUDGED = {**MODES, "typed": Features(scripts=True, typed=True)}
+
+
+@pytest.fixture(scope="module")
+def judge() -> Iterator[Judge]:
+    program = ROOT / "build" / "judge"
+    if not program.is_file():
+        pytest.skip("nobody has built the judge, so nothing was compared: make judge BTCPP_SOURCE=FOLDER")
+    made = Judge(program)
+    yield made
+    made.end()
+
+
+def assert_judged(seeds: Sequence[int], mode: str, path: Path, judge: Judge) -> None:
+    counts: Counter[str] = Counter()
+    for seed in seeds:
+        case = Generator(seed, SIZE, JUDGED[mode]).case()
+        kind, found = judged(case, path, judge, mode in IN_ORDER)
+        counts[kind] += 1
+        known = {"refused here": REFUSED_HERE, "refused there": REFUSED_THERE}.get(kind, ())
+        listed = any(word in found[0] for word in known) if found else True
+        assert kind in ("equal", "raised there", "refused by both") or listed, f"seed {seed}: {kind}: {found}\n{case}"
+    print(f"{mode}: {dict(counts)}")  # `-s` shows how many agree
+    assert counts["equal"] >= len(seeds) / 2, counts
+
+
+@pytest.mark.parametrize("mode", JUDGED)
+def test_random_trees_run_as_in_the_newest_version(mode: str, tmp_path: Path, judge: Judge) -> None:
+    assert_judged(range(PUSHED), mode, tmp_path / "tree.xml", judge)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", JUDGED)
+def test_many_random_trees_run_as_in_the_newest_version(mode: str, tmp_path: Path, judge: Judge) -> None:
+    assert_judged(range(10_000, 12_000), mode, tmp_path / "tree.xml", judge)
 
 
 def assert_same_in_time(seeds: range, path: Path) -> None:

@@ -17,7 +17,7 @@ from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import WallClock
 from tests.skills.rtde_server import RtdeServer, package
 
-TYPES = ["DOUBLE", *["VECTOR6D"] * 3, *["INT32"] * 2, "UINT32", "DOUBLE", "DOUBLE"]
+TYPES = ["DOUBLE", *["VECTOR6D"] * 3, *["INT32"] * 2, "UINT32", "DOUBLE", "DOUBLE", "VECTOR6D"]
 
 
 @pytest.fixture
@@ -29,8 +29,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[RtdeServer]:
 
 
 def sound(number: int) -> bytes:
-    values = (0.008 * number, *(0.0,) * 18, 7, 1, 2, 1.0, 1.0)
-    return package("U", b"\1" + struct.pack(">19diiIdd", *values))
+    values = (0.008 * number, *(0.0,) * 18, 7, 1, 2, 1.0, 1.0, *(0.0,) * 6)
+    return package("U", b"\1" + struct.pack(">19diiI8d", *values))
 
 
 DAMAGED: dict[str, Callable[[], bytes]] = {
@@ -78,7 +78,7 @@ def test_a_damaged_package_is_told_in_words(server: RtdeServer) -> None:
 def test_one_that_is_too_short_says_how_long_it_should_be(server: RtdeServer) -> None:
     connection = RtdeConnection("127.0.0.1", OUTPUTS)
     server.say(package("U", b"\1" * 9))
-    with pytest.raises(ConnectionError, match="8 bytes of data where 180 belong"):
+    with pytest.raises(ConnectionError, match="8 bytes of data where 228 belong"):
         connection.receive()
     connection.close()
 
@@ -86,7 +86,7 @@ def test_one_that_is_too_short_says_how_long_it_should_be(server: RtdeServer) ->
 @pytest.mark.parametrize("types", [TYPES[:-1], [*TYPES, "INT32"], []])
 def test_other_types_than_asked_for_are_told_in_words(server: RtdeServer, types: list[str]) -> None:
     server.types = types
-    with pytest.raises(DeviceFault, match=r"no controller answers at 127\.0\.0\.1:\d+: it answers \d+ types to 9"):
+    with pytest.raises(DeviceFault, match=r"no controller answers at 127\.0\.0\.1:\d+: it answers \d+ types to 10"):
         RtdeReceiver("127.0.0.1", WallClock())
 
 
@@ -99,7 +99,7 @@ def test_one_that_answers_fewer_types_when_it_is_connected_again_is_asked_until_
         first = receiver.newest
         server.types = TYPES[:-1]
         server.say(b"\0\0U", hang=True)
-        assert wait_for(lambda: "8 types to 9 outputs" in receiver.trouble)
+        assert wait_for(lambda: "9 types to 10 outputs" in receiver.trouble)
         server.types = TYPES
         server.await_connections(2)
         server.say(sound(1))

@@ -52,6 +52,7 @@ class ArmState:
         path_s: how far along its trajectory it was at `time_s`, as time of that trajectory; None where the arm does
             not tell: then it is slow.
         reason: why the mode is not normal, or the state is old, in the arm's words.
+        force_n: (x, y, z) with which something pushes the tool, in the world; None where the arm does not tell.
     """
 
     time_s: float
@@ -61,6 +62,7 @@ class ArmState:
     mode: ArmMode = "normal"
     path_s: float | None = None
     reason: str = ""
+    force_n: tuple[float, float, float] | None = None
 
     @property
     def stands(self) -> bool:

@@ -20,6 +20,7 @@ TRACKING_PERIODS = 5
 FORCE_LIMIT_N = 150.0  # at the tool, as in the UR10's safety configuration; a bracket's assembly takes below 5 N
 SINGULAR = 1e-3  # of the largest singular value: a direction in which the joints feel nothing
 FELT_NM = 1.0  # a joint that feels less does not show such a force: the tool's centre would be 7 mm from its axis
+FORCE_SHARE = 0.2  # of a new force in the told one: a time constant of 5 control periods
 KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
 
 
@@ -46,7 +47,7 @@ class SimArm:
         self._late_periods = 0
         self._fault: str | None = None
         self._joints = len(world.arm_qpos)
-        self._tool = int(world.model.body("tool").id)
+        self._force_n: Array = np.zeros(3)
         self._samples = np.empty((KEPT_SAMPLES, 1 + 3 * self._joints))
         self._sampled = 0
         self.driven_rad_s: Array = np.zeros(self._joints)
@@ -64,6 +65,7 @@ class SimArm:
             "normal" if self._fault is None else "protective_stop",
             self.path_s,
             self._fault or "",
+            (float(self._force_n[0]), float(self._force_n[1]), float(self._force_n[2])),
         )
 
     @property
@@ -137,15 +139,10 @@ class SimArm:
             )
 
     def _watch_force(self) -> None:
-        """Protective stop once something pushes the tool, as the joints feel it."""
-        model, data = self._world.model, self._world.data
-        felt_nm = data.qfrc_constraint[self._qvel]
-        if np.abs(felt_nm).max() < FELT_NM:
-            return
-        jacobian = np.zeros((6, model.nv))
-        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self._tool)
-        wrench = np.linalg.lstsq(jacobian[:, self._qvel].T, felt_nm, rcond=SINGULAR)[0]
-        if (force_n := float(np.linalg.norm(wrench[:3]))) > FORCE_LIMIT_N:
+        """Protective stop once something pushes the tool, as the joints feel it; they tell it smoothed."""
+        felt_n = tool_force_n(self._world)
+        self._force_n = self._force_n + FORCE_SHARE * (felt_n - self._force_n)
+        if (force_n := float(np.linalg.norm(felt_n))) > FORCE_LIMIT_N:
             self._protect(f"something pushes the tool with {force_n:.0f} N, limit {FORCE_LIMIT_N:.0f} N")
 
     def _protect(self, why: str) -> None:
@@ -158,6 +155,18 @@ class SimArm:
         """Raise DeviceFault while a protective stop lasts."""
         if self._fault is not None:
             raise DeviceFault("arm", self._fault)
+
+
+def tool_force_n(world: World) -> Array:
+    """(3,) with which something pushes the tool, as the joints feel it, in the world; 0 for what they hardly feel."""
+    model, data = world.model, world.data
+    felt_nm = data.qfrc_constraint[world.arm_qvel]
+    if np.abs(felt_nm).max() < FELT_NM:
+        return np.zeros(3)
+    jacobian = np.zeros((6, model.nv))
+    mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], int(model.body("tool").id))
+    force: Array = np.linalg.lstsq(jacobian[:, world.arm_qvel].T, felt_nm, rcond=SINGULAR)[0][:3]
+    return force
 
 
 def servo_lag_s(world: World) -> Array:

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from bracket_ground.interfaces.pose import Array
-from bracket_sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s
+from bracket_sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s, tool_force_n
 from bracket_sim.scene.world import World
 
 LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
@@ -20,7 +20,7 @@ Mode = Literal["hold", "servo", "speed", "move", "stop"]
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One measurement of the joints, (6,) each."""
+    """One measurement of the joints, (6,) each; and what pushes the tool, (3,) in the world."""
 
     time_s: float
     positions_rad: Array
@@ -28,6 +28,7 @@ class Measured:
     moments_nm: Array
     targets_rad: Array
     target_speeds_rad_s: Array
+    force_n: Array
 
 
 class TwinArm:
@@ -140,7 +141,8 @@ class TwinArm:
         data, world = self._world.data, self._world
         joints, speeds = data.qpos[world.arm_qpos].copy(), data.qvel[world.arm_qvel].copy()
         moments = data.qfrc_actuator[world.arm_qvel].copy()
-        return Measured(time_s, joints, speeds, moments, self._reference.copy(), self.driven_rad_s.copy())
+        targets, force_n = (self._reference.copy(), self.driven_rad_s.copy()), tool_force_n(world)
+        return Measured(time_s, joints, speeds, moments, *targets, force_n)
 
 
 def _towards(now: Array, goal: Array, step: float) -> Array:

@@ -24,7 +24,7 @@ FORMS = {
     "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
 SIXES = (
-    "target_qdd", "target_current", "actual_current", "joint_control_output", "actual_TCP_speed", "actual_TCP_force",
+    "target_qdd", "target_current", "actual_current", "joint_control_output", "actual_TCP_speed",
     "target_TCP_speed", "joint_temperatures", "actual_joint_voltage", "ft_raw_wrench", "actual_current_as_torque",
     "actual_current_window", "payload_inertia",
 )  # fmt: skip
@@ -69,6 +69,7 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "target_moment": ("VECTOR6D", lambda of: of.arm.measured.moments_nm),
     "actual_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.positions_rad, of.tcp)),
     "target_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.targets_rad, of.tcp)),
+    "actual_TCP_force": ("VECTOR6D", lambda of: (*(of.arm.measured.force_n * (-1.0, -1.0, 1.0)), 0.0, 0.0, 0.0)),
     "robot_mode": ("INT32", lambda of: of.robot_mode),
     "safety_mode": ("INT32", lambda of: of.safety),
     "safety_status": ("INT32", lambda of: of.safety),

@@ -26,7 +26,7 @@ PORT = 30004
 FORMS = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I"}
 OUTPUTS = (
     *("timestamp", "actual_q", "actual_qd", "target_moment", "robot_mode", "safety_mode", "runtime_state"),
-    *("speed_scaling", "target_speed_fraction"),
+    *("speed_scaling", "target_speed_fraction", "actual_TCP_force"),
 )
 ANSWER_S, AGAIN_S = 2.0, 0.2
 HEAD_BYTES, LEAST_WAIT_S = 3, 0.001
@@ -45,6 +45,7 @@ class Sample:
         safety_mode: 1 and 2 where it may.
         runtime_state: 2 while a program runs.
         speed_share: what the pendant's slider leaves of all speeds.
+        force_n: (3,) at the tool, in the controller's base frame, as it reckons it.
     """
 
     time_s: float
@@ -55,6 +56,7 @@ class Sample:
     safety_mode: int
     runtime_state: int
     speed_share: float
+    force_n: Array
 
 
 class RtdeConnection:
@@ -217,10 +219,11 @@ class RtdeReceiver:
         if self._newest is not None and time_s <= self._newest.time_s:
             return
         joints = np.array(values[1:19]).reshape(3, 6)
-        mode, safety, runtime, scaling, fraction = values[19:]
+        mode, safety, runtime, scaling, fraction = values[19:24]
         share = min(max(scaling, 0.0), 1.0) * min(max(fraction, 0.0), 1.0)
         with self._came:
-            self._newest = Sample(time_s, joints[0], joints[1], joints[2], int(mode), int(safety), int(runtime), share)
+            modes = int(mode), int(safety), int(runtime)
+            self._newest = Sample(time_s, joints[0], joints[1], joints[2], *modes, share, np.array(values[24:27]))
             self._samples.append(self._newest)
             self._came.notify_all()
 

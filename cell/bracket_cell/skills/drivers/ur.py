@@ -24,7 +24,7 @@ from bracket_cell.skills.drivers import ur_stream as said
 from bracket_cell.skills.drivers.rtde_receiver import RtdeReceiver, Sample
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur_dashboard import bring_back, stop_program
-from bracket_cell.skills.drivers.ur_examined import refuse_another
+from bracket_cell.skills.drivers.ur_examined import BASE_TO_WORLD, refuse_another
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import JointTrajectory
@@ -147,7 +147,8 @@ class UrArm:
             reason = self._receiver.trouble or "no sample came"
         moving, path_s = self._followed(sample)
         positions, speeds = tuple(sample.positions_rad.tolist()), tuple(sample.velocities_rad_s.tolist())
-        return ArmState(sample.time_s, positions, speeds, moving, mode, path_s, reason)
+        x, y, z = (BASE_TO_WORLD @ sample.force_n).tolist()
+        return ArmState(sample.time_s, positions, speeds, moving, mode, path_s, reason, (x, y, z))
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Start now; raises DeviceFault while the arm takes no commands."""

@@ -20,6 +20,7 @@ from bracket_lab.commands.shared import Shared
 from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio, timed_pair
 from bracket_lab.evaluations.encounters import Tracker, encounter, passed, summary
 
+BESIDE = ("careful", "ordinary")  # persons for whom the price of separation is measured
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
 
@@ -41,7 +42,9 @@ def encounters(
     throughput_seeds: Annotated[
         int,
         Option(
-            min=0, help="Also assemble brackets with a careful person, with and without separation, for both trees."
+            min=0,
+            help="Also assemble brackets at the first seeds, with and without separation, for careful and ordinary "
+            "persons and both trees.",
         ),
     ] = 3,
     tracker: Annotated[
@@ -59,18 +62,21 @@ def encounters(
         raise InputError("--tracker spoils what is seen without images: leave --pixels out")
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
     experiment |= {"config": str(path), "tracker": tracker.value}
-    kept = RowStore(shared.out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
+    kept = RowStore(shared.out, ["kind", "tree", "person", "seed"], {"command": "encounters", **experiment})
     met = partial(encounter, path, tree, person, provoked=provoked, rendered=shared.pixels, tracker=tracker)
     run = partial(mapped, workers=shared.workers, address=shared.scheduler)
     if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
         return 1
     trees = (ALGORITHM_1, DEFAULT_TREE)
-    pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
-    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in kept]
+    first = shared.numbers[:throughput_seeds]
+    pairs = [(path, one, who, number) for number in first for one in trees for who in BESIDE]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, *pair[2:]) not in kept]
     for row in run(timed_pair, left) if left else ():
         kept.add(row)
     found = summary(kept.rows)
-    ratios = {"throughput_ratio" + "_ahead" * (one == DEFAULT_TREE): throughput_ratio(kept.rows, one) for one in trees}
+    ratios = {
+        f"with_over_without {one.stem} {who}": throughput_ratio(kept.rows, one, who) for one in trees for who in BESIDE
+    }
     told = {**experiment, **found, **ratios}
     console().print(told)
     if not found["encounters"]:
@@ -91,7 +97,7 @@ def _meet(
     """
     if _enough(kept.rows, encounters, seeds.start):
         return True
-    left = ((seed,) for seed in seeds if ("assembly", None, seed) not in kept)
+    left = ((seed,) for seed in seeds if ("assembly", None, None, seed) not in kept)
     for row in rows_of(left):
         if row["end"] == "interrupted":  # the seed is run again another time
             return False

@@ -29,27 +29,40 @@ from bracket_sim.scene.settings import settings_of
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 
 
-def timed_pair(path: Path, tree: Path, seed: int) -> Row:
+def timed_pair(path: Path, tree: Path, person: str, seed: int) -> Row:
     """Two brackets with the same seed; a time is None where the bracket was not finished."""
     table = load_faults(load_configuration(path))
     rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
     without = table.model_copy(update={"faults": tuple(rows)})
-    times = {"with_s": _time_s(path, tree, seed, table), "without_s": _time_s(path, tree, seed, without)}
-    return {"kind": "throughput", "tree": tree.name, "seed": seed, **times}
+    names = {"with_s": table, "without_s": without}
+    times = {name: _time_s(path, tree, person, seed, judged) for name, judged in names.items()}
+    return {"kind": "throughput", "tree": tree.name, "person": person, "seed": seed, **times}
 
 
-def throughput_ratio(rows: Sequence[Row], tree: Path) -> float | None:
-    """The sum of times with separation over the sum without, of pairs that were finished both; None without any."""
-    times = [
-        (float(str(row["with_s"])), float(str(row["without_s"])))
-        for row in rows
-        if row["kind"] == "throughput" and row["tree"] == tree.name and None not in (row["with_s"], row["without_s"])
+def throughput_ratio(rows: Sequence[Row], tree: Path, person: str) -> Row | None:
+    """The sum of times with separation over the sum without, of pairs that were finished both; None without any.
+
+    Returns:
+        `ratio`, `least` and `most` of a pair, `n` pairs, and how many more were `unfinished`.
+    """
+    own = [
+        row for row in rows if (row["kind"], row.get("tree"), row.get("person")) == ("throughput", tree.name, person)
     ]
-    return round(sum(one for one, _ in times) / sum(other for _, other in times), 3) if times else None
+    times = [(float(str(row["with_s"])), float(str(row["without_s"]))) for row in own if _finished(row)]
+    if not times:
+        return None
+    ratios = sorted(one / other for one, other in times)
+    ratio = sum(one for one, _ in times) / sum(other for _, other in times)
+    spread = {"least": round(ratios[0], 3), "most": round(ratios[-1], 3)}
+    return {"ratio": round(ratio, 3), **spread, "n": len(times), "unfinished": len(own) - len(times)}
 
 
-def _time_s(path: Path, tree: Path, seed: int, table: FaultTable) -> float | None:
-    with assembly(path, "careful", seed, table, tree=tree) as opened:
+def _finished(row: Row) -> bool:
+    return None not in (row["with_s"], row["without_s"])
+
+
+def _time_s(path: Path, tree: Path, person: str, seed: int, table: FaultTable) -> float | None:
+    with assembly(path, person, seed, table, tree=tree) as opened:
         outcome = opened.run([], None)
     return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None
 

@@ -128,11 +128,14 @@ def test_an_assembly_that_did_not_finish_is_told_with_its_reason(capsys: pytest.
 def test_the_ratio_takes_only_pairs_that_were_finished_both_and_only_of_its_tree() -> None:
     pairs = [("assemble.xml", 0, 60.0, 50.0), ("assemble.xml", 1, None, 50.0), ("ahead.xml", 0, 99.0, 33.0)]
     rows: list[Row] = [
-        {"kind": "throughput", "tree": tree, "seed": seed, "with_s": one, "without_s": other}
+        {"kind": "throughput", "tree": tree, "person": "careful", "seed": seed, "with_s": one, "without_s": other}
         for tree, seed, one, other in pairs
     ]
-    assert throughput_ratio([*rows, {"kind": "assembly"}], ALGORITHM_1) == 1.2
-    assert throughput_ratio([], ALGORITHM_1) is None
+    found = throughput_ratio([*rows, {"kind": "assembly"}], ALGORITHM_1, "careful")
+    assert found is not None
+    assert found["ratio"] == 1.2
+    assert found["least"] <= found["ratio"] <= found["most"]
+    assert throughput_ratio(rows, ALGORITHM_1, "ordinary") is None
 
 
 def test_the_table_of_troubled_assemblies_tells_right_from_stopped_and_from_wrong() -> None:

@@ -107,7 +107,7 @@ def thumb(length_m: float) -> tuple[Segment, ...]:
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:
     """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
-    rest_m = hand_rest_m(bench)
+    rest_m = hand_rest_m(bench, habits)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
         hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
@@ -196,9 +196,9 @@ def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
     motor.set_to_position(kp=100.0, dampratio=1.0)
 
 
-def hand_rest_m(bench: Bench) -> tuple[float, float, float]:
+def hand_rest_m(bench: Bench, person: Person = CAREFUL) -> tuple[float, float, float]:
     """Where the hand frame's origin is when the palm rests."""
-    x, y, z = bench.hand_rest_m
+    x, y, z = bench.hand_rest_m if person.rest_m is None else person.rest_m
     return x - PALM_BEHIND_TIPS_M, y, z
 
 
@@ -239,6 +239,11 @@ class Hand:
     def gap_m(self) -> float:
         """Distance between the tips of thumb and index finger."""
         return float(self._data.qpos[self._joints[4]] + self._data.qpos[self._joints[5]])
+
+    @property
+    def stiffness_n_m(self) -> float:
+        """Force for each metre that the hand is behind where it was told to go."""
+        return GANTRY_KP[0]
 
     @property
     def speed_m_s(self) -> float:

@@ -10,11 +10,13 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from bracket_ground.errors import InputError
+from bracket_ground.files.files import shipped
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_sim.scene.hand_motion import MotionSettings
 from bracket_sim.scene.human_hand import Grasp
 
+Place = Annotated[tuple[float, float, float], Field(description="(x, y, z) in the world")]
 NEVER_S = 1e6  # a pause that outlasts every run
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 GoesOn = Literal["parked", "leaving"]
@@ -125,6 +127,8 @@ class Lapses(Model):
         wrong_part: a part of another type is fetched and placed; it is noticed afterwards, and taken away.
         overlooks: a part of another type that was placed is not noticed until somebody tells.
         takes_away: a part that sits well is taken away again.
+        swaps: another part, that sits well, is taken out after this one was placed, and one of a wrong type put there;
+            it is not noticed until somebody tells.
     """
 
     holds: Share = 0.0
@@ -135,6 +139,7 @@ class Lapses(Model):
     wrong_part: Share = 0.0
     overlooks: Share = 0.0
     takes_away: Share = 0.0
+    swaps: Share = 0.0
 
 
 class BesideRobot(Model):
@@ -165,6 +170,49 @@ class BesideRobot(Model):
     pulls: Share = 0.2
     freeze_s: Span = (0.5, 4.0)
     pull_m: Span = (0.1, 0.25)
+
+
+class HandOvers(Model):
+    """What the person does where the robot holds a part out, or its open fingers.
+
+    Attributes:
+        takes: share of the parts held out that the person reaches for.
+        early: share of them that are reached for while the arm still brings them.
+        pulls: share of them that the person pulls at; at the rest the fingers close on the part and go again.
+        waits_s: from closing the fingers on the part to the pull, least and most.
+        pull_n: how hard the pull becomes, least and most.
+        pull_s: how long it takes to become so hard, least and most.
+        holds_on_s: how long the person pulls in vain.
+        stands_back_s: how long the hand that has the part waits beside the arm for it to go, at most.
+        gives: share of the times that open fingers are held out in which the person puts a part between them.
+        fastens: share of the parts that the robot holds in their holes which the person fastens there.
+    """
+
+    takes: Share = 1.0
+    early: Share = 0.0
+    pulls: Share = 1.0
+    waits_s: Span = (0.4, 0.7)
+    pull_n: Span = (12.0, 25.0)
+    pull_s: Span = (0.2, 0.6)
+    holds_on_s: float = Field(default=3.0, ge=0, le=60)
+    stands_back_s: float = Field(default=8.0, ge=0, le=60)
+    gives: Share = 1.0
+    fastens: Share = 1.0
+
+
+class Leaving(Model):
+    """How the person walks off in the middle of a bracket, and what they do when they are back.
+
+    Attributes:
+        leaves: share of the placed parts after which the person walks off, with both hands out of every view.
+        away_s: for how long, least and most.
+        exchanges_tray: share of the placed parts after which the person puts another tray there, with other places of
+            the parts, while the robot does not work at it.
+    """
+
+    leaves: Share = 0.0
+    away_s: Span = (20.0, 300.0)
+    exchanges_tray: Share = 0.0
 
 
 class ShiftHabits(Model):
@@ -208,6 +256,9 @@ class Person(Model):
         lapses: what goes wrong or takes time on the way of a part to its hole.
         screw: how the person screws.
         robot: how the person behaves beside a robot.
+        handing: what the person does with what the robot holds out.
+        leaving: how the person walks off, and exchanges the tray.
+        rest_m: where the palm rests; null for where the bench file has it.
         shift: what the person does between brackets, and when the cell asks.
     """
 
@@ -221,6 +272,9 @@ class Person(Model):
     lapses: Lapses = Lapses()
     screw: ScrewHabits = ScrewHabits()
     robot: BesideRobot = BesideRobot()
+    handing: HandOvers = HandOvers()
+    leaving: Leaving = Leaving()
+    rest_m: Place | None = None
     shift: ShiftHabits = ShiftHabits()
 
     @property
@@ -292,14 +346,16 @@ PERSONS = {
 
 
 def load_person(name_or_file: str) -> Person:
-    """One of the shipped persons by name, or one from a YAML file.
+    """One of the shipped persons by name, those of `config/people` among them, or one from a YAML file.
 
     Raises:
         InputError: there is none of this name, or the file is wrong.
     """
     if name_or_file in PERSONS:
         return PERSONS[name_or_file]
-    path = Path(name_or_file)
+    folder = shipped("bracket_cell.config", "people")
+    path = kept if (kept := folder / f"{name_or_file}.yaml").is_file() else Path(name_or_file)
     if not path.exists():
-        raise InputError(f"no person and no file {name_or_file!r}; legal: {', '.join(PERSONS)}, or a YAML file")
+        names = ", ".join([*PERSONS, *sorted(one.stem for one in folder.glob("*.yaml"))])
+        raise InputError(f"no person and no file {name_or_file!r}; legal: {names}, or a YAML file")
     return load_yaml(path, Person)

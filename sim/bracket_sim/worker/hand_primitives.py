@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
-from bracket_sim.scene.person import Person, drawn
+from bracket_sim.scene.person import HandOvers, Person, drawn, happens
 from bracket_sim.worker.gripping import Gripping, fold_yaw, top_m, turn
 from bracket_sim.worker.worker_sight import SeenPart, Sight
 
@@ -22,7 +22,9 @@ CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the brac
 HOVER_M = 0.03  # of the fingertips over a part before they close around it
 RELAXED_GAP_M = 0.025
 BEFORE_PART_M = 0.06  # in front of a part that is held out
-LETS_GO_S = 0.7  # how long a robot takes to notice and to open its fingers
+BESIDE_FINGERS_M = 0.0275  # of the fingertips from the tool: half its fingers' width, and what is ahead of the pinch
+DRAWN_BACK_M = (0.16, 0.10, 0.0)  # from an arm that gave a part
+COMES_M = 0.012  # farther than an arm that holds on gives way to a pull
 MOST_YAW_RAD = 1.3
 BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
 PRESS_M = 0.001
@@ -148,17 +150,67 @@ class HandPrimitives:
             lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
             yield from self.reach(self.position_m + np.array([0.0, 0.0, lift_m]), haste=STEADY)
 
-    def take_over(self, seen: SeenPart) -> Script:
-        """Take a part that the robot holds out: from the front, and wait until it lets go."""
+    def take_over(self, seen: SeenPart, habits: HandOvers) -> Script:
+        """Take a part that the robot holds out: from the front, and pull until it comes, but not for ever."""
         self._gripping.another()
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
         grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
+        ahead_m = float((grip_m - self._sight.tool()[0]) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
+        grip_m = grip_m + turn(yaw_rad, np.array([max(BESIDE_FINGERS_M - ahead_m, 0.0), 0.0, 0.0]))
         back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
         yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._gripping.style.open_m, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(self._gripping.closed_m(seen.part))
-        yield from self.wait(LETS_GO_S)
-        yield from self.reach(self.position_m + back_m, haste=STEADY)
+        yield from self.wait(drawn(habits.waits_s, self._chance))
+        if happens(habits.pulls, self._chance) and (yield from self._pulled(back_m, habits)):
+            yield from self.reach(self.position_m + back_m, haste=STEADY)
+            yield from self._draw_back(habits.stands_back_s)
+
+    def _draw_back(self, longest_s: float) -> Script:
+        """Out of the way of an arm that is held out, until it has gone."""
+        yield from self.reach(self.position_m + np.array(DRAWN_BACK_M))
+        waited_s = 0.0
+        while waited_s < longest_s and self._sight.held_out_m(brought=True) is not None:
+            waited_s += self.dt_s
+            yield
+
+    def _pulled(self, way_m: Array, habits: HandOvers) -> Generator[None, None, bool]:
+        """Pull along a way (3,) ever harder; returns whether the part, or the hand without it, came."""
+        pull_m = drawn(habits.pull_n, self._chance) / self._hand.stiffness_n_m
+        rises_s, along = drawn(habits.pull_s, self._chance), way_m / np.linalg.norm(way_m)
+        start_m, was_m, elapsed_s = self.position_m, self._hand.position_m, 0.0
+        while elapsed_s < rises_s + habits.holds_on_s:
+            elapsed_s += self.dt_s
+            came_m = float((self._hand.position_m - was_m) @ along)
+            self.position_m = start_m + along * (came_m + pull_m * min(elapsed_s / rises_s, 1.0))
+            if came_m > COMES_M:
+                return True
+            yield
+        self.position_m = start_m
+        return False
+
+    def give(
+        self, body: str, tool_m: Array, taken: Callable[[], bool], longest_s: float
+    ) -> Generator[None, None, bool]:
+        """Bring a held part between open fingers, from the front, and let go once they are closed on it.
+
+        Args:
+            tool_m: (3,) between the fingers.
+        """
+        kind = self._product.parts[self._sight.part(body).part]
+        target_m = tool_m - np.array([0.0, 0.0, kind.size_m[2] / 2])
+        before_m = target_m + np.array([2 * BEFORE_PART_M, 0.0, 0.0])
+        yield from self.reach(*self._hand_for(body, before_m), arch_m=ARCH_M / 2)
+        yield from self.wait(LOOK_S)
+        yield from self.reach(*self._hand_for(body, target_m), haste=CAREFUL)
+        waited_s = 0.0
+        while waited_s < longest_s and not taken():
+            waited_s += self.dt_s
+            yield
+        if given := taken():
+            yield from self.let_go(self._sight.part(body).part)
+        yield from self.reach(self.position_m + np.array([2 * BEFORE_PART_M, 0.0, 0.0]), haste=STEADY)
+        return given
 
     def pinches(self, body: str) -> bool:
         """Whether the fingers are closed around a part."""

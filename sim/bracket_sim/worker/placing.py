@@ -40,6 +40,7 @@ class Placing:
         self._mistakes: dict[str, str] = {}  # body in the wrong hole by position
         self._unnoticed: dict[str, str] = {}  # as long as nobody tells the person
         self._origins_m: dict[str, Array] = {}  # of parts that this person took
+        self._answers: dict[str, tuple[bool, bool]] = {}  # to each part that is held out: takes it, and early
         self._passed: dict[str, str] = {}  # body of the robot's wrong part by position, that is overlooked
 
     def possible(self, position: str) -> bool:
@@ -57,7 +58,17 @@ class Placing:
 
     def handed(self, position: str) -> bool:
         """Whether the robot holds out what belongs there, and the hole is empty."""
-        return self._sight.handed(self._wanted[position]) is not None and self._sight.in_hole(position) is None
+        return self._offered(self._wanted[position]) is not None and self._sight.in_hole(position) is None
+
+    def _offered(self, part: str) -> SeenPart | None:
+        """What the robot holds out of a type, where this person takes it; also what it still brings, if in a hurry."""
+        seen, habits = self._sight.handed(part, brought=True), self._person.handing
+        if seen is None:
+            return None
+        if seen.body not in self._answers:
+            self._answers[seen.body] = self._happens(habits.takes), self._happens(habits.early)
+        takes, early = self._answers[seen.body]
+        return seen if takes and (early or self._sight.handed(part) is not None) else None
 
     def left(self, position: str) -> SeenPart | None:
         """What belongs there and lies before the bracket, where the robot puts down what it brings."""
@@ -125,6 +136,44 @@ class Placing:
             return False
         return seated and seen.part == self._wanted[position]
 
+    def swap(self) -> Script:
+        """Take out a part that sits well, and put one of a wrong type into its hole, without noticing that."""
+        names = [name for name in self._wanted if self.right(name)]
+        for position in names[:1]:
+            others = sorted(set(self._wanted.values()) - {self._wanted[position]})
+            wrong = [spare for part in others for spare in filter(_graspable, self._sight.spares(part))]
+            if not wrong:
+                return
+            yield from self.take_away(position)
+            seen = wrong[0]
+            self._events.note("swap", part=seen.part, position=position)
+            self._events.begin("transit")
+            self._origins_m[seen.body] = np.array(seen.pose.position_m)
+            yield from self._take(seen)
+            if self._work.holds(seen.body):
+                yield from self._bring(seen, position)
+            yield from self._let_go(seen, position)
+            self._unnoticed[position] = seen.body
+
+    def give(self, part: str) -> Script:
+        """Put a part of one's own between the robot's open fingers; back where it was, where they do not take it."""
+        seen, tool_m = next(filter(_graspable, self._sight.spares(part)), None), self._sight.open_fingers_m
+        if seen is None or tool_m is None:
+            return
+        self._events.note("give", part=part)
+        self._events.begin("transit")
+        home_m = np.array(seen.pose.position_m)
+        yield from self._work.grasp(seen)
+        given = False
+        if self._work.holds(seen.body):
+            given = yield from self._work.give(
+                seen.body, tool_m, lambda: self._sight.gripped(seen.part), self._person.handing.holds_on_s
+            )
+        if not given and self._work.holds(seen.body):
+            yield from self._work.carry(seen.body, home_m)
+            yield from self._work.insert(seen.body, home_m)
+        yield from self._let_go(seen, None)
+
     def take_away(self, position: str) -> Script:
         """Take a part out of its hole and put it back where it came from; one of the robot's before the bracket."""
         seen = self._sight.in_hole(position)
@@ -147,7 +196,7 @@ class Placing:
 
     def _choose(self, position: str) -> SeenPart:
         """The part that is fetched: the right one, seldom a wrong one or one from the tray."""
-        if (theirs := self._sight.handed(self._wanted[position])) is not None:
+        if (theirs := self._offered(self._wanted[position])) is not None:
             return theirs
         if (brought := self.left(position)) is not None:
             self._events.note("brought", part=brought.part)
@@ -168,9 +217,9 @@ class Placing:
         return right
 
     def _take(self, seen: SeenPart) -> Script:
-        if self._sight.handed(seen.part) == seen:
+        if self._offered(seen.part) == seen:
             self._events.note("handed over", part=seen.part)
-            yield from self._work.take_over(seen)
+            yield from self._work.take_over(seen, self._person.handing)
             self._origins_m[seen.body] = self._sight.set_down_m(seen.part)
             return
         yield from self._work.grasp(seen)

@@ -145,6 +145,12 @@ class SideTasks:
         self._events.note("fill bins")
         yield from self._work.wait(duration_s / 2)
 
+    def exchange_tray(self) -> Script:
+        """Put another tray there: the parts that are left in it, each in another place."""
+        self._events.begin("transit")
+        yield from self._at_tray(drawn(self._habits.exchange_s, self._rng), self._stock.exchange_tray)
+        self._events.note("exchange tray")
+
     def tidy_up(self) -> Script:
         """Pick up what fell over on the bench, if anything did, and put it back where such parts are kept."""
         if not self._stock.fallen():

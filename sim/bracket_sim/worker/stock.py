@@ -88,6 +88,11 @@ class Stock:
                 self.kept[body.name] = body
         self._stand([body for body in self.kept.values() if body.name not in self._homes])
 
+    def exchange_tray(self) -> None:
+        """Put another tray there: what stood in this one stands in that one, in other places."""
+        self.take([body for body in self._known if self._in_tray(body) and not self._busy(body)])
+        self.fill_tray()
+
     def free(self, part: str) -> bool:
         """Set one part of a type upright into the tray, with room around it; false where there is none to be had."""
         bodies = [body for body in self._known if body.part == part and body.owner == "robot" and not self._busy(body)]

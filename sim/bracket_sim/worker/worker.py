@@ -18,7 +18,7 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.hand import Hand, hand_rest_m
 from bracket_sim.scene.person import Person, drawn, happens
-from bracket_sim.worker.bracket_work import BracketWork, Screwing, Waiting
+from bracket_sim.worker.bracket_work import PUNCTUATION, BracketWork, Screwing, Waiting
 from bracket_sim.worker.event_log import ActionEvent, EventLog
 from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from bracket_sim.worker.intrusion import Intrusion, Sequel
@@ -36,6 +36,7 @@ from bracket_sim.worker.stock import Stock
 from bracket_sim.worker.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02
+OUT_OF_VIEW_M = 1.75  # x of a hand that has left the bench
 ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
 SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
 OVER = object()
@@ -93,10 +94,11 @@ class Worker:
         self._events = EventLog()
         self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance)
         self._events.note("person", pace=self._work.pace)
-        self._rest_m = np.array(hand_rest_m(bench))
+        self._bench = bench
         self._bracket = 0
         self._request: str | None = None
         self._answered: str | None = None
+        self._message = self._wished = ""  # what the panel says, and what of it was answered by hand
         self._set_habits(person)
         self._begin(wanted)
         self._around, self._replies, self._errands = around, None, None
@@ -119,6 +121,8 @@ class Worker:
 
     def show(self, display: Display) -> None:
         """The person reads the panel; a help request that is new gets them going at once."""
+        self._message = display.message
+        self._wished = self._wished if self._wished == self._message else ""
         if self._replies is not None:
             self._replies.show(display.questions, self._events.time_s)
         if self._replies is None or not display.questions:  # a question is noticed after a while, see Replies
@@ -196,6 +200,7 @@ class Worker:
             if self._errands is not None:
                 yield from self._errands.tidy_up()
             yield from self._let_robot_work()
+            yield from self._help_with_part()
             self._job.agree()
             for misplaced in self._job.misplaced():
                 self.done = False
@@ -213,10 +218,54 @@ class Worker:
                 continue
             self.done = False
             placed = yield from self._job.placing.fill(position)
+            yield from self._turn_away()
             if placed and self._screwing.wanted():
                 yield from self._screwing.screw(position)
                 yield from self._go_to_rest()
                 yield from self._waiting.begins()
+
+    @property
+    def _wants_hand(self) -> str | None:
+        """What the robot asks for with its fingers: a type of part between them, or a hole to fasten at; else None.
+
+        The person answers each such wish once, until the robot asks for something else.
+        """
+        words, habits = self._message.translate(PUNCTUATION).split(), self._person.handing
+        if self._message == self._wished:
+            return None
+        if (held := self._sight.held_in_hole()) is not None and "fasten" in words and habits.fastens:
+            return held
+        if not ({"put", "between"} <= set(words) and habits.gives and self._sight.open_fingers_m is not None):
+            return None
+        return next((word for word in words if word in self._product.parts), None)
+
+    def _help_with_part(self) -> Script:
+        """Put a part between the robot's open fingers, or fasten one that it holds."""
+        if (wish := self._wants_hand) is None:
+            return
+        self._wished, habits = self._message, self._person.handing
+        if wish in self._product.positions:
+            if happens(habits.fastens, self._chance):
+                yield from self._screwing.screw(wish)
+        elif happens(habits.gives, self._chance):
+            yield from self._job.placing.give(wish)
+        yield from self._go_to_rest()
+
+    def _turn_away(self) -> Script:
+        """Swap a wrong part in, exchange the tray, or walk off, as this person does after a placement."""
+        leaving = self._person.leaving
+        if happens(self._person.lapses.swaps, self._chance):
+            yield from self._job.placing.swap()
+        if self._errands is not None and happens(leaving.exchanges_tray, self._chance):
+            yield from self._errands.exchange_tray()
+        if happens(leaving.leaves, self._chance):
+            self._events.note("leaves")
+            self._events.begin("transit")
+            yield from self._work.reach(np.array([OUT_OF_VIEW_M, *self._rest_m[1:]]), 0.0, arch_m=ARCH_M)
+            self._events.begin("idle")
+            yield from self._work.wait(drawn(leaving.away_s, self._chance))
+            self._events.note("comes back")
+            yield from self._go_to_rest()
 
     def _fasten(self, name: str) -> Script:
         """Fasten at every slot of a step; the tool reports its torque where the step wants some."""
@@ -262,6 +311,7 @@ class Worker:
 
     def _set_habits(self, person: Person) -> None:
         """What this person does in their own way."""
+        self._rest_m = np.array(hand_rest_m(self._bench, person))
         self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._events, lambda: self._asked)
         self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._events)
         self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._events.note)
@@ -337,7 +387,7 @@ class Worker:
         if self._sight.arm_parked or not self._waiting.polite():
             return
         yield from self._go_to_rest()
-        yield from self._waiting.works(lambda: self._job.handed())
+        yield from self._waiting.works(lambda: self._job.handed() or self._wants_hand is not None)
 
     @property
     def _asked(self) -> bool:

@@ -24,6 +24,8 @@ OWN_BIN_M = 0.16  # parts this close to a bin's middle lie in it
 BEFORE_BRACKET_M, BESIDE_BRACKET_M, LYING_M = (0.07, 0.25), 0.35, 0.06  # where parts on the table are noticed
 ARM_NEAR_BRACKET_M = 0.13
 HELD_OUT_M, HELD_M = 0.15, 0.05  # a tool this far beyond the bracket holds out what is this close to it
+OPEN_M, GRIPPED_M = 0.06, 0.004  # fingers so wide are open, and closed where hardly wider than the part
+STILL_M_S = 0.003
 ARM_MOVING_RAD_S = 0.02
 ARM_PARKED_RAD = 0.05
 ARM_LEAVES_M_S = 0.05
@@ -139,15 +141,49 @@ class Sight:
         lying = (one for one in self._of_type(part) if self._before_bracket(np.array(one.pose.position_m)))
         return next(lying, None)
 
-    def handed(self, part: str) -> SeenPart | None:
-        """A part of a type that the arm holds still, out to the person."""
-        if self._tool is None or self.arm_moving:
-            return None
-        tool_m = self._data.xpos[self._tool]
-        if tool_m[0] < self.bracket_m[0] + HELD_OUT_M:
+    def handed(self, part: str, *, brought: bool = False) -> SeenPart | None:
+        """A part of a type that the arm holds still, out to the person; or that it still brings there, too."""
+        tool_m = self.held_out_m(brought=brought)
+        if tool_m is None:
             return None
         held = (one for one in self._of_type(part) if np.linalg.norm(np.array(one.pose.position_m) - tool_m) < HELD_M)
         return next(held, None)
+
+    @property
+    def open_fingers_m(self) -> Array | None:
+        """Where the arm holds its open fingers out to the person, with nothing between them; None where it does not."""
+        tool_m = self.held_out_m()
+        if tool_m is None or self.fingers_m < OPEN_M or any(self.handed(part) for part in self._product.parts):
+            return None
+        return tool_m
+
+    @property
+    def fingers_m(self) -> float:
+        """Distance between the arm's fingers."""
+        return float(sum(self._data.joint(name).qpos[0] for name in ("finger_left", "finger_right")))
+
+    def gripped(self, part: str) -> bool:
+        """Whether the arm's fingers, that stand, are as far apart as such a part is wide."""
+        speed_m_s = sum(abs(self._data.joint(name).qvel[0]) for name in ("finger_left", "finger_right"))
+        return self.fingers_m < self._product.parts[part].size_m[1] + GRIPPED_M and speed_m_s < STILL_M_S
+
+    def held_in_hole(self) -> str | None:
+        """A hole in which the arm, that stands, still holds a part."""
+        if self._tool is None or self.arm_moving:
+            return None
+        tool_m, kinds = self._data.xpos[self._tool], self._product.parts
+        for name, hole_m in self.holes_m.items():
+            seen = self.in_hole(name) if np.linalg.norm((tool_m - hole_m)[:2]) < HELD_M / 2 else None
+            if seen is not None and self.fingers_m < kinds[seen.part].size_m[1] + GRIPPED_M:
+                return name
+        return None
+
+    def held_out_m(self, *, brought: bool = False) -> Array | None:
+        """Where the tool is (3,), if it is held out to the person."""
+        if self._tool is None or (self.arm_moving and not brought):
+            return None
+        tool_m: Array = self._data.xpos[self._tool].copy()
+        return None if tool_m[0] < self.bracket_m[0] + HELD_OUT_M else tool_m
 
     def set_down_m(self, part: str) -> Array:
         """Where a part (its bottom) may be put on the table, before the bracket."""

@@ -15,16 +15,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bracket_cell.skills.motion.grasp_pose import hole_pose
-from bracket_ground.interfaces.command import Display
-from bracket_ground.interfaces.operator import OperatorOrder
-from bracket_ground.interfaces.pose import Pose
-from bracket_sim.cell import SimCell
 from bracket_sim.scene.clutter import full_set, sample_clutter
 from bracket_sim.scene.parts import ScenePart
 from tests import ROOT
@@ -134,59 +129,11 @@ def _teach(seed: int, product: object, shown: tuple[str, ...]) -> str | None:
     return None if [goal.parts for goal in learned.values()] == [shown] else f"learned {learned}, shown was {shown}"
 
 
-def hand_over(seed: int) -> str | None:
-    """None where the part stands before the person, who is asked once and takes it."""
-    spot = (0.86, -0.16)
-    with robot_alone(clutter(seed), seed) as cell:
-        taker = Taker(cell, spot)
-        cell.devices = replace(cell.devices, panel=taker, pressed=taker.pressed)
-        outcome, recorded = run_tree(cell, JOBS / "hand_over.xml")
-    if taker.taken is None:
-        return f"nothing was taken; {outcome.reason}; {recorded.reasons()[-3:]}"
-    if taker.taken != "o2":
-        return f"{taker.taken} was handed over"
-    return None if outcome.end == "finished" else f"{outcome.reason}; {recorded.reasons()[-3:]}"
-
-
-class Taker:
-    """A panel, and somebody in front of it who takes what stands at a spot when asked, and says so 2 s later.
-
-    Attributes:
-        taken: type of the part that was taken.
-    """
-
-    def __init__(self, cell: SimCell, spot: tuple[float, float]) -> None:
-        self._cell, self._spot = cell, spot
-        self._asked: tuple[int, float] | None = None
-        self.taken: str | None = None
-
-    def show(self, display: Display) -> None:
-        """Read a question."""
-        if display.questions and self._asked is None:
-            self._asked = display.questions[0].number, self._cell.devices.clock.now_s()
-
-    def alarm(self, text: str) -> None:
-        """Nothing happens."""
-
-    def pressed(self) -> tuple[OperatorOrder, ...]:
-        """The answer, once the part is gone."""
-        if self._asked is None or self._cell.devices.clock.now_s() - self._asked[1] < 2.0:
-            return ()
-        number, self._asked = self._asked[0], (self._asked[0], math.inf)
-        for body in self._cell.world.bodies:
-            if math.dist(self._cell.world.part_pose(body).position_m[:2], self._spot) < NEAR_M:
-                self.taken = body.part
-                self._cell.world.place(body, Pose((0.0, 0.9, 0.1)))
-                return (OperatorOrder("answer", "taken", number),)
-        return (OperatorOrder("answer", "not needed", number),)
-
-
 ALL: dict[str, Callable[[int], str | None]] = {
     "palletise": palletise,
     "kit": kit,
     "inspect": inspect,
     "teach": teach,
-    "hand_over": hand_over,
 }
 
 

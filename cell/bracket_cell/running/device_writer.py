@@ -9,13 +9,14 @@ from typing import Literal, TypeVar
 
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.watching.observer import SentCommand
-from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.devices import Devices, Gripper, Loaded
 from bracket_ground.interfaces.faults import Action, Judgement
-from bracket_ground.interfaces.observation import ObjectStatus, Observation
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 
 Answer = TypeVar("Answer")
 RESTARTED = "gripper_restarted_empty"
+LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the 2F-85: under the 140 N of ISO/TS 15066 for fingers
 KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
 
 
@@ -43,9 +44,10 @@ class GripperHold:
             return observation
         return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
 
-    def keep(self, observation: Observation, held: bool) -> None:
+    def keep(self, observation: Observation, judgement: Judgement) -> None:
         """Go to the next state, and stop or send the fingers for that."""
         gripper = observation.gripper
+        held = judgement.action >= Action.HOLD and not (self._goal and with_hand(self._goal, gripper, judgement))
         if gripper.holding:
             self._gripped_m = gripper.opening_m
         if self._goal is None:
@@ -92,14 +94,13 @@ class DeviceActor:
 
     def act(self, command: Command, seen: Observation, judgement: Judgement) -> SentCommand:
         """Command each device once; returns what they really sent."""
-        held = judgement.action >= Action.HOLD
         trajectory = gripper = None
-        if held:
-            withhold(command, judgement)
+        if judgement.action >= Action.HOLD:
+            withhold(command, seen, judgement)
         self.pace(judgement.share)
         self._load(seen)
         self._recover(seen, judgement)
-        self._command("gripper", lambda: self._fingers.keep(seen, held))
+        self._command("gripper", lambda: self._fingers.keep(seen, judgement))
         foreign = seen.arm.moving and not self._followed  # of a controller that died, or given up while nobody heard
         if command.stop_arm or foreign:
             self._command("arm", self._devices.arm.stop)
@@ -161,12 +162,21 @@ class DeviceActor:
             return None
 
 
-def withhold(command: Command, judgement: Judgement) -> None:
+def withhold(command: Command, seen: Observation, judgement: Judgement) -> None:
     """Take out of a command what would begin to move; nodes see it and begin again.
 
     A path may be exchanged where only a near hand holds the arm: it stands at the beginning of the new one, until the
-    supervisor has seen that this one leads away.
+    supervisor has seen that this one leads away. There, fingers may also give and take what a hand holds.
     """
-    command.gripper, command.activate_gripper, command.signals = None, False, {}
+    if command.gripper is not None and not with_hand(command.gripper, seen.gripper, judgement):
+        command.gripper = None
+    command.activate_gripper, command.signals = False, {}
     if not judgement.new_path:
         command.follow = None
+
+
+def with_hand(goal: GripperCommand, gripper: GripperState, judgement: Judgement) -> bool:
+    """Whether fingers may move though a near hand, and nothing else, holds the arm: open, or close at their least."""
+    gentle = goal.speed_m_s <= LEAST_SPEED_M_S and goal.force_n <= LEAST_FORCE_N
+    opens = goal.opening_m >= gripper.opening_m
+    return isinstance(goal, HandCommand) and judgement.new_path and gripper.activated and (opens or gentle)

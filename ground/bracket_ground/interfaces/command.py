@@ -59,6 +59,14 @@ class GripperCommand:
 
 
 @dataclass(frozen=True)
+class HandCommand(GripperCommand):
+    """A hand gives or takes what is between the fingers: they may move though a near hand holds the arm.
+
+    Open they may with any speed and force, close only with the least.
+    """
+
+
+@dataclass(frozen=True)
 class Display:
     """What the operator and the person at the bench are shown.
 

@@ -109,7 +109,7 @@ def test_fingers_that_were_sent_off_again_after_a_hold_grip_nothing_so_far() -> 
     def tick(opening_m: float, *, moving: bool, held: bool) -> None:
         gripper.moving, gripper.opening_m = moving, opening_m
         arm = ArmState(0.0, PARKED, (0.0,) * 6, moving=False)
-        fingers.keep(Observation(0, 0.0, arm, gripper.state()), held)
+        fingers.keep(Observation(0, 0.0, arm, gripper.state()), Judgement(Action.HOLD if held else Action.RUN))
 
     tick(0.027, moving=False, held=False)
     tick(0.020, moving=True, held=True)

@@ -625,7 +625,7 @@ def test_whatever_else_holds_the_arm_holds_it_beside_a_near_hand_too(signal: str
     assert judgement.share == 0
     assert not judgement.new_path
     command = Command(follow=path)
-    withhold(command, judgement)
+    withhold(command, near_hand(1), judgement)
     assert command.follow is None
 
 

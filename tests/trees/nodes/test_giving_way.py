@@ -127,7 +127,7 @@ def run(world: World, before: str, tmp_path: Path, limit_s: float) -> Status:
         status = tree.tick()
         judgement = supervisor.judge_command(seen, at.now.command)
         if judgement.share == 0:
-            withhold(at.now.command, judgement)
+            withhold(at.now.command, seen, judgement)
         world.act(at.now.command, judgement.share)
     return status
 

@@ -215,7 +215,7 @@ class Replay:
             asked = replace(command)
             judgement = self._supervisor.judge_command(tick.observation, command)
             if judgement.action >= Action.HOLD and tick.judgement is not None:  # older logs were not judged
-                withhold(command, judgement)
+                withhold(command, tick.observation, judgement)
         except (Exception, SystemExit) as problem:  # as in the controller's loop: what is raised is compared
             status, error, asked = "ERROR", f"{type(problem).__name__}: {problem}", command
         return decided(status, self.tree.status_changes, self._journal.take(), asked, judgement, error)

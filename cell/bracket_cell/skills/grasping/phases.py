@@ -12,7 +12,7 @@ from bracket_cell.skills.motion.motions import Motion
 from bracket_cell.skills.motion.planner import Looking, Plan
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.files.words.message import Message
-from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
+from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand, JointTrajectory
 from bracket_ground.interfaces.observation import ObjectStatus, Observation
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.skill import Progress, SkillStatus
@@ -144,7 +144,7 @@ class SetGripper:
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Send the goal once, then read the object status."""
         if self._deadline_s is None:
-            if held(observation):
+            if held(observation) and not (isinstance(self.goal, HandCommand) and observation.new_path):
                 return Progress(SkillStatus.RUNNING, self.doing)
             command.gripper = self.goal
             self._deadline_s = observation.worked_s + self.settings.gripper_timeout_s

@@ -116,12 +116,14 @@ class Services:
     Attributes:
         memory: what outlives a tick; it stands on the blackboard of the main tree, as `@memory_held_part` and so on.
         learned: brackets that were learned from, in order.
+        held_at: hole in which the gripper holds its part for somebody who fastens it; empty while it holds none so.
     """
 
     now: Tick
     tools: Tools
     memory: Memory = field(default_factory=Memory)
     learned: list[tuple[str, ...]] = field(default_factory=list)
+    held_at: str = ""
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None

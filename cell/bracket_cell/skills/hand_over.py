@@ -1,0 +1,428 @@
+"""Give a part to a hand, take one from a hand, and hold one while a hand fastens it.
+
+Giving has four steps (Ortenzi et al., Object Handovers, IEEE T-RO 2021): the arm brings the part and stands, a hand
+comes, its pull is felt, the fingers open. A pull counts only while a hand is seen at the part; without one the fingers
+keep what they hold, whatever pushes the arm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bracket_cell.skills.grasping.handling import (
+    LetGo,
+    bracket_boxes,
+    carried,
+    joints_of,
+    present_hold,
+    seen_in_holes,
+    tray_boxes,
+)
+from bracket_cell.skills.grasping.phases import DROPPED_TICKS, Activate, Move, Phase, PhasedSkill, SetGripper, failed
+from bracket_cell.skills.grasping.phases import done as ended
+from bracket_cell.skills.motion.grasp_pose import fits, hole_pose
+from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold
+from bracket_cell.skills.motion.motions import WayOutOrFree
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.pick_and_place import Place
+from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
+from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.skill import Progress, SkillStatus
+
+AT_PART_M = 0.18  # a hand of which something is seen so near to the tool may hold what is between its fingers
+AWAY_M = 0.24  # one that is farther away has left
+FELT_S = 0.12  # a pull that lasts shorter is a knock
+RESTS_S = 0.2  # for so long without a hand the force of the part alone is measured
+STEADY_S, STEADY_M_S = 0.4, 0.05  # a hand that gives a part holds it still for so long
+LEFT_S = 0.3  # for so long no hand is seen at the part before it counts as gone
+LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the fingers beside a hand
+
+
+def hand_away_m(planner: MotionPlanner, observation: Observation) -> float:
+    """How far the nearest fingertips or palm are from the tool, seen from above; NaN where hands are not known."""
+    view = observation.bench
+    if view is None or view.hand_unknown:
+        return math.nan
+    tool = planner.kinematics.forward(joints_of(observation)).position_m[:2]
+    points = [point for hand in view.hands for point in (hand.fingertips_m, hand.palm_m)]
+    return min((math.dist(point, tool) for point in points), default=math.inf)
+
+
+@dataclass(eq=False)
+class Pull:
+    """Feels with how much force something draws at the tool, beyond what hangs there by itself.
+
+    Attributes:
+        rest_n: (3,) of the part alone; None until it was measured without a hand.
+        force_n: beyond it now.
+    """
+
+    rest_n: tuple[float, float, float] | None = None
+    force_n: float = 0.0
+    _told_n: list[tuple[float, float, float]] = field(default_factory=list)
+    _alone_since_s: float | None = None
+
+    def feel(self, observation: Observation, away_m: float) -> bool:
+        """One more tick; returns whether the force of the part alone is known by now."""
+        told, now_s = observation.arm.force_n, observation.time_s
+        if told is None or not all(map(math.isfinite, told)):
+            self.force_n = 0.0
+            return self.rest_n is not None
+        if self.rest_n is None:
+            if not away_m > AWAY_M:  # NaN: nobody knows
+                self._told_n, self._alone_since_s = [], None
+                return False
+            self._alone_since_s = now_s if self._alone_since_s is None else self._alone_since_s
+            self._told_n.append(told)
+            if now_s - self._alone_since_s >= RESTS_S:
+                x, y, z = np.median(np.array(self._told_n), axis=0).tolist()
+                self.rest_n = x, y, z
+            return False
+        self.force_n = math.dist(told, self.rest_n)
+        return True
+
+
+@dataclass(eq=False)
+class Offer:
+    """A phase: hold a part out, and open the fingers once a hand that is seen at it pulls.
+
+    Attributes:
+        name: type of the part.
+        pull_n: force that is a pull.
+        limit_n: a force that is greater is no pull: the fingers keep the part, and the phase fails.
+        wait_s: how long somebody may take to come and pull.
+        opening_m: of the fingers that let go.
+    """
+
+    name: str
+    planner: MotionPlanner = field(repr=False)
+    pull_n: float
+    limit_n: float
+    wait_s: float
+    opening_m: float
+    _pull: Pull = field(default_factory=Pull, init=False)
+    _begun_s: float | None = field(default=None, init=False)
+    _pulled_since_s: float | None = field(default=None, init=False)
+    _empty_ticks: int = field(default=0, init=False)
+    _release: SetGripper | None = field(default=None, init=False)
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Feel, and let go."""
+        if self._release is not None:
+            return self._release.poll(observation, command)
+        now_s, away_m = observation.time_s, hand_away_m(self.planner, observation)
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        self._empty_ticks = 0 if observation.gripper.holding else self._empty_ticks + 1
+        if self._empty_ticks >= DROPPED_TICKS:
+            return failed(Message("{name} was pulled out of the closed fingers", name=self.name))
+        if observation.arm.force_n is None:
+            return failed(Message("cannot hand {name} over: the arm does not tell what pulls at it", name=self.name))
+        felt = self._pull.feel(observation, away_m)
+        if self._pull.force_n > self.limit_n:
+            return failed(self._words("{name} is kept: {force} N at it is more than a pull, {limit} N"))
+        if felt and away_m < AT_PART_M and self._pull.force_n >= self.pull_n:
+            self._pulled_since_s = now_s if self._pulled_since_s is None else self._pulled_since_s
+            if now_s - self._pulled_since_s >= FELT_S:
+                return self._let_go(observation, command)
+        else:
+            self._pulled_since_s = None
+        if now_s - self._begun_s > self.wait_s:
+            return failed(self._words("nobody took {name} in {wait_s} s"))
+        if felt and self._pull.force_n >= self.pull_n and not away_m < AT_PART_M:
+            return Progress(SkillStatus.RUNNING, Message("{name} is kept: no hand is seen at it", name=self.name))
+        return Progress(SkillStatus.RUNNING, Message("please take {name}", name=self.name))
+
+    def _let_go(self, observation: Observation, command: Command) -> Progress:
+        doing = Message("letting go of {name}", name=self.name)
+        goal = HandCommand(self.opening_m, self.planner.settings.gripper_speed_m_s, LEAST_FORCE_N)
+        self._release = SetGripper(doing, goal, self.planner.settings)
+        return self._release.poll(observation, command)
+
+    def _words(self, words: str) -> str:
+        force, limit, wait_s = (f"{value:.0f}" for value in (self._pull.force_n, self.limit_n, self.wait_s))
+        return Message(words, name=self.name, force=force, limit=limit, wait_s=wait_s)
+
+
+@dataclass(eq=False)
+class HandLeaves:
+    """A phase: wait until no hand is seen at the tool.
+
+    Attributes:
+        wait_s: after so long it goes on all the same: the arm stands as long as the hand is near.
+    """
+
+    doing: str
+    planner: MotionPlanner = field(repr=False)
+    wait_s: float
+    _begun_s: float | None = field(default=None, init=False)
+    _gone_since_s: float | None = field(default=None, init=False)
+
+    def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
+        """Look."""
+        now_s = observation.time_s
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        if not hand_away_m(self.planner, observation) > AT_PART_M:
+            self._gone_since_s = None
+        elif self._gone_since_s is None:
+            self._gone_since_s = now_s
+        gone = self._gone_since_s is not None and now_s - self._gone_since_s >= LEFT_S
+        if gone or now_s - self._begun_s > self.wait_s:
+            return ended(self.doing)
+        return Progress(SkillStatus.RUNNING, self.doing)
+
+
+@dataclass(eq=False)
+class _HeldOut(PhasedSkill):
+    """Base: bring the tool to where a hand reaches it.
+
+    Attributes:
+        part: type of the part.
+        world_from_tool: where that is.
+        standing: parts that the arm keeps clear of.
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    part: str
+    world_from_tool: Pose
+    standing: Sequence[PartDetection] = ()
+    wait_s: float = field(default=20.0, kw_only=True)
+
+    def way(self, observation: Observation, held: str | None) -> Move | str:
+        """The motion there, or why there is none."""
+        planner = self.planner
+        held, boxes = carried(planner, held, observation)
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
+        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
+        found = planner.reach([self.world_from_tool], joints_of(observation), load)
+        if isinstance(found, str):
+            return Message("cannot hold {part} out there: {found}", part=self.part, found=found)
+        doing = Message("holding {part} out", part=self.part) if held else "holding the open fingers out"
+        return Move(doing, WayOutOrFree(planner, found[1], load, observation), holding=held)
+
+
+@dataclass(eq=False)
+class HandOver(_HeldOut):
+    """Hold the part in the gripper out, and let go of it once a hand pulls.
+
+    Attributes:
+        pull_n, limit_n: see `Offer`.
+        wait_s: how long somebody may take to come and pull.
+    """
+
+    pull_n: float = field(default=8.0, kw_only=True)
+    limit_n: float = field(default=60.0, kw_only=True)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """There, wait for the pull, wait for the hand to leave."""
+        if not observation.gripper.holding:
+            return Message("cannot hand {part} over: the gripper holds nothing", part=self.part)
+        if present_hold(self.planner, self.part, observation).grip is not Grip.WIDTH:
+            return Message(
+                "cannot hand {part} over: the fingers are at its ends, where a hand takes it", part=self.part
+            )
+        way = self.way(observation, self.part)
+        if isinstance(way, str):
+            return way
+        opening_m = min(STROKE_M, observation.gripper.opening_m + 2 * STROKE_M / 5)
+        offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, opening_m)
+        return [way, offer, HandLeaves(Message("{part} is taken", part=self.part), self.planner, self.wait_s)]
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return Message("{part} was handed over", part=self.part)
+
+
+@dataclass(eq=False)
+class CloseOnGiven:
+    """A phase: close the fingers gently once a hand holds something still between them, until it is the part.
+
+    Attributes:
+        name: type of the part.
+        wait_s: how long somebody may take to bring it.
+    """
+
+    name: str
+    planner: MotionPlanner = field(repr=False)
+    wait_s: float
+    _begun_s: float | None = field(default=None, init=False)
+    _steady_since_s: float | None = field(default=None, init=False)
+    _fingers: SetGripper | None = field(default=None, init=False)
+    _opens: bool = field(default=False, init=False)
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Look, close, and open again around what it is not."""
+        now_s = observation.time_s
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        if self._fingers is None:
+            if self._steady(observation):
+                self._send(0.0, opens=False)
+            elif now_s - self._begun_s > self.wait_s:
+                return failed(Message("nobody gave {name} in {wait_s} s", name=self.name, wait_s=f"{self.wait_s:.0f}"))
+        if self._fingers is None:
+            return Progress(SkillStatus.RUNNING, Message("please put {name} between the fingers", name=self.name))
+        progress = self._fingers.poll(observation, command)
+        if progress.status is SkillStatus.RUNNING:
+            return progress
+        if self._opens:
+            self._fingers = self._steady_since_s = None
+        elif progress.status is SkillStatus.SUCCESS and self._fits(observation):
+            return progress
+        else:
+            self._send(STROKE_M, opens=True)
+        return Progress(SkillStatus.RUNNING, Message("this is no {name}", name=self.name))
+
+    def _send(self, opening_m: float, *, opens: bool) -> None:
+        self._opens = opens
+        goal = HandCommand(opening_m, LEAST_SPEED_M_S, LEAST_FORCE_N)
+        doing = "opening the fingers" if opens else Message("taking {name}", name=self.name)
+        self._fingers = SetGripper(doing, goal, self.planner.settings, must_hold=not opens)
+
+    def _fits(self, observation: Observation) -> bool:
+        return fits(self.planner.product.parts[self.name], observation.gripper.opening_m, self.planner.settings)
+
+    def _steady(self, observation: Observation) -> bool:
+        """Whether a hand has held something still at the tool for a while."""
+        now_s, view = observation.time_s, observation.bench
+        near = hand_away_m(self.planner, observation) < AT_PART_M and view is not None
+        speeds = [hand.speed_m_s for hand in view.hands] if near and view is not None else []
+        if not speeds or not all(speed is not None and speed < STEADY_M_S for speed in speeds):
+            self._steady_since_s = None
+        elif self._steady_since_s is None:
+            self._steady_since_s = now_s
+        return self._steady_since_s is not None and now_s - self._steady_since_s >= STEADY_S
+
+
+@dataclass(eq=False)
+class TakeFromHand(_HeldOut):
+    """Hold the open fingers out, close them on the part that a hand puts between them, and wait for the hand to leave.
+
+    Attributes:
+        wait_s: how long somebody may take to bring it.
+    """
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """There, close on what is given, wait for the hand to leave, and hold it as firmly as any part."""
+        planner, settings = self.planner, self.planner.settings
+        if observation.gripper.holding:
+            return Message("cannot take {part}: the gripper holds something", part=self.part)
+        way = self.way(observation, None)
+        if isinstance(way, str):
+            return way
+        planner.hold, planner.lying = Hold(Grip.WIDTH), None
+        firm = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
+        taken = Message("{part} is given", part=self.part)
+        return [
+            Activate(),
+            SetGripper("opening the fingers", GripperCommand(STROKE_M, settings.gripper_speed_m_s), settings),
+            way,
+            CloseOnGiven(self.part, planner, self.wait_s),
+            HandLeaves(taken, planner, self.wait_s),
+            SetGripper(Message("holding {part}", part=self.part), firm, settings, must_hold=True),
+        ]
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return Message("holding {part}", part=self.part)
+
+
+@dataclass(eq=False)
+class HoldStill:
+    """A phase: hold a part in its hole until it was fastened there, which is reported by a tool or seen.
+
+    Attributes:
+        name: type of the part.
+        at_m: (x, y) of its hole.
+        wait_s: after so long without a fastening the part is let go, and the phase fails.
+        let_go: opens the fingers.
+    """
+
+    name: str
+    planner: MotionPlanner = field(repr=False)
+    at_m: tuple[float, float]
+    wait_s: float
+    let_go: Phase
+    _begun_s: float | None = field(default=None, init=False)
+    _seen: bool = field(default=False, init=False)
+    _late: bool = field(default=False, init=False)
+    _leaves: HandLeaves = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._leaves = HandLeaves(Message("{name} is fastened", name=self.name), self.planner, self.wait_s)
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Look and listen."""
+        now_s = observation.time_s
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        if self._late:
+            progress = self.let_go.poll(observation, command)
+            return progress if progress.status is SkillStatus.RUNNING else self._vain()
+        self._seen = self._seen or self._worked(observation) or self._reported(observation)
+        if self._seen and not self._worked(observation):
+            return self._leaves.poll(observation, command)
+        self._late = now_s - self._begun_s > self.wait_s
+        return Progress(SkillStatus.RUNNING, Message("holding {name}: please fasten it", name=self.name))
+
+    def _vain(self) -> Progress:
+        wait_s = f"{self.wait_s:.0f}"
+        return failed(Message("nobody fastened {name} in {wait_s} s; it was let go", name=self.name, wait_s=wait_s))
+
+    def _worked(self, observation: Observation) -> bool:
+        """Whether a hand is seen to screw at the part."""
+        view = observation.bench
+        if view is None or view.hand is None or view.action.kind != "screw":
+            return False
+        return math.dist(view.hand.fingertips_m, self.at_m) <= AT_PART_M
+
+    def _reported(self, observation: Observation) -> bool:
+        said = observation.operator.said
+        return any(order.kind == "fastened" and order.time_s >= (self._begun_s or 0.0) for order in said)
+
+
+@dataclass(eq=False)
+class HoldForPerson(PhasedSkill):
+    """Put the held part into its hole and hold it there, as a third hand, until somebody has fastened it.
+
+    Attributes:
+        position: name of the hole.
+        part: type of the part that the gripper holds.
+        tray_parts: parts that the arm keeps clear of.
+        wait_s: how long somebody may take to fasten it.
+    """
+
+    planner: MotionPlanner = field(repr=False)
+    position: str
+    part: str
+    tray_parts: Sequence[PartDetection] = ()
+    wait_s: float = field(default=60.0, kw_only=True)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """As for placing, with a wait before the fingers open."""
+        place = Place(self.planner, self.position, self.part, self.tray_parts)
+        phases = place.prepare(observation)
+        if isinstance(phases, str):
+            return phases
+        x, y, _ = hole_pose(self.planner.product, self.planner.bench, self.position).position_m
+        *down, let_go = phases
+        assert isinstance(let_go, LetGo), "a part is let go last"
+        goal = let_go.goal
+        beside = replace(let_go, goal=HandCommand(goal.opening_m, goal.speed_m_s, goal.force_n))
+        return [*down, HoldStill(self.part, self.planner, (x, y), self.wait_s, beside), let_go]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the part is in its hole, and held there."""
+        return any(isinstance(phase, HoldStill) for phase in (self._phases or [])[:1])
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return Message("{part} was held at {position} until it was fastened", part=self.part, position=self.position)

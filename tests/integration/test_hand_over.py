@@ -1,0 +1,113 @@
+"""Hand-overs in the simulator's physics, without pixels: what becomes of each part.
+
+Run it: python -m tests.integration.test_hand_over hand_over_late --seeds 10 --first-seed 100
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_lab.evaluations.assembly import assembly
+from bracket_sim.cell import SimCell
+from tests import ROOT
+
+JOBS = ROOT / "trees" / "jobs"
+LIES_RAD, TABLE_M = 0.6, 0.10
+
+
+def fallen(cell: SimCell) -> list[str]:
+    """Parts of the robot that lie on the table, outside of the tray."""
+    tray, world = cell.world.bench.tray, cell.world
+    found = []
+    for body in world.bodies:
+        pose = world.part_pose(body)
+        x, y, z = pose.position_m
+        off = np.abs(np.array([x, y]) - np.array(tray.centre_m)[:2]) - np.array(tray.size_m) / 2
+        lies = float(np.arccos(min(1.0, float(pose.rotation[2, 2])))) > LIES_RAD
+        if body.owner == "robot" and lies and z < TABLE_M and off.max() > 0:
+            found.append(body.name)
+    return found
+
+
+class Dropped:
+    """Sees in every period whether a part lies on the table, also if the person picks it up later."""
+
+    def __init__(self, cell: SimCell) -> None:
+        assert cell.worker is not None
+        self.names: set[str] = set()
+        self._cell, self._update = cell, cell.worker.update
+        cell.worker.update = self._look  # type: ignore[method-assign]
+
+    def _look(self, time_s: float, dt_s: float) -> None:
+        self._update(time_s, dt_s)
+        self.names |= set(fallen(self._cell))
+
+
+def handed(person: str, seed: int, tree: Path = JOBS / "hand_over.xml") -> Counter[str]:
+    """How many parts were offered, taken and dropped, and how often another one was pulled out."""
+    counted: Counter[str] = Counter()
+    with assembly(DEFAULT_CONFIGURATION, person, seed, tree=tree) as opened:
+        worker = opened.cell.worker
+        assert worker is not None
+        dropped, last, show = Dropped(opened.cell), "", worker.show
+
+        def shown(display: object) -> None:
+            nonlocal last
+            said = str(getattr(display, "message", ""))
+            if said != last:
+                counted["offered"] += "holding o" in said and said.endswith(" out")
+                counted["taken"] += said.endswith("was handed over")
+                counted["kept"] += said.startswith("nobody took")
+                counted["given"] += said.endswith("is given")
+                last = said
+            show(display)  # type: ignore[arg-type]
+
+        worker.show = shown  # type: ignore[method-assign]
+        outcome = opened.run([], None)
+        counted["dropped"] = len(dropped.names)
+        counted[outcome.end] += 1
+    return counted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("person", "end"), [("careful", "taken"), ("hand_over_late", "taken"), ("hand_over_never", "kept")]
+)
+def test_no_part_is_dropped_whoever_pulls_and_when(person: str, end: str) -> None:
+    counted = handed(person, 7)
+    assert counted["dropped"] == 0
+    assert counted[end] > 0
+    assert counted["finished"] == 1
+
+
+@pytest.mark.slow
+def test_parts_are_taken_from_a_hand_into_the_tray() -> None:
+    counted = handed("careful", 8, JOBS / "take_over.xml")
+    assert counted["dropped"] == 0
+    assert counted["given"] > 0
+
+
+def main() -> None:
+    """Hand parts over to a person on several seeds and count."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("person")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--tree", type=Path, default=JOBS / "hand_over.xml")
+    options = parser.parse_args()
+    total: Counter[str] = Counter()
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        counted = handed(options.person, seed, options.tree)
+        total += counted
+        print(f"{options.person} {seed}: {dict(counted)}", flush=True)
+    print(f"{options.person}: {dict(total)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -37,9 +37,8 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import Progress, SkillStatus
 
 AT_PART_M = 0.18  # a hand of which something is seen so near to the tool may hold what is between its fingers
-AWAY_M = 0.24  # one that is farther away has left
 FELT_S = 0.12  # a pull that lasts shorter is a knock
-RESTS_S = 0.2  # for so long without a hand the force of the part alone is measured
+RESTS_S = 0.12  # for so long without a hand the force of the part alone is measured
 STEADY_S, STEADY_M_S = 0.4, 0.05  # a hand that gives a part holds it still for so long
 LEFT_S = 0.3  # for so long no hand is seen at the part before it counts as gone
 LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the fingers beside a hand
@@ -76,7 +75,7 @@ class Pull:
             self.force_n = 0.0
             return self.rest_n is not None
         if self.rest_n is None:
-            if not away_m > AWAY_M:  # NaN: nobody knows
+            if not away_m > AT_PART_M:  # NaN: nobody knows
                 self._told_n, self._alone_since_s = [], None
                 return False
             self._alone_since_s = now_s if self._alone_since_s is None else self._alone_since_s

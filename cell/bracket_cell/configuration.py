@@ -19,6 +19,7 @@ from bracket_cell.settings import (
     Perception,
     Planners,
     PlantSettings,
+    ProductionSettings,
 )
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.drivers.settings import ModbusSignalSettings, SignalSettings, UrSettings
@@ -76,6 +77,7 @@ class Configuration(Model):
     log: LogSettings = LogSettings()
     page: PageSettings = PageSettings()
     plant: PlantSettings = PlantSettings()
+    production: ProductionSettings = ProductionSettings()
 
     @property
     def signals(self) -> SignalSettings | ModbusSignalSettings | OwnDevice | None:

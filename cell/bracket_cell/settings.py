@@ -131,6 +131,18 @@ class Planners(Model):
     grasp: GraspPlannerSettings
 
 
+class ProductionSettings(Model):
+    """What the book of production needs for the overall equipment effectiveness (ISO 22400-2).
+
+    Attributes:
+        ideal_cycle_s: ideal cycle time of a bracket, by variant; without, effectiveness is not known.
+        planned_day_s: planned busy time of a day on which something ran; without, the time of its runs.
+    """
+
+    ideal_cycle_s: dict[str, Duration] = {}  # noqa: RUF012 - pydantic copies it
+    planned_day_s: Duration | None = None
+
+
 class PageSettings(Model):
     """The operator's page, and what the panel says.
 
@@ -139,8 +151,10 @@ class PageSettings(Model):
         certificate: PEM file with the certificate by which the page is served over TLS, relative to this file; needed
             where the page is open to other machines over a network that others use.
         key: PEM file with its private key, relative to this file.
+        begin: who operates the page of `cell serve` begins runs there; without, in simulation alone.
     """
 
+    begin: bool | None = None
     language: str = "en"
     certificate: Path | None = None
     key: Path | None = None

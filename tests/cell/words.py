@@ -13,6 +13,7 @@ from tests import ROOT
 FOLDERS = (
     "cell/bracket_cell/running",
     "cell/bracket_cell/viewing",
+    "cell/bracket_cell/serving",
     "ground/bracket_ground/interfaces",
     "cell/bracket_cell/trees/guard.py",
     "cell/bracket_cell/trees/nodes",

@@ -28,6 +28,7 @@ from bracket_cell.commands.log_terminal import (
     tell_nothing,
 )
 from bracket_cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
+from bracket_cell.production.book import NAME, Book, csv_lines
 from bracket_ground.errors import CellError, InputError
 
 LOSSY = 3
@@ -41,19 +42,39 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift."""
+    """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift.
+
+    Of a book of production, which `cell serve` keeps, it shows all shifts, and writes them as CSV beside it.
+    """
     from bracket_cell.log.report.report import is_long, write_overview, write_report
 
+    if len(log) == 1 and log[0].suffix == Path(NAME).suffix:
+        _tell_page(*_production(log[0], spared(out or beside(log, ".html"), log, overwrite)), as_json)
+        return
     page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
     if is_long(stream.parts):
         size = write_overview(stream, page)
         tell_lack(log, stream)
     else:
         size = write_report(read(log), page)
-    if as_json:
-        tell_json({"report": str(page), "bytes": size})
-    else:
-        say(f"{page}: {size / 1e6:.2f} MB")
+    _tell_page(page, size, as_json)
+
+
+def _production(path: Path, page: Path) -> tuple[Path, int]:
+    """Write a book as a page, and as CSV beside it."""
+    from bracket_cell.log.report.html_page import write_page
+    from bracket_cell.log.report.report import production_html
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such book")
+    book = Book(path)
+    size = write_page(production_html(book), page)
+    write_page("".join(csv_lines(book.brackets())), page.with_suffix(".csv"))
+    return page, size
+
+
+def _tell_page(page: Path, size: int, as_json: bool) -> None:
+    tell_json({"report": str(page), "bytes": size}) if as_json else say(f"{page}: {size / 1e6:.2f} MB")
 
 
 @log_app.command()

@@ -25,6 +25,7 @@ COMMANDS: Table = {
     "doctor": Command("bracket_cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
     "docs": Command("bracket_cell.commands.docs:docs", "Read the guides: all of them by their titles, or one.", START),
     "run": Command("bracket_cell.commands.run:run", "Run the cell: assemble one bracket, or a shift of them.", START),
+    "serve": Command("bracket_cell.commands.serve:serve", "Serve the page of a cell, and begin runs below it.", START),
     "setup": Command(
         "bracket_cell.commands.commission:setup_app", "Make a real cell ready: teach, calibrate, try.", START
     ),
@@ -116,7 +117,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         words = _typed(arguments)
-        if "run" in words[:2]:
+        if {"run", "serve"} & set(words[:2]):
             words = with_ports(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)
     except (InputError, LogError, ModelError, TreeError) as error:

@@ -124,6 +124,20 @@ def takes(record: type, *names: str, **defaults: Any) -> Callable[[Callable[...,
     return made
 
 
+def words_of(record: object, names: Iterable[str]) -> list[str]:
+    """The options that a record was made from, to be typed again: those that differ from their defaults."""
+    hints, given = get_type_hints(type(record), include_extras=True), {one.name: one.default for one in fields(record)}  # type: ignore[arg-type]
+    words = []
+    for name in names:
+        value = getattr(record, name)
+        (option,) = hints[name].__metadata__
+        declared = [one for one in (option.default, *(option.param_decls or ())) if str(one).startswith("--")]
+        typed = next(iter(declared), f"--{name.replace('_', '-')}")  # typer takes the first one for a default
+        if value != given[name]:
+            words += [typed] if value is True else [typed, str(value)]
+    return words
+
+
 def seeds_of(text: str) -> range:
     """Seeds of "900000:900020", or of one number.
 

@@ -29,7 +29,7 @@ SHIFT_TREE = own_or_shipped("bracket_cell.trees", "shift_ahead.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
     *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
-    *("pixels", "page", "work_orders", "opcua", "monitor_port", "monitor_hooks", "live_port"),
+    *("pixels", "page", "work_orders", "book", "operator", "opcua", "monitor_port", "monitor_hooks", "live_port"),
 )
 
 TreeArgument = Annotated[

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from bracket_cell.production.samples import Sample
 from bracket_cell.settings import MqttSettings
-from bracket_cell.viewing.production import Production
 from bracket_cell.watching.observer import Observer, Outcome
 from bracket_ground.errors import InputError
 
@@ -38,14 +38,16 @@ class SparkplugNode(Observer):
         InputError: the extra is not installed, or a file cannot be read.
     """
 
-    def __init__(self, production: Production, settings: MqttSettings, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, samples: Callable[[], Sequence[Sample]], settings: MqttSettings, say: Callable[[str], None]
+    ) -> None:
         try:
             import paho.mqtt.client as mqtt
             import pysparkplug  # noqa: F401 - it is seen here whether it is installed
         except ImportError:
             raise InputError("plant.mqtt needs the extra mqtt, which brings pysparkplug") from None
         logging.getLogger("pysparkplug").setLevel(logging.CRITICAL)
-        self._production, self._settings, self._say = production, settings, say
+        self._samples, self._settings, self._say = samples, settings, say
         self._lock, self._over, self._born = threading.Lock(), threading.Event(), threading.Event()
         self._sent: Numbers = {}
         self._sequence = self._births = 0
@@ -162,7 +164,7 @@ class SparkplugNode(Observer):
             self._born.set()
 
     def _numbers(self) -> Numbers:
-        return {"/".join((name, *labels.values())): float(value) for name, labels, value in self._production.samples}
+        return {"/".join((name, *labels.values())): float(value) for name, labels, value in self._samples()}
 
     def _next(self) -> int:
         number, self._sequence = self._sequence, (self._sequence + 1) % NUMBERS

@@ -58,7 +58,7 @@ class OperatorChannel:
         goals = tuple(goals)
         self._goals = {*goals, UNKNOWN_GOAL}
         self._shift, self._asked, self._fastenings = shift, False, tuple(fastenings)
-        self.jobs = WorkOrders(goals) if jobs is None else jobs
+        self.jobs = WorkOrders({goal: goal for goal in goals}) if jobs is None else jobs
         self._state = OperatorState(present, brackets=brackets)
         self._waiting: deque[OperatorOrder] = deque()
         self.questions: tuple[Question, ...] = ()

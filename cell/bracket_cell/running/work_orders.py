@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from bracket_cell.watching.observer import Observer, TickRecord
+from bracket_cell.production.book import Book
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.operator import WorkOrder
@@ -21,14 +21,15 @@ MOST_N, AMOUNT_MOST, ID_MOST = 10_000, 100_000, 60
 KEYS: dict[str, type] = {"id": str, "variant": str, "amount": int, "due": str, "cancelled": bool}
 
 
-class WorkOrders(Observer):
-    """The queue of orders; an observer that counts what was finished for each.
+class WorkOrders:
+    """The queue of orders; what was finished for each is in the book.
 
     A later line with the same id changes its order, whatever was finished of it stays.
 
     Args:
-        variants: that the product has.
+        variants: that the product has, with their titles for people; either names a variant.
         path: JSON lines, one order each; None where orders come from an operator alone.
+        book: that has the brackets; orders are written there, and those of earlier runs are read from it.
 
     Attributes:
         news: changes that people are to be told of.
@@ -37,11 +38,17 @@ class WorkOrders(Observer):
         InputError: the file cannot be read, or a line of it is no order.
     """
 
-    def __init__(self, variants: Collection[str], path: Path | None = None) -> None:
-        self._variants, self._path = tuple(variants), path
-        self._orders: dict[str, WorkOrder] = {}
+    def __init__(
+        self,
+        variants: Mapping[str, str],
+        path: Path | None = None,
+        book: Book | None = None,
+    ) -> None:
+        self._variants, self._path, self._book = dict(variants), path, book or Book()
+        self._orders = self._written()
         self._looked_s, self._read, self._line = -math.inf, 0, 0
-        self._open: tuple[WorkOrder, ...] | None = ()
+        self._open: tuple[WorkOrder, ...] = ()
+        self._known = -1  # changes of the book that are known
         self.news: list[Message] = []
         if path is not None:
             problems = self._look()
@@ -54,8 +61,10 @@ class WorkOrders(Observer):
         if self._path is not None and time_s - self._looked_s >= LOOK_S:
             self._looked_s = time_s
             self.news += [Message("{problem}; this line is passed over", problem=str(one)) for one in self._look()]
-        if self._open is None:
-            left = [one for one in self._orders.values() if one.open]
+        if self._known != self._book.changes:
+            self._known = self._book.changes
+            self._orders = self._written()
+            left = [one for one in self._orders.values() if one.open and one.variant in self._variants]
             self._open = tuple(sorted(left, key=lambda one: (not one.due, one.due))[:NEXT_N])
         return self._open
 
@@ -78,20 +87,16 @@ class WorkOrders(Observer):
         except (ValueError, RecursionError) as error:
             raise InputError(f"this is no work order: {error}") from None
 
-    def tick(self, record: TickRecord) -> None:
-        for topic, fields in record.notes:
-            if topic == "bracket" and fields["edge"] == "end" and fields.get("order"):
-                order = self._orders.get(str(fields["order"]))
-                if order is not None:
-                    self._orders[order.id], self._open = replace(order, done=order.done + 1), None
+    def _written(self) -> dict[str, WorkOrder]:
+        return {row["id"]: WorkOrder(**row) for row in self._book.orders()}
 
     def _take(self, order: WorkOrder) -> None:
         before = self._orders.get(order.id)
-        order = replace(order, done=0 if before is None else before.done)
         if order == before:
             return
-        self._orders[order.id], self._open = order, None
-        about = {"id": order.id, "variant": order.variant, "amount": order.amount}
+        self._orders[order.id] = order
+        self._book.order(order.id, order.variant, order.amount, order.due, cancelled=order.cancelled)
+        about = {"id": order.id, "variant": self._variants[order.variant], "amount": order.amount}
         if order.cancelled:
             self.news.append(Message("work order {id} was cancelled", id=order.id))
         elif before is None:
@@ -123,8 +128,10 @@ class WorkOrders(Observer):
         return problems
 
     def _order(self, read: Any) -> WorkOrder:
-        if not isinstance(read, Mapping) or not set(read) <= set(KEYS):
+        if not isinstance(read, Mapping):
             raise ValueError(f"it is an object with the keys {', '.join(KEYS)}")
+        if unknown := [str(key) for key in read if key not in KEYS]:
+            raise ValueError(f"no key {unknown[0]!r}; legal: {', '.join(KEYS)}")
         for key, value in read.items():
             if type(value) is not KEYS[key]:
                 raise ValueError(f"{key} is {value!r}, not {KEYS[key].__name__}")
@@ -132,15 +139,29 @@ class WorkOrders(Observer):
         fields = {**({} if before is None else asdict(before)), **read}
         if before is None and "id" not in read:
             fields["id"] = next(name for name in map(str, range(1, MOST_N + 2)) if name not in self._orders)
-        if fields.get("variant") not in self._variants:
-            raise ValueError(f"variant is {fields.get('variant')!r}; legal: {', '.join(self._variants)}")
-        order = WorkOrder(**fields)
+        order = WorkOrder(**{**fields, "variant": self._variant(fields.get("variant"))})
         if not (0 < len(order.id) <= ID_MOST and order.id.isprintable()):
             raise ValueError(f"id is {order.id!r}; it has 1 to {ID_MOST} letters")
         if not 0 < order.amount <= AMOUNT_MOST:
             raise ValueError(f"amount is {order.amount}; legal: 1 to {AMOUNT_MOST}")
-        if order.due:
-            datetime.fromisoformat(order.due)
+        if order.due and not _is_time(order.due):
+            raise ValueError(f"due is {order.due!r}; write it as 2026-11-26T14:00")
         if before is None and len(self._orders) >= MOST_N:
             raise ValueError(f"there are {MOST_N} orders already")
         return order
+
+    def _variant(self, named: object) -> str:
+        """A variant by its name or its title."""
+        found = [name for name, title in self._variants.items() if named in (name, title)]
+        if not found:
+            legal = ", ".join(f"{name} ({title})" if title != name else name for name, title in self._variants.items())
+            raise ValueError(f"variant is {named!r}; legal: {legal}")
+        return found[0]
+
+
+def _is_time(text: str) -> bool:
+    try:
+        datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return True

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from bracket_cell.configuration import Configuration
 from bracket_cell.plant.bits import PlantBits
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.recorder import McapRecorder
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.running.operator import OperatorChannel
@@ -26,7 +27,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.progress import LiveProgress
-from bracket_cell.watching.brackets import BracketTally, FinishedBrackets
+from bracket_cell.watching.brackets import FinishedBrackets
 from bracket_cell.watching.lateness import Lateness
 from bracket_cell.watching.observer import Level, Observer
 from bracket_cell.watching.statistics import Fluency, RunStatistics
@@ -60,7 +61,7 @@ class Assembled:
         files: Files,
         motion: MotionPlanner,
         drivers: Drivers,
-        tally: BracketTally,
+        keeper: Bookkeeper,
         log: Path,
         console: Console,
         stack: ExitStack,
@@ -71,19 +72,20 @@ class Assembled:
         model = CellModel(product, configuration.bench, motion)
         self.recorder = self._recorder(options, log, model, stack)
         lateness = _lateness(files, self.devices, self._alarm)
-        missing = tally.missing(len(self.devices.finished()))
-        self.counts = Counts(RunStatistics(), lateness, Fluency(self._tool_on_bench_m), tally, missing)
+        missing = keeper.missing(len(self.devices.finished()))
+        self.counts = Counts(RunStatistics(), lateness, Fluency(self._tool_on_bench_m), keeper, missing)
         self.moments, why_now, words = Moments(), WhyNow(self._tree), catalogue(configuration.page.language)
         self._progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words, why_now)
-        jobs = WorkOrders(product.goals, options.work_orders)
+        titles = {goal: product.goal_title(goal) for goal in product.goals}
+        jobs = WorkOrders(titles, options.work_orders, keeper.book)
         self.operator = _operator(options, product, jobs, console)
         now_s = self.devices.clock.now_s
-        viewers = open_viewers(
-            options, files, self.recorder, self.operator.press, partial(console.print, "MQTT:"), now_s, stack, model
-        )
+        lost = partial(console.print, "MQTT:")
+        press = self.operator.press
+        viewers = open_viewers(options, files, self.recorder, press, lost, now_s, stack, model, keeper)
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
-        self.observers = self._observers(why_now, jobs, viewers)
+        self.observers = self._observers(why_now, viewers)
         if options.watch:
             self.ticked = _watched(options, files, self.observers, viewers.edited)
 
@@ -113,11 +115,11 @@ class Assembled:
         stack.callback(recorder.abandon)
         return recorder
 
-    def _observers(self, why_now: WhyNow, jobs: WorkOrders, viewers: Viewers) -> tuple[Observer, ...]:
+    def _observers(self, why_now: WhyNow, viewers: Viewers) -> tuple[Observer, ...]:
         goals = self._files.configuration.planners.semantic.goals
         finished = () if goals is None else (FinishedBrackets(goals, self._files.product),)
         self.recorder.why = lambda: why_now().plain()
-        first = (why_now, self.recorder, self._progress, self.moments, jobs)
+        first = (why_now, self.recorder, self._progress, self.moments)
         bits, signals = self._files.configuration.plant.bits, self.devices.signals
         plant = () if signals is None else (PlantBits(bits, signals, self._files.product, self.operator.press),)
         return (*first, *self.counts.observers, *viewers.observers, *finished, *plant)

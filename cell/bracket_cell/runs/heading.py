@@ -14,6 +14,7 @@ import yaml
 
 from bracket_cell.kinds import DETECTORS, files_of
 from bracket_cell.learned.inference.onnx_model import digest_of
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.identity import identity
 from bracket_cell.recording.parts import parts_of
 from bracket_cell.recording.recorder import Heading, McapRecorder
@@ -24,7 +25,6 @@ from bracket_cell.skills.drivers.gripper_database import SHIPPED, read_frames
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.trees.node_library import own_code
 from bracket_cell.trees.rules import RULES
-from bracket_cell.watching.brackets import BracketTally
 from bracket_cell.watching.lateness import Lateness
 from bracket_cell.watching.observer import Observer, Outcome
 from bracket_cell.watching.statistics import Fluency, RunStatistics
@@ -86,6 +86,7 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
         "perception": configuration.perception.words,
     }
     values |= {name: told for name in ("site", "bench") if (told := getattr(configuration.log, name))}
+    values["production"] = configuration.production.model_dump_json()
     values["safety.sha256"] = files.safety.sha256
     if files.signature is not None:
         values |= {"safety.signed_by": files.signature.by, "safety.signed_utc": files.signature.utc}
@@ -169,19 +170,19 @@ class Counts:
     """Observers that count what a summary shows.
 
     Attributes:
-        tally: knows the brackets of a run that this one goes on with, too.
-        judged_before: brackets that were judged at this bench before the first one of the tally.
+        keeper: knows the brackets of a run that this one goes on with, too.
+        judged_before: brackets that were judged at this bench before the first one that it knows.
     """
 
     statistics: RunStatistics
     lateness: Lateness
     fluency: Fluency
-    tally: BracketTally
+    keeper: Bookkeeper
     judged_before: int = 0
 
     @property
     def observers(self) -> tuple[Observer, ...]:
-        return (self.statistics, self.tally, self.fluency, self.lateness)
+        return (self.statistics, self.keeper, self.fluency, self.lateness)
 
     def job(self, devices: Devices) -> dict[str, object]:
         """How the job was done; of a shift bracket by bracket. Of a job without a goal no bracket is judged."""
@@ -190,7 +191,7 @@ class Counts:
             done |= {"correct": None, "wrong_placements": None}
         judged = [*devices.finished(), done]
         unknown: list[dict[str, object]] = [{}] * -self.judged_before
-        shift = self.tally.report([*unknown, *judged[max(0, self.judged_before) :]])
+        shift = self.keeper.report([*unknown, *judged[max(0, self.judged_before) :]])
         return {**done, **self.statistics.report(), **self.fluency.report(), **shift}
 
 

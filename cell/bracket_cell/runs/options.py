@@ -103,6 +103,11 @@ class RunOptions:
         Path | None,
         Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),
     ] = None
+    book: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Write this run into a book of production (SQLite)."),
+    ] = None
+    operator: Annotated[str, Option(metavar="NAME", help="Who begins the run, for the book.")] = ""
     orders: Orders | None = None
     brackets: Annotated[
         int | None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +25,8 @@ from bracket_cell.configuration import (
 from bracket_cell.device_settings import PagePanel
 from bracket_cell.faults.injection import Injection, Injections
 from bracket_cell.log.read.resume import read_resume_state, world_of
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper, moment_of
 from bracket_cell.recording.recorder import McapRecorder
 from bracket_cell.remote import priority
 from bracket_cell.running.controller import Controller
@@ -43,7 +46,6 @@ from bracket_cell.trees.nodes.services import Services
 from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.run_summary import run_summary
-from bracket_cell.watching.brackets import BracketTally
 from bracket_cell.watching.observer import End, Observer, Outcome
 from bracket_cell.wiring.bench_checks import refuse_blocked
 from bracket_cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
@@ -51,7 +53,7 @@ from bracket_cell.wiring.devices import find_drivers
 from bracket_cell.wiring.reload import WatchedTree
 from bracket_cell.wiring.ruled import RuledTree
 from bracket_cell.wiring.services import TickClock, load_planners, make_services
-from bracket_ground.errors import InputError, LogError, Place, Problem
+from bracket_ground.errors import InputError, LogError, Place, Problem, SettingError
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
@@ -119,13 +121,13 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         drivers = find_drivers(configuration) if options.devices is None else {}
         if options.devices is None and any(driver.on_the_wall for driver in drivers.values()):
             options = replace(options, pace="real")
-        tally, left_off = BracketTally(), ResumeState()
+        log = log_path(options, configuration.log)
+        keeper, left_off = _keeper(options, configuration, product, log), ResumeState()
         if options.resume is not None:
-            options, left_off = _resumed(options, options.resume, product, tally, console)
+            options, left_off = _resumed(options, options.resume, product, keeper, console)
         if options.world is not None:
             drawn = simulator().drawn_from(options.world)
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
-        log = log_path(options, configuration.log)
         refuse_blocked(motion := MotionPlanner(product, configuration.bench, configuration.motion))
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         unsafe = _allowed_weaknesses(options, configuration, faults)
@@ -133,22 +135,40 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         if moves_something(drivers.values()):
             files = replace(files, signature=required_signature(options.configuration, files.safety))
         console.print(f"safety configuration {files.signed}", highlight=False, soft_wrap=True)
-        assemble = partial(Assembled, options, files, motion, drivers, tally, log, console)
+        assemble = partial(Assembled, options, files, motion, drivers, keeper, log, console)
         return _run(assemble, options, files, motion, log, watchdog)
 
 
+def _keeper(options: RunOptions, configuration: Configuration, product: Product, log: Path) -> Bookkeeper:
+    """What writes the run into its book; a run that goes on with another is one run with it."""
+    production = configuration.production
+    if unknown := [name for name in production.ideal_cycle_s if name not in product.goals]:
+        what = f"no variant of {product.name!r}; legal: {', '.join(product.goals)}"
+        raise SettingError(*((("production", "ideal_cycle_s", name), what) for name in unknown))
+    row = RunRow(
+        str(options.resume or log),
+        product.name,
+        options.tree.name,
+        options.operator,
+        began_utc=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        ideal_s=production.ideal_cycle_s,
+        planned_day_s=production.planned_day_s,
+    )
+    return Bookkeeper(Book(options.book), row)
+
+
 def _resumed(
-    options: RunOptions, log: Path, product: Product, tally: BracketTally, console: Console
+    options: RunOptions, log: Path, product: Product, keeper: Bookkeeper, console: Console
 ) -> tuple[RunOptions, ResumeState]:
     """What a log left off with, and the options with its world, where that is still there.
 
     Args:
-        tally: takes the brackets of the log.
+        keeper: takes the brackets of the log.
 
     Raises:
         InputError, LogError: the log cannot be gone on with.
     """
-    left_off = read_resume_state(log, product, lambda tick: tally.add(tick.time_s, tick.notes))
+    left_off = read_resume_state(log, product, lambda tick: keeper.take(moment_of(tick)))
     console.print(f"goes on with {log}: {left_off.told}", highlight=False)
     if options.world is not None:
         return options, left_off

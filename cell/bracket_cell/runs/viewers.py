@@ -7,13 +7,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from bracket_cell.production.bookkeeper import Bookkeeper
+from bracket_cell.production.samples import Samples
 from bracket_cell.recording.recorder import McapRecorder
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.runs.heading import tree_texts
 from bracket_cell.runs.options import Files, RunOptions
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.gate import Address
-from bracket_cell.viewing.production import Production
 from bracket_cell.watching.observer import Observer
 from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.operator import OperatorOrder
@@ -39,19 +40,20 @@ class Viewers:
     page: OperatorPage | None
     opcua: OpcuaServer | None
     mqtt: SparkplugNode | None
-    production: Production
 
     @property
     def observers(self) -> tuple[Observer, ...]:
         """They see every tick."""
-        viewers = (self.production, self.live, self.monitor, self.page, self.opcua, self.mqtt)
+        viewers = (self.live, self.monitor, self.page, self.opcua, self.mqtt)
         return tuple(viewer for viewer in viewers if viewer is not None)
 
     @property
     def addresses(self) -> list[str]:
         """Where they are found, a line each."""
         told = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
-        if self.page is not None:
+        if self.page is not None and self.page.served:
+            told.append("the operator's page is that of `cell serve`")
+        elif self.page is not None:
             told.append(f"the operator's page: {self.page.address}")
             told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
             told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
@@ -75,6 +77,7 @@ def open_viewers(
     now_s: Callable[[], float],
     stack: ExitStack,
     model: CellModel,
+    keeper: Bookkeeper,
 ) -> Viewers:
     """Open those that were asked for.
 
@@ -82,12 +85,12 @@ def open_viewers(
         put: takes the orders of the page.
         say: is told of systems that are lost.
         stack: ends them where the run breaks off.
+        keeper: has the numbers of the work.
 
     Raises:
         InputError: a port is taken, or an extra is missing.
     """
     live, monitor, page, opcua, mqtt = None, None, None, None, None
-    production = Production()
     if options.live_port is not None:
         from bracket_cell.viewing.live_server import LiveServer
 
@@ -110,16 +113,16 @@ def open_viewers(
         told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
         told |= {"shift": "yes"} if options.brackets is not None else {}
         where, settings = Address.parse(options.page, "--page"), files.configuration.page
-        page = OperatorPage(model, told, files.tree, put, where, settings, production, options.slower)
+        page = OperatorPage(model, told, files.tree, put, where, settings, keeper, options.slower)
         stack.callback(page.abandon)
     if options.opcua is not None:
         from bracket_cell.viewing.opcua_server import OpcuaServer
 
-        opcua = OpcuaServer(production, Address.parse(options.opcua, "--opcua"))
+        opcua = OpcuaServer(Samples(keeper.book, keeper), Address.parse(options.opcua, "--opcua"))
         stack.callback(opcua.abandon)
     if (broker := files.configuration.plant.mqtt) is not None:
         from bracket_cell.plant.sparkplug import SparkplugNode
 
-        mqtt = SparkplugNode(production, broker, say)
+        mqtt = SparkplugNode(Samples(keeper.book, keeper), broker, say)
         stack.callback(mqtt.abandon)
-    return Viewers(recorder, live, monitor, page, opcua, mqtt, production)
+    return Viewers(recorder, live, monitor, page, opcua, mqtt)

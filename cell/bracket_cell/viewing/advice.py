@@ -62,3 +62,20 @@ ADVICE: Mapping[str, str] = {  # by signal
     "rule_stops": "Call whoever wrote the rule",
     "command_contested": "Call whoever edits the tree",
 }
+ENDS: Mapping[str, str] = {  # by how a run ended; "" where its program is gone and nothing is known
+    "finished": "It is done. Take the bracket out",
+    "failed": "Put right what is wrong in bracket and tray, then begin again",
+    "timeout": "The time is over. Take the bracket out, then begin again",
+    "interrupted": "It was stopped. See that the robot is free, then begin again",
+    "fault": _DANGER,
+    "": _DANGER,
+}
+
+
+def ended_advice(end: str, signal: str = "") -> str:
+    """What a person does after a run.
+
+    Args:
+        signal: of trouble that was there first where a fault ended it; empty for none.
+    """
+    return ADVICE.get(signal, ENDS[end]) if end == "fault" else ENDS[end]

@@ -7,6 +7,8 @@ behind listens at an address that is drawn anew for each run, so that no page ca
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import re
 import secrets
 import socket
@@ -14,12 +16,14 @@ import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door
 from bracket_ground.errors import InputError
 
 LOOPBACK = "127.0.0.1"
+SOCKET = "unix:"
 PLACES_N = 32  # each takes three handles: the caller's, ours to the server behind, and that server's
 HEAD_BYTES = 16_384
 PIECE_BYTES = 65_536
@@ -43,19 +47,23 @@ class Address:
         port: 0 for any that is free.
         host: name or address that people type.
         option: of the command line, for messages.
+        path: of a socket that only programs of this user reach, in place of host and port.
     """
 
     port: int
     host: str = LOOPBACK
     option: str = "--page"
+    path: Path | None = None
 
     @staticmethod
     def parse(text: str, option: str) -> Address:
-        """Of "PORT" or "HOST:PORT".
+        """Of "PORT", "HOST:PORT" or "unix:PATH".
 
         Raises:
-            InputError: it is neither, or no host is named.
+            InputError: it is none of them, or no host is named.
         """
+        if text.startswith(SOCKET):
+            return Address(0, option=option, path=Path(text.removeprefix(SOCKET)))
         host, colon, port = text.rpartition(":")
         if not (port.isdecimal() and int(port) <= 65535):
             raise InputError(f"{option} {text}: must be PORT or HOST:PORT, as 8780 or cell-3.local:8780")
@@ -75,12 +83,33 @@ class Address:
             InputError: that cannot be.
         """
         try:
+            if self.path is not None:
+                return _private(self.path)
             family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0][0]
             return socket.create_server((self.host, self.port), family=family)
         except OSError as error:
             where = f"port {self.port}" if self.local else f"{self.host}:{self.port}"
+            where = where if self.path is None else str(self.path)
             problem = f"{where} cannot be used: {error.strerror}; choose another with {self.option} PORT or HOST:PORT"
             raise InputError(problem) from None
+
+
+def _private(path: Path) -> socket.socket:
+    """A socket that only this user opens; one that nobody listens at any more is replaced."""
+    with socket.socket(socket.AF_UNIX) as other:
+        if other.connect_ex(str(path)) == 0:
+            raise FileExistsError(errno.EADDRINUSE, "another run serves its page there")
+    path.unlink(missing_ok=True)
+    listening, mask = socket.socket(socket.AF_UNIX), os.umask(0o177)
+    try:
+        listening.bind(str(path))
+        listening.listen()
+    except OSError:
+        listening.close()
+        raise
+    finally:
+        os.umask(mask)
+    return listening
 
 
 def hidden_address() -> str:

@@ -7,7 +7,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bracket_cell.viewing.advice import ADVICE
+from bracket_cell.production.placements import PERSON, Placements
+from bracket_cell.viewing.advice import ADVICE, ended_advice
 from bracket_cell.viewing.guidance import step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
@@ -69,8 +70,6 @@ class Instructor:
 
     Attributes:
         product: what is assembled.
-        placed: part type by position, as it is believed.
-        by: who placed it, by position.
         next: (part type, position) that the robot was allowed to place and goes to place; None for nothing.
         doubt: why the robot does not act, in words.
         fastened: names of the fastenings that are done.
@@ -89,8 +88,7 @@ class Instructor:
         self._put = False  # the robot let go of what it places, and has not seen it there yet
         self._loose = ""  # where the person placed a part whose screw was not turned since
         self._told, self._told_s = Instruction("beginning", "Wait: the cell begins"), float("-inf")
-        self.placed: dict[str, str] = {}
-        self.by: dict[str, str] = {}
+        self._placements = Placements()
         self.next: tuple[str, str] | None = None
         self.doubt = ""
         self.fastened: tuple[str, ...] = ()
@@ -145,6 +143,11 @@ class Instructor:
         )
 
     @property
+    def placed(self) -> dict[str, str]:
+        """Part type by position, as it is believed."""
+        return self._placements.parts
+
+    @property
     def asks(self) -> bool:
         """Whether something waits to be acknowledged."""
         return self._asks
@@ -170,7 +173,7 @@ class Instructor:
             if position in self.placed:
                 hole = view.holes.get(position) if view is not None else None
                 upright = hole is None or hole.upright
-                found[position] = Hole("placed", (self.placed[position],), self.by.get(position, "person"), upright)
+                found[position] = Hole("placed", (self.placed[position],), self._placements.by[position], upright)
             elif self.next is not None and self.next[1] == position:
                 found[position] = Hole("robot", (self.next[0],))
             elif position in wanted and position not in self._display.any_part:
@@ -189,19 +192,16 @@ class Instructor:
         return self._told
 
     def _note(self, topic: str, fields: dict[str, Any]) -> None:
+        new = topic == "belief" and bool(fields.get("edge")) and fields["edge"][1] not in self.placed
+        self._placements.note(topic, fields)
         if topic == "belief" and "fastened" in fields:
             self.fastened = tuple(fields["fastened"])
         elif topic == "belief" and fields.get("edge"):
             part, position = fields["edge"]
             if part is None:
-                self.placed.pop(position, None)
                 return
-            mine = self.next == (part, position) and fields.get("source") != "action"
-            robot = fields.get("source") == "robot" or mine
-            self.by[position] = "robot" if robot else self.by.get(position, "person")
-            if position not in self.placed and not robot:
+            if new and self._placements.by[position] == PERSON:
                 self._loose = position
-            self.placed[position] = part
             if self.next is not None and self.next[1] == position:
                 self.next, self._put = None, False
         elif topic == "verdict":
@@ -214,7 +214,7 @@ class Instructor:
             elif self.next == (part, position):
                 self.next = None
         elif topic == "bracket" and fields["edge"] == "begin":
-            self.placed, self.by, self.next, self.doubt, self._loose, self._put = {}, {}, None, "", "", False
+            self.next, self.doubt, self._loose, self._put = None, "", "", False
             self.fastened = ()
 
     def _likely(self) -> list[str]:
@@ -224,9 +224,10 @@ class Instructor:
 
     def _fresh(self) -> Instruction:
         if self._ended is not None:
-            if (cause := self.cause) is not None and self._judgement.action is Action.STOP:
-                return Instruction("over", Message("The run is over. {do}", do=Message(ADVICE[cause[0]])))
-            return Instruction("over", Message("The run is over: {why}", why=self._ended.reason))
+            stopped = self._judgement.action is Action.STOP and self.cause
+            signal = stopped[0] if stopped else ""
+            do = Message(ended_advice(self._ended.end, signal))
+            return Instruction("over", Message("The run is over. {do}", do=do))
         if self._seen is None:
             return self._told
         return self._trouble() or self._asked() or self._beginning() or self._robot() or self._work()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from bracket_cell.production.samples import Sample
 from bracket_cell.viewing import gate
 from bracket_cell.viewing.door import GREETING_S
 from bracket_cell.viewing.gate import Address, Gate, begins, hidden_address
-from bracket_cell.viewing.production import Production, Sample
 from bracket_cell.watching.observer import Observer, Outcome
 from bracket_ground.errors import InputError
 
@@ -30,7 +31,7 @@ class OpcuaServer(Observer):
         InputError: the extra is not installed, or the port is taken.
     """
 
-    def __init__(self, production: Production, where: Address) -> None:
+    def __init__(self, samples: Callable[[], Sequence[Sample]], where: Address) -> None:
         try:
             import asyncua  # noqa: F401
         except ImportError:
@@ -38,7 +39,7 @@ class OpcuaServer(Observer):
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         self._listening = where.listening()
         self.address = f"opc.tcp://{where.host}:{where.port}/cell/"
-        self._production, self._over, self._ready = production, threading.Event(), threading.Event()
+        self._samples, self._over, self._ready = samples, threading.Event(), threading.Event()
         self._nodes: dict[str, Node] = {}
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="OPC UA", daemon=True)
         self._thread.start()
@@ -72,7 +73,7 @@ class OpcuaServer(Observer):
             assert server.bserver is not None  # it has begun
             at = Gate(self._listening, (behind, server.bserver.port), greets=begins(HELLO, HELLO_BYTES))
             while not self._over.is_set():
-                for sample in self._production.samples:
+                for sample in self._samples():
                     await self._show(folder, space, sample)
                 self._ready.set()
                 await asyncio.sleep(EVERY_S)

@@ -22,7 +22,7 @@ from tests import ROOT
 
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
-    "Start": ["init", "doctor", "docs", "run", "setup", "safety"],
+    "Start": ["init", "doctor", "docs", "run", "serve", "setup", "safety"],
     "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],
@@ -30,7 +30,7 @@ PANELS = {
 RUN = {
     *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
     *("--resume", "--page", "--work-orders", "--opcua", "--monitor", "--breakpoints", "--live", "--json"),
-    *("--share", "--slower"),
+    *("--share", "--slower", "--book", "--operator"),
 }
 
 

@@ -28,13 +28,16 @@ PATIENCE_S = 20.0
 
 
 class Counted:
-    """Numbers, as `Production` has them."""
+    """Numbers, as `Samples` has them."""
 
     def __init__(self) -> None:
         self.samples: tuple[tuple[str, dict[str, str], float], ...] = (
             ("cell_brackets_total", {"finished": "true"}, 0.0),
             ("cell_questions_total", {}, 0.0),
         )
+
+    def __call__(self) -> tuple[tuple[str, dict[str, str], float], ...]:
+        return self.samples
 
 
 class Host:
@@ -110,7 +113,7 @@ def test_a_host_hears_birth_data_and_death(tmp_path: Path) -> None:
     counted, port, said = Counted(), free_port(), list[str]()
     with broker(port, tmp_path):
         host = Host(port)
-        node = SparkplugNode(counted, settings(port), said.append)  # type: ignore[arg-type]
+        node = SparkplugNode(counted, settings(port), said.append)
         until(lambda: "NBIRTH" in host.kinds())
         kind, numbers, sequence = host.heard[0]
         assert (kind, sequence) == ("NBIRTH", 0)
@@ -130,7 +133,7 @@ def test_a_host_hears_birth_data_and_death(tmp_path: Path) -> None:
 def test_a_number_that_is_new_and_a_host_that_asks_get_another_birth(tmp_path: Path) -> None:
     counted, port = Counted(), free_port()
     with broker(port, tmp_path):
-        host, node = Host(port), SparkplugNode(counted, settings(port), lambda _: None)  # type: ignore[arg-type]
+        host, node = Host(port), SparkplugNode(counted, settings(port), lambda _: None)
         until(lambda: host.kinds().count("NBIRTH") == 1)
         counted.samples = (*counted.samples, ("cell_stops_total", {"reason": "hand_unknown"}, 1.0))
         until(lambda: host.kinds().count("NBIRTH") == 2)
@@ -146,7 +149,7 @@ def test_a_number_that_is_new_and_a_host_that_asks_get_another_birth(tmp_path: P
 def test_a_broker_that_goes_and_comes_back_is_born_to_anew_with_all_totals(tmp_path: Path) -> None:
     counted, port, said = Counted(), free_port(), list[str]()
     with broker(port, tmp_path):
-        node = SparkplugNode(counted, settings(port), said.append)  # type: ignore[arg-type]
+        node = SparkplugNode(counted, settings(port), said.append)
         until(node._born.is_set)
     until(lambda: bool(said))
     assert said == ["the broker at 127.0.0.1 is gone; it is tried again"]
@@ -171,7 +174,7 @@ def test_a_broker_that_refuses_is_told_once_in_words(tmp_path: Path) -> None:
     with broker(port, tmp_path, "allow_anonymous false", f"password_file {tmp_path / 'nobody'}"):
         secret = tmp_path / "secret"
         secret.write_text("wrong\n")
-        node = SparkplugNode(Counted(), settings(port, user="cell", password_file=secret), said.append)  # type: ignore[arg-type]
+        node = SparkplugNode(Counted(), settings(port, user="cell", password_file=secret), said.append)
         until(lambda: bool(said))
         node.abandon()
     assert said[0].startswith("the broker at 127.0.0.1 refuses: ")
@@ -179,7 +182,7 @@ def test_a_broker_that_refuses_is_told_once_in_words(tmp_path: Path) -> None:
 
 def test_a_broker_that_is_not_there_stops_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     said = list[str]()
-    node = SparkplugNode(Counted(), settings(free_port()), said.append)  # type: ignore[arg-type]
+    node = SparkplugNode(Counted(), settings(free_port()), said.append)
     until(lambda: bool(said))
     node.abandon()
     assert said == ["the broker at 127.0.0.1 is not there; it is tried again"]
@@ -188,7 +191,7 @@ def test_a_broker_that_is_not_there_stops_nothing(capfd: pytest.CaptureFixture[s
 
 def test_a_password_file_that_is_not_there_is_told_before_anything_moves(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"plant\.mqtt: .*nothing"):
-        SparkplugNode(Counted(), settings(1, user="a", password_file=tmp_path / "nothing"), print)  # type: ignore[arg-type]
+        SparkplugNode(Counted(), settings(1, user="a", password_file=tmp_path / "nothing"), print)
 
 
 @pytest.mark.parametrize("name", ["a/b", "+", "#", ""])

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from bracket_cell.configuration import for_shift, load_configuration
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
-from bracket_cell.watching.brackets import BracketTally
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.notes import Topic
@@ -28,7 +29,7 @@ def record(tick: int, notes: tuple[Note, ...] = (), belief: dict[str, float] | N
 
 
 def test_times_goals_and_questions_belong_to_their_bracket() -> None:
-    tally = BracketTally()
+    tally = Bookkeeper(Book(), RunRow(""))
     for one in (
         record(0),
         record(1, BEGIN),
@@ -41,13 +42,13 @@ def test_times_goals_and_questions_belong_to_their_bracket() -> None:
     told: Any = tally.report([{"goal": "g1", "correct": True, "robot_placements": 2, "human_placements": 4}])
     first, second = told["brackets"]
     assert (first["goal"], first["inferred_goal"], first["correct"], first["sim_time_s"]) == ("g1", "g1", True, 8.0)
-    assert (first["robot_placements"], first["help_requests"], second["help_requests"]) == (2, 1, 0)
+    assert (first["robot_placements"], first["help_requests"], second["help_requests"]) == (0, 1, 0)
     assert (second["correct"], second["finished"], second["sim_time_s"]) == (None, None, 3.0)
     assert (told["right"], told["wrong"], told["unfinished"], told["asked"]) == (1, 0, 1, 1)
 
 
 def test_a_tree_without_brackets_tells_of_none() -> None:
-    tally = BracketTally()
+    tally = Bookkeeper(Book(), RunRow(""))
     tally.tick(record(0))
     assert tally.report([{"correct": True}]) == {}
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.running.work_orders import LOOK_S, WorkOrders
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.errors import InputError
@@ -16,7 +18,7 @@ from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 
-GOALS = tuple(PRODUCT.goals)
+GOALS = {goal: PRODUCT.goal_title(goal) for goal in PRODUCT.goals}
 Note = tuple[Topic, dict[str, object]]
 
 
@@ -42,8 +44,8 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
     written(path, {"id": "A", "amount": 3}, {"id": "B", "cancelled": True}, {"id": "C", "variant": "nine"})
     assert [order.amount for order in orders.open(LOOK_S / 2)] == [1, 1], "it is looked at now and then"
     assert [(order.id, order.amount) for order in orders.open(LOOK_S)] == [("A", 3)]
-    assert orders.news[:2] == ["work order A was changed: 3 of g0", "work order B was cancelled"]
-    assert f"{path}:5: this is no work order: variant is 'nine'; legal: g0, g1, g2" in orders.news[2]
+    assert orders.news[:2] == [f"work order A was changed: 3 of {GOALS['g0']}", "work order B was cancelled"]
+    assert f"{path}:5: this is no work order: variant is 'nine'; legal: g0 ({GOALS['g0']}), g1" in orders.news[2]
 
 
 @pytest.mark.parametrize(
@@ -51,10 +53,10 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
     [
         ("{", "Expecting property name"),
         ([], "keys id, variant, amount, due, cancelled"),
-        ({"variant": "g0", "amuont": 2}, "keys id, variant, amount, due, cancelled"),
+        ({"variant": "g0", "amuont": 2}, "no key 'amuont'; legal: id, variant, amount, due, cancelled"),
         ({"variant": "g0", "amount": True}, "amount is True, not int"),
         ({"variant": "g0", "amount": 0}, "legal: 1 to 100000"),
-        ({"variant": "g0", "due": "soon"}, "Invalid isoformat"),
+        ({"variant": "g0", "due": "soon"}, "write it as 2026-11-26T14:00"),
         ({"id": "", "variant": "g0"}, "it has 1 to 60 letters"),
         ({"amount": 2}, "variant is None"),
     ],
@@ -73,14 +75,24 @@ def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
 
 
 def test_a_finished_bracket_counts_once_for_its_order() -> None:
-    orders = WorkOrders(GOALS)
+    keeper = Bookkeeper(Book(), RunRow(""))
+    orders = WorkOrders(GOALS, book=keeper.book)
     orders.put('{"id": "A", "variant": "g0", "amount": 2}')
     begin: Note = ("bracket", {"number": 1, "edge": "begin", "order": "A"})
     end: Note = ("bracket", {"number": 1, "edge": "end", "finished": True, "goal": "g0", "order": "A"})
     taken: Note = ("bracket", {"number": 2, "edge": "end", "finished": False, "goal": None})
     seen = Observation(0, 0.0, STANDING, EMPTY_GRIPPER)
-    orders.tick(TickRecord(seen, "RUNNING", (), (begin, end, taken), Command(), SentCommand(), 0.001, False))
+    keeper.tick(TickRecord(seen, "RUNNING", (), (begin, end, taken), Command(), SentCommand(), 0.001, False))
     assert [(order.id, order.done) for order in orders.open(0.0)] == [("A", 1)]
+
+
+def test_a_later_run_goes_on_with_the_orders_of_its_book() -> None:
+    keeper = Bookkeeper(Book(), RunRow(""))
+    WorkOrders(GOALS, book=keeper.book).put(json.dumps({"id": "A", "variant": GOALS["g1"], "amount": 2}))
+    later = WorkOrders(GOALS, book=keeper.book)
+    assert [(order.id, order.variant, order.done) for order in later.open(0.0)] == [("A", "g1", 0)]
+    later.put('{"id": "A", "cancelled": true}')
+    assert later.open(0.0) == ()
 
 
 def plan_of(belief: dict[str, float], state: AssemblyState) -> AssemblyPlan:

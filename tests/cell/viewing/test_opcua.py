@@ -9,9 +9,11 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper
+from bracket_cell.production.samples import Samples
 from bracket_cell.viewing.door import GREETING_S
 from bracket_cell.viewing.gate import Address
-from bracket_cell.viewing.production import Production
 from bracket_ground.errors import InputError
 
 sync = pytest.importorskip("asyncua.sync", reason="the extra opcua is not installed")
@@ -22,11 +24,17 @@ pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # the lib
 HELLO = struct.pack("<4s7I", b"HELF", 32, 0, 65535, 65535, 0, 0, 0)
 
 
+def numbers() -> Samples:
+    """Of a run that has just begun."""
+    keeper = Bookkeeper(Book(), RunRow(""))
+    return Samples(keeper.book, keeper)
+
+
 @pytest.fixture
 def server() -> Iterator[OpcuaServer]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    made = OpcuaServer(Production(), Address(port, option="--opcua"))
+    made = OpcuaServer(numbers(), Address(port, option="--opcua"))
     yield made
     made.abandon()
 
@@ -66,4 +74,4 @@ def test_half_greetings_take_no_more_than_their_places(server: OpcuaServer, begu
 
 def test_a_port_that_is_taken_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="--opcua PORT or HOST:PORT"):
-        OpcuaServer(Production(), Address(taken.getsockname()[1], option="--opcua"))
+        OpcuaServer(numbers(), Address(taken.getsockname()[1], option="--opcua"))

@@ -13,11 +13,10 @@ from bracket_cell.log.read.ticks import LoggedTick
 from bracket_cell.log.report.html_page import rendered, write_page
 from bracket_cell.log.report.key_frames import key_frames
 from bracket_cell.log.report.query import why_of
-from bracket_cell.log.report.shift import shift_from
+from bracket_cell.log.report.shift import shift_from, shift_of
 from bracket_cell.log.report.summary import (
     Belief,
     Line,
-    Placed,
     beliefs,
     lines_from,
     node_rows,
@@ -28,6 +27,8 @@ from bracket_cell.log.report.summary import (
     waits,
     with_cause,
 )
+from bracket_cell.production.book import Book
+from bracket_cell.production.placements import ROBOT, Placements
 from bracket_ground.errors import LogError
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -82,7 +83,7 @@ def report_html(log: Log) -> str:
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
     return told.page(
         f"{told.last_s - told.first_s:.1f} s",
-        _found(goals, placed),
+        _found(goals, told.placements),
         parts=[],
         rows=rows,
         belief_names=names,
@@ -96,6 +97,11 @@ def report_html(log: Log) -> str:
         timing=_timing(log, told.axis),
         frames=key_frames(log, placed),
     )
+
+
+def production_html(book: Book) -> str:
+    """The page of a book: all that was made, day by day."""
+    return rendered(TEMPLATE.with_name("book.html.j2"), shift=shift_of(book))
 
 
 def write_overview(stream: LogStream, path: Path) -> int:
@@ -137,14 +143,13 @@ def _timing(log: Log, axis: Axis) -> dict[str, Any]:
     return {"period_ms": period_ms, "top_ms": top_ms, "bars": bars, "limit": round(110 - 100 * period_ms / top_ms, 1)}
 
 
-def _found(goals: Sequence[Belief], placed: Sequence[Placed]) -> list[Tile]:
+def _found(goals: Sequence[Belief], placed: Placements) -> list[Tile]:
     """What was inferred and placed."""
-    new = [one for one in placed if not one.confirms]
-    robot = sum(one.source == "robot" for one in placed)
+    robot = list(placed.by.values()).count(ROBOT)
     last = goals[-1].goals if goals else {}
     goal = max(last, key=lambda name: last[name]) if last else "none"
     certainty = f" ({last[goal]:.0%})" if last else ""
-    return [("goal inferred", goal + certainty, ""), ("by robot / all parts", f"{robot} / {len(new)}", "")]
+    return [("goal inferred", goal + certainty, ""), ("by robot / all parts", f"{robot} / {len(placed.by)}", "")]
 
 
 def is_long(parts: Sequence[Path]) -> bool:
@@ -162,12 +167,14 @@ class _Told:
 
     def __init__(self, log: Log | LogStream) -> None:
         self._log = log
-        self._count = self._late = self._helps = 0
+        self._count = self._helps = 0
         self.first_s = self.last_s = 0.0
         self.lines: list[Line] = []
-        self._shift = shift_from(self._ticks(), lambda: log.result)
+        keeper = shift_from(self._ticks(), lambda: log.metadata, lambda: log.result)
         if not self._count:
             raise LogError(log.path, "holds no tick that could be reported")
+        self._shift = shift_of(keeper.book) if keeper.rows else None
+        self.placements = keeper.placements
         self.axis = Axis(self.first_s, self.last_s)
 
     def _ticks(self) -> Iterator[LoggedTick]:
@@ -177,7 +184,6 @@ class _Told:
                 self.first_s = tick.time_s if not self._count else self.first_s
                 self.last_s = tick.time_s
                 self._count += 1
-                self._late += tick.overrun
                 self._helps += sum(topic == "help" for topic, _ in tick.notes)
                 yield tick
 
@@ -195,8 +201,6 @@ class _Told:
             *more,
             ("calls for help", str(self._helps), "bad" if self._helps else ""),
             ("time", took, ""),
-            ("ticks", str(self._count), ""),
-            ("overruns", str(self._late), "bad" if self._late else "good"),
             ("alarms", str(alarms), "bad" if alarms else "good"),
         ]
         sizes = {"axis": self.axis, "width": WIDTH, "labels": LABELS, "narrowest": NARROWEST_PX}

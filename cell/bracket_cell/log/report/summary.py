@@ -117,12 +117,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Overrun:
-    """A tick that took longer than its period, and the nodes whose status changed in it."""
+    """A tick that took longer than its period, and the first node whose status changed in it; empty for none."""
 
     number: int
     time_s: float
     wall_ms: float
-    nodes: tuple[str, ...]
+    node: str
 
 
 def tick_period_s(log: Log) -> float:
@@ -262,7 +262,7 @@ def lines_from(path: Path, messages: Iterable[Message]) -> list[Line]:
 def overruns(log: Log) -> list[Overrun]:
     """Ticks that took too long, the worst first."""
     found = [
-        Overrun(tick.number, tick.time_s, 1e3 * tick.wall_s, tuple(dict.fromkeys(_short(c.path) for c in tick.changes)))
+        Overrun(tick.number, tick.time_s, 1e3 * tick.wall_s, next((_short(c.path) for c in tick.changes), ""))
         for tick in log.ticks
         if tick.overrun
     ]

@@ -78,7 +78,9 @@ class NamedAlone:
 def _with_headers(send: Send) -> Callable[[Any], Awaitable[None]]:
     async def sending(message: Any) -> None:
         if message["type"] == "http.response.start":
-            extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            own = {name.lower() for name, _ in message.get("headers", ())}
+            every = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            extra = [(name, value) for name, value in every if name not in own]
             message = {**message, "headers": [*message.get("headers", ()), *extra]}
         await send(message)
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import Any
 
+from bracket_cell.production.bookkeeper import Bookkeeper
+from bracket_cell.production.samples import Samples
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.settings import PageSettings
 from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.scene import scene_of
-from bracket_cell.viewing.page.server import PageServer, Role
+from bracket_cell.viewing.page.server import PageServer
 from bracket_cell.viewing.page.state import PageState
-from bracket_cell.viewing.production import Production
+from bracket_cell.viewing.page.web import Role
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
 from bracket_ground.interfaces.frame import Frame, PendingFrame
 from bracket_ground.interfaces.operator import OperatorOrder
@@ -29,7 +32,7 @@ class OperatorPage(Observer):
     Args:
         heading: what is shown of the run, by name.
         obey: takes an operator's order.
-        production: its numbers are served, too.
+        keeper: of the run's production.
         slower: times slower than the wall that the run goes.
 
     Raises:
@@ -43,15 +46,14 @@ class OperatorPage(Observer):
         tree: Tree,
         obey: Callable[[OperatorOrder], None],
         where: Address,
-        settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
-        production: Production | None = None,
+        settings: PageSettings,
+        keeper: Bookkeeper,
         slower: float = 1.0,
     ) -> None:
         self._silent_s = SILENT_S * slower
-        self._state = PageState(model, heading, tree)
-        self._production = production or Production()
-        self._server = PageServer(where, obey, settings, scene_of(model), self._production.metrics)
-        self._tell_still()
+        self._state = PageState(model, heading, tree, keeper)
+        metrics = Samples(keeper.book, keeper).metrics
+        self._server = PageServer(where, obey, settings, scene_of(model), metrics, self._still())
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
         self._frames: deque[Frame] = deque(maxlen=KEPT_FRAMES)
@@ -64,6 +66,11 @@ class OperatorPage(Observer):
     def address_of(self, role: Role) -> str:
         """Where somebody opens it who operates, or only looks."""
         return self._server.address_of(role)
+
+    @property
+    def served(self) -> bool:
+        """Another process serves it, and asks at a socket."""
+        return self._server.where.path is not None
 
     @property
     def local(self) -> bool:
@@ -83,10 +90,10 @@ class OperatorPage(Observer):
     def watch(self, tree: Tree) -> None:
         """An edited tree has taken over."""
         self._state.watch(tree)
-        self._tell_still()
+        self._server.still(self._still())
 
-    def _tell_still(self) -> None:
-        self._server.still({**self._state.still(), "silent_s": self._silent_s})
+    def _still(self) -> dict[str, Any]:
+        return {**self._state.still(), "silent_s": self._silent_s}
 
     def frame(self, frame: Frame) -> None:
         if frame.camera == "overhead":
@@ -99,7 +106,7 @@ class OperatorPage(Observer):
         if now_s - self._published_s >= EVERY_S and (self._server.watched or self._published_s < 0):
             self._published_s = now_s
             self._show_frame(record)
-            self._tell_still()
+            self._server.still(self._still())
             self._server.publish(self._state.now(record))
 
     def _show_frame(self, record: TickRecord) -> None:

@@ -1,4 +1,4 @@
-"""Serves the operator's page: pictures and state go out, orders come in; who has no token is refused.
+"""Serves the operator's page of a run: pictures and state go out, orders come in; who has no token is refused.
 
 Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
 newest one when it has taken the one before, and a client that takes none for a while is dropped.
@@ -7,48 +7,33 @@ newest one when it has taken the one before, and a client that takes none for a 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
-import math
 import secrets
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import cv2
 import orjson
-import uvicorn
-from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from bracket_cell.settings import PageSettings
-from bracket_cell.viewing import door
-from bracket_cell.viewing.door import Caller, Door, handed_over
-from bracket_cell.viewing.gate import LOOPBACK, Address
-from bracket_cell.viewing.page.callers import Connection, NamedAlone
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of, same
 from bracket_ground.errors import InputError
-from bracket_ground.files.words.catalogue import catalogue, languages
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.operator import OperatorOrder, OrderKind
 
-STATIC = Path(__file__).parent / "static"
-BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
 CLIENTS_N = {None: 8, "look": 12, "operate": 16}  # pages that are open, of who has this token or less
 KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
-STOP_S = 3.0
-Role = Literal["operate", "look"]
-NO_ROLE = "this needs a token: open an address that `cell run` printed"
 
 
-class PageServer:
+class PageServer(WebServer):
     """One server for one run.
 
     Args:
@@ -57,10 +42,9 @@ class PageServer:
         settings: TLS files and the language.
         scene: of the three-dimensional view.
         metrics: numbers of the run in Prometheus' text format.
+        still: what a new client gets first.
 
     Attributes:
-        where, scheme: as it was asked for, http or https.
-        port: where it listens.
         tokens: by role; every order must carry the first. Only the addresses that the terminal prints have them.
 
     Raises:
@@ -74,51 +58,24 @@ class PageServer:
         settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
         scene: Mapping[str, Any] | None = None,
         metrics: Callable[[], str] = str,
+        still: Mapping[str, Any] | None = None,
     ) -> None:
-        self._obey, self.where, self._settings, self._metrics = obey, where, settings, metrics
-        self._scene = orjson.dumps(scene or {})
+        self._obey, self._scene, self._metrics = obey, orjson.dumps(dict(scene or {})), metrics
         self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
-        self._still = self._state = b"{}"
+        self._still, self._state = b"{}", b"{}"
+        self.still(dict(still or {}))
         self._number = 0
         self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
         self._jpeg: tuple[int, bytes] = (-1, b"")
         self._news: dict[asyncio.Event, Role | None] = {}  # of each page that is open, and whose token it has
-        self._closing = False
-        self.scheme = "http" if settings.certificate is None else "https"
-        self._socket = where.listening()
-        self.port: int = self._socket.getsockname()[1]
-        names = (LOOPBACK, "localhost") if where.local else (where.host,)
-        self._hosts = {f"{name}:{self.port}" for name in names} | (set() if where.local else {where.host})
         routes = [
-            Route("/", self._page),
             Route("/events", self._events),
             Route("/camera.jpg", self._camera),
             Route("/scene.json", self._told_scene),
-            Route("/words/{language}.json", self._words),
             Route("/metrics", self._told_metrics),
             Route("/order", self._order, methods=["POST"]),
-            Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        app = NamedAlone(Starlette(routes=routes), self._hosts, self.scheme)
-        config = uvicorn.Config(
-            app,
-            log_level="critical",
-            lifespan="off",
-            access_log=False,
-            timeout_graceful_shutdown=1,
-            timeout_keep_alive=math.ceil(door.GREETING_S),  # the next request of a connection is a greeting, too
-            ssl_certfile=settings.certificate,
-            ssl_keyfile=settings.key,
-        )
-        try:
-            config.load()
-        except OSError as error:  # ssl.SSLError is one
-            self._socket.close()
-            raise InputError(f"page.certificate {settings.certificate}: cannot be used: {error}") from None
-        self._server = uvicorn.Server(config)
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread = threading.Thread(target=self._serve, name="operator's page", daemon=True)
-        self._thread.start()
+        super().__init__(where, settings, routes)
 
     @property
     def address(self) -> str:
@@ -129,17 +86,8 @@ class PageServer:
         """The same for who operates, or only looks."""
         return f"{self.scheme}://{self.where.host}:{self.port}/#{self.tokens[role]}"
 
-    def _token(self, request: Request, given: str | None = None) -> Role | None:
-        """Whose token somebody has, in a header but where another place is given; it keeps a place at the door."""
-        given = request.headers.get("x-cell-token", "") if given is None else given
-        for role, token in self.tokens.items():
-            if hmac.compare_digest(given.encode(), token.encode()):
-                self._door.knows(request.state.caller)
-                return role
-        return None
-
-    def _may_look(self, request: Request) -> bool:
-        return self._token(request) is not None or self.where.local
+    def _role_of(self, token: str) -> Role | None:
+        return next((role for role, known in self.tokens.items() if same(token, known)), None)
 
     @property
     def watched(self) -> bool:
@@ -165,50 +113,17 @@ class PageServer:
         if not self._images or self._images[-1][0] != sequence:
             self._images.append((sequence, image))
 
-    def close(self) -> None:
-        """Tell clients that it is over, and end; harmless when repeated."""
-        if self._closing:
-            return
-        self._closing = True
-        if self._loop is not None and self._loop.is_running():
-            self._loop.call_soon_threadsafe(self._tell)
-        self._server.should_exit = True
-        self._thread.join(STOP_S)
-        self._socket.close()
-
-    def _serve(self) -> None:
-        with asyncio.Runner() as runner:
-            self._loop = runner.get_loop()
-            runner.run(self._open())
-
-    async def _open(self) -> None:
-        async with Door(self._socket, self._receive) as self._door:
-            await self._server.serve(sockets=[])
-
-    async def _receive(self, caller: Caller) -> None:
-        connection = Connection(self._server, caller)
-        await handed_over(caller, connection, connection.over, self._server.config.ssl)
+    def _over(self) -> None:
+        self._tell()
 
     def _tell(self) -> None:
         for news in self._news:
             news.set()
 
-    async def _page(self, _: Request) -> Response:
-        return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
-
     async def _told_scene(self, request: Request) -> Response:
         if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         return Response(self._scene, media_type="application/json")
-
-    async def _words(self, request: Request) -> Response:
-        """A catalogue; "usual" is that of the configuration."""
-        name = request.path_params["language"]
-        name = self._settings.language if name == "usual" else name
-        if name not in languages():
-            return PlainTextResponse(f"no language {name!r}; there are: {', '.join(languages())}", 404)
-        told = {"language": name, "languages": languages(), "texts": dict(catalogue(name).texts)}
-        return Response(orjson.dumps(told), media_type="application/json")
 
     async def _told_metrics(self, request: Request) -> Response:
         if not self._may_look(request):
@@ -241,17 +156,9 @@ class PageServer:
         if self._token(request) != "operate":
             problem = "this page is view-only; to give orders, open the address that `cell run` printed"
             return PlainTextResponse(problem, 401)
-        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-            return PlainTextResponse("an order must be JSON", 415)
-        body = b""
-        try:
-            async with asyncio.timeout(door.GREETING_S):
-                async for piece in request.stream():
-                    body += piece
-                    if len(body) > BODY_BYTES:
-                        return PlainTextResponse("the order is too long", 413)
-        except TimeoutError:
-            return PlainTextResponse("the order did not come to its end", 408)
+        body = await body_of(request)
+        if isinstance(body, Response):
+            return body
         try:
             order = _order_of(json.loads(body))
         except (ValueError, TypeError, RecursionError) as error:

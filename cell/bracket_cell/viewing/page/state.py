@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from bracket_cell.production.book import BracketRow
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.recording.schemas import plain
-from bracket_cell.viewing.instruction import Hole, Instructor
+from bracket_cell.viewing.instruction import Instructor
 from bracket_cell.viewing.page.scene import marks_of, pose_of
 from bracket_cell.watching.observer import Level, Outcome, TickRecord
 from bracket_cell.watching.why_now import WhyNow
@@ -32,9 +34,10 @@ class PageState:
 
     Args:
         heading: what is shown of the run, by name.
+        keeper: knows the brackets.
     """
 
-    def __init__(self, model: CellModel, heading: Mapping[str, str], tree: Tree) -> None:
+    def __init__(self, model: CellModel, heading: Mapping[str, str], tree: Tree, keeper: Bookkeeper) -> None:
         self._product, self._heading = model.product, dict(heading)
         overhead = model.bench.overhead
         self._image_px, self._marks = (overhead.width_px, overhead.height_px), marks_of(model.product, model.bench)
@@ -45,7 +48,8 @@ class PageState:
         self._track: deque[tuple[int, int]] = deque(maxlen=TRACK_N)
         self._sequence = -1
         self._parts: tuple[PartsView | None, list[dict[str, object]]] = (None, [])
-        self._brackets: deque[dict[str, object]] = deque(maxlen=BRACKETS_N)
+        self._keeper = keeper
+        self._brackets: tuple[object, list[dict[str, Any]]] = (None, [])
         self._statuses: dict[int, tuple[str, Any]] = {}
         self._ended = ""
         self._why_now = WhyNow(lambda: self._tree)
@@ -92,9 +96,6 @@ class PageState:
         self._why_now.tick(record)
         for change in record.changes:
             self._statuses[change.uid] = (change.new.name, data_of(change.feedback))
-        for topic, fields in record.notes:
-            if topic == "bracket":
-                self._bracket_noted(fields, now_s)
         if record.command.display is not None:
             belief = dict(record.command.display.goal_belief)
             if belief and belief != dict(self._display.goal_belief):
@@ -151,22 +152,16 @@ class PageState:
             },
             "pose": pose_of(seen),
             "tray": self._seen_parts(seen.parts),
-            "brackets": list(self._brackets),
+            "brackets": self._done(),
             "lines": list(self._lines),
             "statuses": {uid: list(told) for uid, told in self._statuses.items()},
         }
 
-    def _bracket_noted(self, fields: Mapping[str, Any], now_s: float) -> None:
-        """A bracket begins, or ends with what was placed by whom."""
-        if fields["edge"] == "begin":
-            self._brackets.append({"number": fields["number"], "begin_s": round(now_s, 1)})
-        elif self._brackets:
-            holes = self.instructor.holes
-            by = Counter(hole.who for hole in holes.values() if hole.fate == "placed")
-            goal, order = fields["goal"], fields.get("order", "")
-            placed = _placed(holes)
-            ended = {"end_s": round(now_s, 1), "finished": fields["finished"], "goal": goal, "order": order}
-            self._brackets[-1] = {**self._brackets[-1], **ended, "by": dict(by), "placed": placed}
+    def _done(self) -> list[dict[str, Any]]:
+        """The last brackets of the book, which others may have changed."""
+        if (version := self._keeper.book.version) != self._brackets[0]:
+            self._brackets = version, [bracket_data(row) for row in self._keeper.book.brackets(last=BRACKETS_N)]
+        return self._brackets[1]
 
     def _seen_parts(self, view: PartsView | None) -> list[dict[str, object]]:
         """Parts in the tray as they were seen last."""
@@ -203,8 +198,21 @@ def _question(question: Question) -> dict[str, Any]:
     return {**plain(question), **words, "answers": answers}
 
 
-def _placed(holes: Mapping[str, Hole]) -> dict[str, list[str]]:
-    return {name: [hole.parts[0], hole.who] for name, hole in holes.items() if hole.fate == "placed"}
+def bracket_data(row: BracketRow) -> dict[str, Any]:
+    """A bracket for a page."""
+    names = (
+        "number",
+        "finished",
+        "variant",
+        "ordered",
+        "order",
+        "misses_order",
+        "correct",
+        "robot",
+        "person",
+        "placed",
+    )
+    return {**{name: getattr(row, name) for name in names}, "took_s": round(row.length_s, 1)}
 
 
 def _finite(value: float) -> float:

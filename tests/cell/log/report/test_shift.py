@@ -10,7 +10,8 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.log.read.reader import read_log
 from bracket_cell.log.report.report import report_html
-from bracket_cell.log.report.shift import Shift, shift_from
+from bracket_cell.log.report.shift import Shift, shift_from, shift_of
+from bracket_cell.production.effectiveness import effectiveness_of
 from bracket_cell.recording.parts import part_path
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
@@ -54,12 +55,11 @@ def shift(tmp_path: Path) -> Shift:
         recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 10, 0, 16.0, 0.1))
     log = read_log(path)
-    told = shift_from(log.ticks, lambda: log.result)
-    assert told is not None
+    told = shift_of(shift_from(log.ticks, lambda: log.metadata, lambda: log.result).book)
     page = report_html(log)
-    assert "The shift" in page
+    assert "OEE" in page
     assert "there is no safety valve" in page
-    assert '<td class="w">A-7</td>' in page
+    assert "not as A-7 wants it" in page
     return told
 
 
@@ -67,8 +67,9 @@ def test_brackets_have_their_times_hands_questions_and_verdicts(shift: Shift) ->
     first, second = shift.brackets
     assert (first.length_s, second.length_s) == (10.0, 4.0)
     assert (first.robot, first.person, first.questions) == (1, 1, ["o3, please"])
-    assert (first.goal, first.correct, second.correct) == ("g0", True, False)
-    assert (first.order, second.order) == ("", "A-7")
+    assert (first.variant, first.correct, second.correct) == ("g0", True, False)
+    assert (first.ordered, second.ordered, second.order) == ("", "A-7", "")
+    assert (first.misses_order, second.misses_order) == (False, True)
 
 
 def test_waits_are_summed_by_their_reason(shift: Shift) -> None:
@@ -84,17 +85,25 @@ def test_a_question_beside_the_work_is_no_wait_and_what_stays_wrong_is_told(tmp_
         recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 4, 0, 9.0, 0.1))
     log = read_log(path)
-    told = shift_from(log.ticks, lambda: log.result)
-    assert told is not None
-    assert (told.waits_s, told.brackets[0].known_wrong) == ([], ["p2"])
+    told = shift_of(shift_from(log.ticks, lambda: log.metadata, lambda: log.result).book)
+    assert (told.losses, told.brackets[0].known_wrong) == ([], ["p2"])
     assert "known to be wrong: p2" in report_html(read_log(path))
 
 
-def test_effectiveness_is_the_product_of_its_three_shares(shift: Shift) -> None:
-    assert shift.availability == pytest.approx(1 - 4 / 14)
-    assert shift.performance == pytest.approx(4 / 7)
-    assert shift.quality == 0.5
-    assert shift.oee == pytest.approx(shift.availability * shift.performance * 0.5)
+def test_effectiveness_is_the_standards_and_what_is_not_known_is_not_made_up(shift: Shift) -> None:
+    """16 s planned, 14 of them in brackets, 4 of those waited; ideal times are not configured."""
+    whole = shift.whole
+    assert whole.availability == pytest.approx((14 - 4) / 16)
+    assert (whole.effectiveness, whole.oee) == (None, None)
+    assert (whole.quality, whole.inspected, whole.good) == (0.5, 2, 1)
+    runs = [replace(run, ideal_s={"g0": 3.0, "g1": 2.0}, planned_day_s=40.0) for run in shift.runs]
+    known = effectiveness_of(runs, shift.brackets)
+    assert known.availability == pytest.approx(10 / 40)
+    assert known.effectiveness == pytest.approx((3 + 2) / 10)
+    assert known.oee == pytest.approx(0.25 * 0.5 * 0.5)
+    assert known.per_hour == pytest.approx(2 * 3600 / 40)
+    nobody = effectiveness_of(runs, [replace(one, correct=None) for one in shift.brackets])
+    assert (nobody.quality, nobody.oee) == (None, None)
 
 
 def test_a_long_shift_is_told_part_by_part(tmp_path: Path) -> None:
@@ -112,7 +121,7 @@ def test_a_long_shift_is_told_part_by_part(tmp_path: Path) -> None:
     page = tmp_path / "long.html"
     assert main(["report", str(path)]) == 0
     told = page.read_text()
-    assert "The shift" in told
+    assert "OEE" in told
     assert f"cell report {part_path(path, 2)}" in told
     assert "What the nodes did" not in told
     assert main(["report", str(path)]) == 0, "its own page may be written anew"
@@ -127,4 +136,5 @@ def test_a_log_without_brackets_is_no_shift(tmp_path: Path) -> None:
     recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
     recorder.tick(record(0))
     recorder.close(Outcome("finished", "", 1, 0, 1.0, 0.1))
-    assert shift_from(read_log(path).ticks, dict) is None
+    assert shift_from(read_log(path).ticks, dict, dict).rows == []
+    assert "OEE" not in report_html(read_log(path))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bracket_cell.log.report.shift import HEIGHT, WIDTH, BracketRow, Shift, trend_of
+from bracket_cell.log.report.shift import HEIGHT, WIDTH, Shift, trend_of
+from bracket_cell.production.book import BracketRow
 
 
 def bracket(number: int, length_s: float = 60.0, **changes: object) -> BracketRow:
@@ -45,7 +46,7 @@ def test_stretches_cover_every_ended_bracket_once_and_tell_what_is_known() -> No
 
 
 def test_a_shift_has_its_trend() -> None:
-    shift = Shift([bracket(i) for i in range(1, 8)], 1.0, 1.0, 1.0)
+    shift = Shift([], [bracket(i) for i in range(1, 8)], {})
     assert shift.trend is not None
     assert len(shift.trend.bars) == 7
     assert shift.trend.label_each == 1

@@ -19,15 +19,17 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.running.work_orders import WorkOrders
 from bracket_cell.settings import PageSettings
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.page import OperatorPage
-from bracket_cell.viewing.production import Production
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Judgement
@@ -123,12 +125,14 @@ class PageRig:
         where: Address = Address(0),  # noqa: B008
         slower: float = 60.0,
     ) -> None:
-        self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5)
+        self.keeper = Bookkeeper(Book(), RunRow(""))
+        titles = {goal: PRODUCT.goal_title(goal) for goal in PRODUCT.goals}
+        jobs = WorkOrders(titles, book=self.keeper.book)
+        self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5, jobs=jobs)
         self.said: list[OperatorOrder] = []
         self.tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
         told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1", "shift": "yes"}
-        self.production = Production()
-        self.page = OperatorPage(MODEL, told, self.tree, self._obey, where, settings, self.production, slower)
+        self.page = OperatorPage(MODEL, told, self.tree, self._obey, where, settings, self.keeper, slower)
         self._host, self._ticks = where.host, 0
         self.image: Image | None = None
         self._running: dict[str, int] = {}
@@ -175,8 +179,7 @@ class PageRig:
         command = Command(display=self.display)
         sent, judged = SentCommand(), self.judgement
         record = TickRecord(seen, "RUNNING", changes, notes, command, sent, 0.001, False, None, judged)
-        self.channel.jobs.tick(record)
-        self.production.tick(record)
+        self.keeper.tick(record)
         self.page.tick(record)
 
     def look(self, sequence: int) -> None:

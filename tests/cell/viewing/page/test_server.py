@@ -244,7 +244,7 @@ def test_slow_clients_are_dropped_and_ticks_go_on(rig: PageRig, monkeypatch: pyt
 def test_a_port_that_is_taken_is_told(rig: PageRig) -> None:
     taken = rig.page.port
     with pytest.raises(InputError, match="--page PORT"):
-        OperatorPage(MODEL, {}, rig.tree, rig.channel.put, Address(taken))
+        OperatorPage(MODEL, {}, rig.tree, rig.channel.put, Address(taken), PageSettings(), rig.keeper)
 
 
 def test_states_are_small(rig: PageRig) -> None:

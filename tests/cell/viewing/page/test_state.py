@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bracket_cell.production.book import Book, RunRow
+from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.running.observers import Announcer
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -21,7 +23,7 @@ HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off i
 
 def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_then() -> None:
     tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
-    state, announcer = PageState(MODEL, {}, tree), Announcer()
+    state, announcer = PageState(MODEL, {}, tree, Bookkeeper(Book(), RunRow(""))), Announcer()
     asks = ["acknowledge", ACKNOWLEDGE]
     shown = []
     for number, (judgement, unacknowledged, acknowledged) in enumerate(

@@ -7,6 +7,7 @@ const SIGNS = { alarm: "!", question: "?", waits: "II", brings: "II", finished: 
 const SURE_MS = 6000; // so long Stop waits to be pressed again
 const NOTICE_S = 20; // a change of the orders is told for so long
 const ARRIVE_MS = 3000; // an order that was not answered for so long did not arrive
+const BETWEEN_MS = 4000; // a cell without a run says so each second
 const ANEW_MS = 5000; // so long a silent connection is kept before the next is tried
 const UNKNOWN = "none of these";
 // name, key, words, what it says, and why it does nothing now: null where it does something
@@ -19,12 +20,12 @@ const BUTTONS = [
   ["finish", "e", "End after this bracket", () => say("finish"), (s) => whyNoFinish(s)],
   ["stop", "s", "Stop", stop, () => null],
 ];
-const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
+let token = location.hash.slice(1) || sessionStorage.getItem("token") || localStorage.getItem("paired") || "";
 if (location.hash) {
   sessionStorage.setItem("token", token);
   history.replaceState(null, "", location.pathname);
 }
-const shown = token ? { "X-Cell-Token": token } : {};
+let shown = token ? { "X-Cell-Token": token } : {};
 const $ = (id) => document.getElementById(id);
 let still = null; // what does not change with the ticks
 let last = null; // the newest state
@@ -36,10 +37,13 @@ let operates = false;
 let stopAsked = 0;
 let space = null; // the view in three dimensions
 let over = false;
+let served = false; // the page outlives runs
 let events = null; // the connection by which states come
 let heard = Date.now(); // when the newest came, and when the connection was made
 let opened = 0;
 let silent = false; // what is shown is old
+let between = null; // how the cell is while no run goes on
+let changing = ""; // id of the order that is being changed
 const lost = new Map(); // by name of a button, until when it says that its press did not arrive
 
 function make(tag, attributes = {}, ...children) {
@@ -53,10 +57,14 @@ function make(tag, attributes = {}, ...children) {
 }
 
 async function say(kind, value = "", question = null) {
-  const body = JSON.stringify(question === null ? { kind, value } : { kind, value, question });
+  return post("order", question === null ? { kind, value } : { kind, value, question });
+}
+
+async function post(to, values) {
+  const body = JSON.stringify(values);
   const headers = { "Content-Type": "application/json", ...shown };
   try {
-    const answer = await fetch("order", { method: "POST", headers, body, signal: AbortSignal.timeout(ARRIVE_MS) });
+    const answer = await fetch(to, { method: "POST", headers, body, signal: AbortSignal.timeout(ARRIVE_MS) });
     refused(answer.ok ? "" : await answer.text());
     return answer.ok;
   } catch {
@@ -84,13 +92,13 @@ function whyNoFinish({ operator, brackets }) {
 
 function whyNot(button) {
   if (!operates) return "this page is view-only";
-  if (!last || over) return "the run is over";
+  if (!last || over || between) return "the run is over";
   if (silent) return "there is no news from the cell";
   return button[4](last);
 }
 
 function pressed(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
+  if (!$("keys").checked || between || event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
   const button = BUTTONS.find(([, key]) => key === event.key);
   if (button) {
     const why = whyNot(button);
@@ -109,6 +117,9 @@ function begin() {
     localStorage.setItem("language", $("language").value);
     await speak($("language").value);
   });
+  $("keys").checked = localStorage.getItem("keys") !== "off";
+  $("keys").addEventListener("change", () => localStorage.setItem("keys", $("keys").checked ? "on" : "off"));
+  $("pair").addEventListener("submit", pair);
   addEventListener("resize", fit);
   for (const [name, key, , , ] of BUTTONS) {
     const onclick = async () => {
@@ -132,7 +143,12 @@ async function speak(language) {
   const told = await learn(language);
   const heads = { bench: "What the camera sees", space: "The cell", goal: "Which product", tree: "The tree", log: "What was said" };
   for (const [id, words] of Object.entries(heads)) document.querySelector(`#${id} h2`).textContent = t(words);
+  const [code, who] = document.querySelectorAll("#pair span");
+  [code.textContent, who.textContent] = [t("Code that the cell shows"), t("Who operates, or where this page hangs")];
+  document.querySelector("#pair button").textContent = t("Pair this page");
+  document.querySelector("#log label span").textContent = t("Keys press buttons");
   document.querySelector("#jobs h2").textContent = t("Work orders");
+  document.querySelector("#form summary").textContent = t("Order");
   document.querySelector("#done h2").textContent = t("Brackets done");
   document.querySelector("#tree label span").textContent = t("Running nodes only");
   $("speed").querySelector("span").textContent = t("Speed");
@@ -142,7 +158,62 @@ async function speak(language) {
   $("language").replaceChildren(...told.languages.map((name) => make("option", { value: name, selected: name === told.language }, name)));
   front = "";
   if (still) showStill();
-  if (last) show(last);
+  if (between) showBetween(between);
+  else if (last) show(last);
+  return told;
+}
+
+// A browser that the cell does not know says the code that the cell shows, once.
+async function pair(event) {
+  event.preventDefault();
+  const answer = await fetch("pair", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ code: $("code").value, name: $("who").value }) });
+  if (!answer.ok) return refused(await answer.text());
+  token = (await answer.json()).token;
+  shown = { "X-Cell-Token": token };
+  localStorage.setItem("paired", token);
+  refused("");
+  $("pair").hidden = true;
+  return follow();
+}
+
+// After trouble a run begins by a second press.
+function beginRun(button, what) {
+  if (between.moment !== "alarm" || Date.now() - (button.dataset.asked ?? 0) < SURE_MS) return post("begin", what);
+  button.dataset.asked = Date.now();
+  button.textContent = t("Nobody near? Press again");
+  return setTimeout(() => ($("begins").dataset.shown = ""), SURE_MS);
+}
+
+// Between runs: what happened, and how to begin.
+function showBetween(state) {
+  [between, last, over] = [state, null, true];
+  document.body.dataset.between = state.moment;
+  $("begin").hidden = false;
+  $("heading").textContent = document.title = state.product;
+  for (const id of ["count", "clock"]) $(id).textContent = "";
+  $("role").textContent = operates ? "" : t("view-only");
+  showDo({ instruction: state });
+  $("front").replaceChildren();
+  if (!document.body.classList.contains("between")) $("form").open = true;
+  document.body.classList.add("between");
+  const begins = [["", "Begin", {}], ...(state.resumable ? [["again", "Go on where it ended", { resume: true }]] : [])];
+  const key = JSON.stringify([state.may_begin, operates, state.resumable, document.documentElement.lang]);
+  if ($("begins").dataset.shown !== key) {
+    $("begins").dataset.shown = key;
+    const buttons = begins.map(([id, words, what]) => make("button", { class: "begin", "data-begin": id || "new", disabled: !operates, onclick: (event) => beginRun(event.target, what) }, t(words)));
+    $("begins").replaceChildren(...(state.may_begin ? buttons : []));
+  }
+  $("reason").textContent = state.problem;
+  $("why").textContent = t(state.reason);
+  const query = token ? `?token=${encodeURIComponent(token)}` : "";
+  const links = [["production", "All that was made"], ["production.csv", "as a table"]];
+  if ($("tables").dataset.lang !== document.documentElement.lang) {
+    $("tables").dataset.lang = document.documentElement.lang;
+    $("tables").replaceChildren(...links.flatMap(([to, words]) => [make("a", { href: to + query, target: "_blank" }, t(words)), " "]));
+  }
+  showOrderForm(state.variants);
+  showWork(state.orders, state.brackets, state.variants);
+  showButtons();
 }
 
 function colour(part) {
@@ -201,12 +272,37 @@ function showStill() {
   document.title = run.product ?? "cell";
   $("heading").classList.toggle("unsafe", Boolean(run.unsafe));
   $("role").textContent = operates ? "" : t("view-only");
-  const amount = make("input", { type: "number", min: 1, max: 999, value: 1, "aria-label": t("How many"), id: "amount" });
-  const options = Object.entries(still.goals).map(([name, goal]) => make("option", { value: name }, t(goal.title)));
-  const variant = make("select", { id: "variant", "aria-label": t("Which product") }, ...options);
-  const start = async () => (await say("job", JSON.stringify({ variant: variant.value, amount: Number(amount.value) }))) && (amount.value = 1);
-  $("next").replaceChildren(variant, amount, make("button", { id: "start", onclick: start }, t("Order")));
+  showOrderForm(titles());
   showButtons();
+}
+
+function titles() {
+  return Object.fromEntries(Object.entries(still.goals).map(([name, goal]) => [name, goal.title]));
+}
+
+// The form for a work order, new or changed; it stays as it is while somebody fills it.
+function showOrderForm(variants) {
+  const key = JSON.stringify([variants, document.documentElement.lang]);
+  if ($("next").dataset.shown === key) return;
+  $("next").dataset.shown = key;
+  const amount = make("input", { type: "number", min: 1, max: 999, value: 1, "aria-label": t("How many"), id: "amount" });
+  const options = Object.entries(variants).map(([name, words]) => make("option", { value: name }, t(words)));
+  const variant = make("select", { id: "variant", "aria-label": t("Which product") }, ...options);
+  const id = make("input", { id: "orderId", maxlength: 60, placeholder: t("Number"), "aria-label": t("Number") });
+  const due = make("input", { id: "due", type: "datetime-local", "aria-label": t("Due") });
+  const start = async () => {
+    const order = { variant: variant.value, amount: Number(amount.value), ...(id.value.trim() && { id: id.value.trim() }), ...((due.value || changing) && { due: due.value }) };
+    if (await say("job", JSON.stringify(order))) change(null);
+  };
+  $("next").replaceChildren(variant, amount, id, due, make("button", { id: "start", onclick: start }, t("Order")));
+}
+
+function change(job) {
+  if (job) $("form").open = true;
+  changing = job?.id ?? "";
+  [$("variant").value, $("amount").value, $("orderId").value, $("due").value] = [job?.variant ?? $("variant").value, job?.amount ?? 1, changing, job?.due?.slice(0, 16) ?? ""];
+  $("orderId").readOnly = Boolean(job);
+  $("start").textContent = t(job ? "Change" : "Order");
 }
 
 function showButtons() {
@@ -220,19 +316,20 @@ function showButtons() {
     $(name).textContent = sure ? t("Press again to stop") : missed ? t("{words}: not sent", { words: t(words) }) : t(words);
     $(name).classList.toggle("sure", sure);
   }
-  for (const name of ["start", "amount", "variant", "percent"]) if ($(name)) $(name).disabled = !operates || over || !last;
+  for (const name of ["start", "amount", "variant", "orderId", "due"]) if ($(name)) $(name).disabled = !operates || silent || (over && !between);
+  $("percent").disabled = !operates || over || !last;
 }
 
 // What is old is not shown as if it were now: grey, and nothing in it can be pressed.
 function watchNews() {
   const quiet = Date.now() - heard;
-  const now = Boolean(last) && !over && quiet > 1000 * still.silent_s;
+  const now = between ? quiet > BETWEEN_MS : Boolean(last) && !over && quiet > 1000 * still.silent_s;
   if (now !== silent) {
     silent = now;
     document.body.classList.toggle("silent", silent);
     for (const id of ["front", "work", "engineer", "buttons", "speed"]) $(id).inert = silent;
     $("words").dataset.told = $("said").textContent = front = "";
-    if (!silent) show(last);
+    if (!silent) between ? showBetween(between) : show(last);
     showButtons();
   }
   if (!silent) return;
@@ -265,8 +362,8 @@ function showFront(state) {
   const now = JSON.stringify([state.ended, state.instruction.moment, state.alarms, state.questions, notice, operates]);
   if (now === front) return; // a button that is being pressed stays the same
   front = now;
-  const blocks = state.ended ? [make("div", { class: "alarm" }, t("The run has ended: {how}", { how: state.ended }))] : [];
-  const told = state.instruction.moment === "waits"; // the sentence says it already
+  const blocks = [];
+  const told = ["waits", "over"].includes(state.instruction.moment); // the sentence says it already
   for (const [signal, words] of told ? [] : state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
   if (notice) blocks.push(make("div", { class: "notice" }, t(notice[2])));
   for (const question of state.questions) blocks.push(asked(question));
@@ -382,30 +479,45 @@ function showGoals({ belief, bracket }) {
   $("goals").replaceChildren(...figures, ...(shown.length === 1 ? [make("button", other, t("Not this one"))] : []));
 }
 
-function showRobot({ robot, questions, pose, bracket, tray, hand, why }) {
+function showRobot({ robot, questions, pose, bracket, tray, hand }) {
   planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
-  const waits = (why && (why.text ?? why)) || robot.doubt;
-  $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits && !robot.next ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
+  const waits = !robot.next && !robot.moving && robot.doubt;
+  $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
   $("robot").title = $("robot").textContent;
   space?.show({ pose, bracket, tray, hand });
 }
 
-function showWork({ operator, brackets }) {
-  const orders = operator.jobs.map((job) => {
-    const due = job.due ? t(", due {due}", { due: job.due.slice(5).replace("T", " ") }) : "";
-    const words = t("{id}: {done} of {amount} {variant}", { id: job.id, done: job.done, amount: job.amount, variant: still.goals[job.variant]?.title ?? job.variant });
-    return make("li", { "data-order": job.id }, words + due);
-  });
-  $("orders").replaceChildren(...orders.slice(0, 3));
-  const done = [...brackets].reverse().filter((one) => one.end_s !== undefined).map((one) => {
-    const took = Math.round(one.end_s - one.begin_s);
-    const what = t(still.goals[one.goal]?.title ?? one.goal ?? "");
-    const who = t("robot {robot}, you {person}", { robot: one.by.robot ?? 0, person: one.by.person ?? 0 });
-    const words = `${one.finished ? "✓" : "✗"} ${one.number} ${what} ${took} s, ${who}${one.order ? `, ${one.order}` : ""}`;
-    const places = Object.entries(one.placed).map(([name, [part, by]]) => `${name} ${title(part)}: ${by === "robot" ? t("Robot") : t("you")}`);
-    return make("li", { title: places.join("\n") }, words);
+function showWork(jobs, brackets, variants) {
+  const key = JSON.stringify([jobs, brackets.map((one) => [one.run, one.number, one.finished, one.correct]), operates, document.documentElement.lang, Math.floor(Date.now() / 60000)]);
+  if ($("orders").dataset.shown === key) return; // a button that is being pressed stays the same
+  $("orders").dataset.shown = key;
+  $("orders").replaceChildren(...jobs.map((job) => {
+    const late = Boolean(job.due) && new Date(job.due) < new Date();
+    const due = job.due ? t(late ? ", late: it was due {due}" : ", due {due}", { due: new Date(job.due).toLocaleString(document.documentElement.lang, { dateStyle: "short", timeStyle: "short" }) }) : "";
+    const words = t("{id}: {done} of {amount} {variant}", { id: job.id, done: job.done, amount: job.amount, variant: variants[job.variant] ?? job.variant });
+    let sure = 0;
+    const cancel = (event) => {
+      if (Date.now() - sure < SURE_MS) return say("job", JSON.stringify({ id: job.id, cancelled: true }));
+      [sure, event.target.textContent] = [Date.now(), t("Press again to cancel")];
+      return setTimeout(() => (event.target.textContent = t("Cancel")), SURE_MS);
+    };
+    const buttons = operates ? [make("button", { "data-change": job.id, onclick: () => change(job) }, t("Change")), make("button", { "data-cancel": job.id, onclick: cancel }, t("Cancel"))] : [];
+    return make("li", { "data-order": job.id, class: late ? "late" : null }, make("span", {}, words + due), ...buttons);
+  }));
+  const done = [...brackets].reverse().filter((one) => one.finished !== null).map((one) => {
+    const what = t(variants[one.variant] ?? one.variant ?? "");
+    const who = t("robot {robot}, you {person}", { robot: one.robot, person: one.person });
+    const missed = one.misses_order ? `, ${t("not as {order} wants it", { order: one.ordered })}` : "";
+    const words = `${one.finished && one.correct !== false ? "✓" : "✗"} ${one.number} ${what} ${Math.round(one.took_s)} s, ${who}${one.order ? `, ${one.order}` : ""}${missed}`;
+    const places = Object.entries(one.placed).map(([name, [part, by]]) => `${name} ${still ? title(part) : part}: ${by === "robot" ? t("Robot") : t("you")}`);
+    const judge = operates && between && one.finished && one.correct === null ? [[true, "Right"], [false, "Wrong"]] : [];
+    const buttons = judge.map(([right, words]) => make("button", { "data-right": right, onclick: () => post("order", { kind: "inspected", run: one.run, number: one.number, right }) }, t(words)));
+    return make("li", { title: places.join("\n") }, words, ...buttons);
   });
   $("brackets").replaceChildren(...done);
+}
+
+function showCount({ operator, brackets }) {
   const number = brackets.at(-1)?.number;
   const wanted = operator.brackets;
   $("count").textContent = number ? (wanted ? t("bracket {number} of {wanted}", { number, wanted: Math.max(wanted, number) }) : t("bracket {number}", { number })) : "";
@@ -472,9 +584,13 @@ function showRest(state) {
 
 function show(state) {
   if (!still || state.tick === undefined) return;
-  last = state;
+  [last, between] = [state, null];
   over = Boolean(state.ended);
-  for (const part of [showDo, showFront, showBench, showBracket, showGoals, showRobot, showWork, showRest]) part(state);
+  if (document.body.classList.contains("between")) $("form").open = false;
+  document.body.classList.remove("between");
+  $("begin").hidden = true;
+  for (const part of [showDo, showFront, showBench, showBracket, showGoals, showRobot, showCount, showRest]) part(state);
+  showWork(state.operator.jobs, state.brackets, titles());
   if (!$("engineer").hidden) for (const part of [showGoal, showTree, showLines]) part(state);
   else if (state.point && points.at(-1)?.[0] !== state.point[0]) points = [...points.slice(-400), state.point];
   document.body.dataset.tick = state.tick;
@@ -486,7 +602,8 @@ function follow() {
   events = new EventSource(token ? `events?token=${encodeURIComponent(token)}` : "events"); // which sends no headers
   events.addEventListener("role", (event) => {
     operates = event.data === "operate";
-    front = "";
+    $("pair").hidden = operates || !served;
+    front = $("begins").dataset.shown = "";
   });
   events.addEventListener("still", (event) => {
     still = JSON.parse(event.data);
@@ -502,7 +619,22 @@ function follow() {
     if (silent) last = state;
     watchNews();
     show(state);
-    if (state.ended) events.close();
+    if (state.ended && !served) events.close();
+  });
+  events.addEventListener("codes", (event) => {
+    const { operate, look } = JSON.parse(event.data);
+    $("codes").textContent = t("Code for another page: {operate} to operate, {look} only to look", { operate, look });
+  });
+  events.addEventListener("between", (event) => {
+    [served, heard] = [true, Date.now()];
+    if (silent) between = JSON.parse(event.data);
+    watchNews();
+    showBetween(JSON.parse(event.data));
+  });
+  events.addEventListener("served", () => (served = true));
+  events.addEventListener("error", async () => {
+    const answer = await fetch("metrics", { headers: shown }).catch(() => null); // which says whether this browser is known
+    if (answer?.status === 401) $("pair").hidden = false;
   });
 }
 
@@ -532,14 +664,16 @@ async function watchCamera() {
       camera.getContext("2d").drawImage(image, 0, 0);
       if (hand && last) showMarks(hand);
     }
-    if (!over) setTimeout(watchCamera, 80);
+    setTimeout(watchCamera, answer.status === 200 && !over ? 80 : 1000);
   } catch {
-    if (!over) setTimeout(watchCamera, 1000);
+    setTimeout(watchCamera, 1000);
   }
 }
 
 begin();
-await speak(localStorage.getItem("language") ?? "usual");
+const { language, languages } = await speak(localStorage.getItem("language") ?? "usual");
+const own = navigator.language.slice(0, 2);
+if (language === "en" && own !== "en" && languages.includes(own) && !localStorage.getItem("language")) await speak(own);
 follow();
 setInterval(watchNews, 500);
 addEventListener("visibilitychange", watchNews);

@@ -1,0 +1,96 @@
+"""`cell serve`: a page that outlives runs."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bracket_cell.commands.options import CONFIGURATION, PAGE_PORT, SetOption, WithOption, takes, words_of
+from bracket_cell.commands.run import RealTimeOption, TreeArgument, chosen
+from bracket_cell.commands.terminal import console
+from bracket_cell.runs.options import RunOptions
+
+if TYPE_CHECKING:
+    from bracket_cell.production.book import Book
+
+TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "slower", "work_orders", "opcua")
+SERVED = "served"  # folder beside the logs
+BROWSERS = "browsers.jsonl"
+
+
+@takes(RunOptions, *TYPED, "page", configuration=CONFIGURATION, brackets=0)
+def serve(
+    options: RunOptions,
+    tree: TreeArgument = None,
+    real_time: RealTimeOption = False,
+    entries: SetOption = None,
+    own: WithOption = None,
+    begin: Annotated[bool, typer.Option("--begin", help="Begin a run at once.")] = False,
+) -> None:
+    """Serve the page of a cell, and begin runs below it: with these options, each in a process of its own.
+
+    The page outlives runs, and a run outlives the server: however that ends, the run goes on, and the next `cell serve`
+    finds it.
+    """
+    from bracket_cell.configuration import load_configuration, load_product
+    from bracket_cell.production.book import NAME, Book
+    from bracket_cell.serving.launcher import Launcher
+    from bracket_cell.serving.paired import Paired
+    from bracket_cell.serving.server import CellServer
+    from bracket_cell.viewing.gate import Address
+
+    asked = chosen(options, tree, real_time, entries, own)
+    configuration = load_configuration(asked.configuration)
+    asked.refuse_simulated(configuration)
+    product = load_product(configuration, asked.configuration)
+    asked.load(product, configuration)
+    where, say = Address.parse(asked.page or str(PAGE_PORT), "--page"), console().print
+    folder = configuration.log.folder / SERVED
+    book = Book(folder.parent / NAME)
+    words = [*words_of(options, TYPED), *_again(tree, real_time, entries, own)]
+    launcher = Launcher(folder, book.path or Path(NAME), words)
+
+    def news() -> None:
+        say(f"code to operate: {paired.codes['operate']}, only to look: {paired.codes['look']}", highlight=False)
+
+    paired = Paired(folder / BROWSERS, news)
+    simulated = configuration.devices.simulated
+    may = simulated if configuration.page.begin is None else configuration.page.begin
+    more = _seeded(book, asked.seed) if simulated else list
+    server = CellServer(where, configuration.page, launcher, paired, book, product, more if may else None)
+    say(f"the cell's page: {server.address}", highlight=False, soft_wrap=True)
+    news()
+    try:
+        if begin and not launcher.busy:
+            launcher.begin("", None, more())
+        _wait()
+    finally:
+        server.close()
+        if launcher.busy:
+            say("the run goes on; `cell serve` finds it again", highlight=False)
+
+
+def _again(tree: Path | None, real_time: bool, entries: Iterable[str] | None, own: Iterable[str] | None) -> list[str]:
+    """What is typed in another form than a record has."""
+    words = [] if tree is None else [str(tree)]
+    words += ["--real-time"] if real_time else []
+    words += [word for entry in entries or () for word in ("--set", entry)]
+    return words + [word for path in own or () for word in ("--with", path)]
+
+
+def _seeded(book: Book, seed: int) -> Callable[[], list[str]]:
+    """Another seed for each simulated run."""
+    return lambda: ["--seed", str(seed + len(book.runs()))]
+
+
+def _wait() -> None:
+    """Until somebody ends the program."""
+    over = threading.Event()
+    for name in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(name, lambda *_: over.set())
+    over.wait()

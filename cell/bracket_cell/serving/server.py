@@ -1,0 +1,245 @@
+"""Serves the page of a cell: of the run that goes on, and between runs what happened and how to begin."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import orjson
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from bracket_cell.log.report.report import production_html
+from bracket_cell.production.book import Book, csv_lines
+from bracket_cell.production.samples import Samples
+from bracket_cell.running.work_orders import WorkOrders
+from bracket_cell.serving.launcher import Launcher
+from bracket_cell.serving.paired import Paired
+from bracket_cell.serving.relay import asked
+from bracket_cell.settings import PageSettings
+from bracket_cell.viewing.advice import ended_advice
+from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.page.state import BRACKETS_N, bracket_data
+from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.product import Product
+
+BEAT_S = 1.0  # between two states while no run goes on
+NO_ANSWER = "the run does not answer; use the stop button at the cell"
+
+
+class CellServer(WebServer):
+    """One server for one cell; runs begin and end below it.
+
+    Args:
+        book: of all runs.
+        may_begin: browsers that operate may begin runs, with these further options for each.
+        product: names variants for people.
+
+    Raises:
+        InputError: the port is taken, or a TLS file cannot be used.
+    """
+
+    def __init__(
+        self,
+        where: Address,
+        settings: PageSettings,
+        launcher: Launcher,
+        paired: Paired,
+        book: Book,
+        product: Product,
+        may_begin: Callable[[], list[str]] | None,
+    ) -> None:
+        self._launcher, self._paired, self._book, self._may_begin = launcher, paired, book, may_begin
+        self._titles = {goal: product.goal_title(goal) for goal in product.goals}
+        self._name = product.name
+        routes = [
+            Route("/events", self._events),
+            *(Route(path, self._of_the_run) for path in ("/camera.jpg", "/scene.json")),
+            Route("/metrics", self._metrics),
+            Route("/production", self._production),
+            Route("/production.csv", self._csv),
+            *(
+                Route(path, does, methods=["POST"])
+                for path, does in (("/order", self._order), ("/begin", self._begin), ("/pair", self._pair))
+            ),
+        ]
+        super().__init__(where, settings, routes)
+
+    @property
+    def address(self) -> str:
+        """Where people open it."""
+        return f"{self.scheme}://{self.where.host}:{self.port}/"
+
+    def _role_of(self, token: str) -> Role | None:
+        try:
+            return self._paired.role_of(token)
+        except InputError:
+            return None
+
+    def between(self) -> dict[str, Any]:
+        """What a page shows while no run can be seen."""
+        runs, busy, problem = self._book.runs(1), self._launcher.busy, self._launcher.problem
+        last = runs[-1] if runs else None
+        if problem:
+            words = "It did not begin"
+        elif busy:
+            words = "Wait: the cell begins" if last is None or not last.ended else "Wait: the run is put away"
+        elif last is None:
+            words = "Nothing was made here yet"
+        else:
+            words = ended_advice(last.ended, last.signal)
+        resumable = last is not None and last.ended in ("", "interrupted", "fault", "timeout") and not busy
+        trouble = bool(problem) or (last is not None and last.ended in ("", "fault") and not busy)
+        return {
+            "product": self._name,
+            "words": words,
+            "moment": "alarm" if trouble else "beginning" if busy else "over",
+            "problem": problem,
+            "reason": "" if last is None else last.reason,
+            "may_begin": self._may_begin is not None and not busy,
+            "resumable": resumable,
+            "variants": self._titles,
+            "brackets": [bracket_data(row) for row in self._book.brackets(last=BRACKETS_N)],
+            "orders": self._orders(),
+        }
+
+    def _orders(self) -> list[dict[str, Any]]:
+        return [one for one in self._book.orders() if not one["cancelled"] and one["done"] < one["amount"]]
+
+    async def _events(self, request: Request) -> Response:
+        role = self._token(request, request.query_params.get("token", ""))  # EventSource sends no headers
+        if role is None and not self.where.local:
+            return PlainTextResponse(NO_ROLE, 401)
+        return StreamingResponse(
+            self._told(role), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
+        )
+
+    async def _told(self, role: Role | None) -> AsyncIterator[bytes]:
+        """Events of the run that goes on, and between runs the state of the cell, again and again."""
+        yield _event("served", "yes")
+        yield _event("role", role or "look")
+        if role == "operate":
+            yield _event("codes", json.dumps(self._paired.codes))
+        while not self._closing:
+            with suppress(OSError, TimeoutError):  # no run goes on, or it is stopped
+                async with asked(self._launcher.socket, "/events", role) as answer:
+                    async for event in answer.events():
+                        yield event
+            told = await asyncio.to_thread(self.between)
+            yield _event("between", json.dumps(told))
+            await asyncio.sleep(BEAT_S)
+
+    async def _of_the_run(self, request: Request) -> Response:
+        """What only a run knows, as its camera's image."""
+        if not self._may_look(request):
+            return PlainTextResponse(NO_ROLE, 401)
+        query = f"?{request.url.query}" if request.url.query.isascii() and request.url.query.isprintable() else ""
+        return await self._passed_on(f"{request.url.path}{query}", self._token(request))
+
+    async def _passed_on(self, target: str, role: Role | None, body: bytes | None = None) -> Response:
+        try:
+            async with asked(self._launcher.socket, target, role, body) as answer:
+                kind = answer.headers.get("content-type")
+                return Response(await answer.body(), answer.status, media_type=kind)
+        except TimeoutError:
+            return PlainTextResponse(NO_ANSWER, 504)
+        except OSError:
+            return Response(status_code=204) if body is None else PlainTextResponse("no run goes on", 409)
+
+    async def _metrics(self, request: Request) -> Response:
+        if not self._may_look(request):
+            return PlainTextResponse(NO_ROLE, 401)
+        answer = await self._passed_on("/metrics", self._token(request) or "look")
+        if answer.status_code != 204:
+            return answer
+        text = await asyncio.to_thread(Samples(self._book).metrics)
+        return Response(text, media_type="text/plain; version=0.0.4")
+
+    async def _production(self, request: Request) -> Response:
+        """The page of the book; a link has its token in the address, and loads nothing from elsewhere."""
+        if self._token(request, request.query_params.get("token", "")) is None and not self.where.local:
+            return PlainTextResponse(NO_ROLE, 401)
+        page = await asyncio.to_thread(production_html, self._book)
+        policy = {"Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"}
+        return Response(page, media_type="text/html", headers=policy)
+
+    async def _csv(self, request: Request) -> Response:
+        if self._token(request, request.query_params.get("token", "")) is None and not self.where.local:
+            return PlainTextResponse(NO_ROLE, 401)
+        rows = await asyncio.to_thread(self._book.brackets)
+        name = {"Content-Disposition": "attachment; filename=production.csv"}
+        return Response("".join(csv_lines(rows)), media_type="text/csv; charset=utf-8", headers=name)
+
+    async def _order(self, request: Request) -> Response:
+        """Orders go to the run; a work order or an inspection is taken between runs, too."""
+        read = await self._read(request)
+        if isinstance(read, Response):
+            return read
+        if read.get("kind") == "inspected":
+            return self._inspected(read.get("run"), read.get("number"), read.get("right"))
+        answer = await self._passed_on("/order", "operate", json.dumps(read).encode())
+        if read.get("kind") != "job" or self._launcher.busy:
+            return answer
+        try:
+            WorkOrders(self._titles, book=self._book).put(str(read.get("value")))
+        except InputError as error:
+            return PlainTextResponse(str(error), 409)
+        return Response(status_code=204)
+
+    def _inspected(self, run: object, number: object, right: object) -> Response:
+        """What somebody found who looked at a finished bracket."""
+        if type(run) is not int or type(number) is not int or type(right) is not bool:
+            return PlainTextResponse("an inspection has run and number, and right: true or false", 400)
+        found = self._book.inspected(run, number, right)
+        return Response(status_code=204) if found else PlainTextResponse("there is no such finished bracket", 409)
+
+    async def _begin(self, request: Request) -> Response:
+        read = await self._read(request)
+        if isinstance(read, Response):
+            return read
+        if self._may_begin is None:
+            return PlainTextResponse("this page begins no runs: page.begin in the configuration", 403)
+        runs = self._book.runs(1)
+        resumed = Path(runs[-1].log) if read.get("resume") is True and runs else None
+        browser = self._paired.browser(request.headers.get("x-cell-token", ""))
+        try:
+            self._launcher.begin("" if browser is None else browser.name, resumed, self._may_begin())
+        except InputError as error:
+            return PlainTextResponse(str(error), 409)
+        return Response(status_code=204)
+
+    async def _pair(self, request: Request) -> Response:
+        body = await body_of(request)
+        if isinstance(body, Response):
+            return body
+        try:
+            read = json.loads(body)
+            token, role = self._paired.pair(str(read["code"]), str(read["name"]))
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return PlainTextResponse("code and name are wanted", 400)
+        except InputError as error:
+            return PlainTextResponse(str(error), 403)
+        return Response(orjson.dumps({"token": token, "role": role}), media_type="application/json")
+
+    async def _read(self, request: Request) -> Mapping[str, Any] | Response:
+        """The JSON that somebody posts who may operate, or what refuses it."""
+        if self._token(request) != "operate":
+            return PlainTextResponse("this page is view-only; pair it with the code that `cell serve` shows", 401)
+        body = await body_of(request)
+        if isinstance(body, Response):
+            return body
+        try:
+            read = json.loads(body)
+        except (ValueError, RecursionError) as error:
+            return PlainTextResponse(f"this is not an order: {error}", 400)
+        return read if isinstance(read, dict) else PlainTextResponse("this is not an order: it is no object", 400)
+
+
+def _event(name: str, data: str) -> bytes:
+    return f"event: {name}\ndata: {data}\n\n".encode()

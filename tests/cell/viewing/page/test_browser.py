@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -10,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -162,13 +164,56 @@ def test_speed_and_the_next_job_are_ordered(visitor: Visitor) -> None:
     page = visitor.page
     page.fill("#percent", "40")
     visitor.says(OperatorOrder("speed", "40"))
+    page.click("#form summary")
     page.select_option("#variant", "g1")
     page.fill("#amount", "2")
     page.click("#start")
     visitor.says(OperatorOrder("job", '{"variant":"g1","amount":2}'))
     visitor.catch_up()
     assert page.inner_text("#speed output") == "40 %"
-    assert page.inner_text("#orders") == "1: 0 of 2 bracket B"
+    assert page.inner_text("#orders span") == "1: 0 of 2 bracket B"
+
+
+def test_an_order_is_changed_and_cancelled_and_a_late_one_says_so(visitor: Visitor) -> None:
+    page, job = visitor.page, {"id": "A17", "variant": "g1", "due": "2020-01-01T08:00"}
+    visitor.rig.channel.jobs.put(json.dumps(job))
+    visitor.catch_up()
+    assert "late: it was due" in page.inner_text("[data-order=A17]")
+    page.click("[data-change=A17]")
+    assert page.input_value("#orderId") == "A17"
+    page.fill("#due", "")
+    page.fill("#amount", "3")
+    page.click("#start")
+    visitor.says(OperatorOrder("job", '{"variant":"g1","amount":3,"id":"A17","due":""}'))
+    visitor.catch_up()
+    assert page.inner_text("[data-order=A17] span") == "A17: 0 of 3 bracket B"
+    page.click("[data-cancel=A17]")
+    assert visitor.rig.said == [], "it is asked once more"
+    page.click("[data-cancel=A17]")
+    visitor.says(OperatorOrder("job", '{"id":"A17","cancelled":true}'))
+    visitor.catch_up()
+    assert page.inner_text("#orders") == ""
+
+
+def test_the_robots_line_says_no_tree_file_and_waits_only_where_it_waits(visitor: Visitor) -> None:
+    visitor.rig.runs("PickPart")
+    visitor.rig.tick(("verdict", {"decision": "wait", "subject": "o1 at p5", "reason": "o1 at p5 is not sure"}))
+    visitor.catch_up()
+    assert "waits because" in visitor.page.inner_text("#robot")
+    assert ".xml" not in visitor.page.inner_text("#robot")
+    visitor.rig.arm = replace(visitor.rig.arm, moving=True)
+    visitor.catch_up()
+    assert "waits" not in visitor.page.inner_text("#robot")
+
+
+def test_keys_can_be_switched_off(visitor: Visitor) -> None:
+    visitor.page.click("#toEngineer")
+    visitor.page.uncheck("#keys")
+    visitor.page.keyboard.press("p")
+    visitor.page.check("#keys")
+    visitor.page.evaluate("document.activeElement.blur()")
+    visitor.page.keyboard.press("a")
+    visitor.says(OperatorOrder("pause", "after part"))
 
 
 def test_every_goal_can_be_said(visitor: Visitor) -> None:

@@ -327,7 +327,7 @@ function watchNews() {
   if (now !== silent) {
     silent = now;
     document.body.classList.toggle("silent", silent);
-    for (const id of ["front", "work", "engineer", "buttons", "speed"]) $(id).inert = silent;
+    for (const id of ["front", "pair", "work", "engineer", "buttons", "speed"]) $(id).inert = silent;
     $("words").dataset.told = $("said").textContent = front = "";
     if (!silent) between ? showBetween(between) : show(last);
     showButtons();
@@ -610,7 +610,7 @@ function follow() {
     points = still.history;
     name(Object.fromEntries(Object.entries(still.parts).map(([part, { title: words }]) => [part, words])));
     showStill();
-    $("said").textContent = "";
+    if (!silent) refused("");
     if (!space) build();
   });
   events.addEventListener("state", (event) => {

@@ -59,7 +59,7 @@ def test_a_week_agrees_in_page_csv_metrics_and_json() -> None:
     table = list(csv.DictReader(StringIO("".join(csv_lines(rows)))))
     samples = {(name, *labels.values()): value for name, labels, value in Samples(book)()}
     page = production_html(book)
-    summaries = [keeper.report([]) for keeper in keepers]
+    summaries: list[dict[str, Any]] = [keeper.report([]) for keeper in keepers]
     finished = sum(row["finished"] == "yes" for row in table)
     assert finished == 280
     assert samples["cell_brackets_total", "true"] == 280

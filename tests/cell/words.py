@@ -30,6 +30,8 @@ NOT_SHOWN = {  # ids, help and refusals that only programs see
     *("too many pages are open already", "the order did not come to its end", "the order is too long", "after part"),
     *("finished, and the bracket is right", "finished, but the bracket is not right", "input, select", "work order"),
     *("what the child said when it ended", "why that is safe", "M0,0 L-14,-20 L-5,-20 L-5,-44 L5,-44 L5,-20 L14,-20 Z"),
+    *("supervisor arm_off_path", "supervisor arm_stale", "supervisor bench_stale", "supervisor tick_late"),
+    "table of faults",
     "it asks for help, and the arm can take the part as it stands",
 }
 

@@ -30,7 +30,7 @@ PANELS = {
 RUN = {
     *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
     *("--resume", "--page", "--work-orders", "--opcua", "--monitor", "--breakpoints", "--live", "--json"),
-    *("--share", "--slower", "--book", "--operator"),
+    *("--share", "--slower", "--book", "--operator", "--pixels"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,27 @@ def test_a_question_is_asked_where_looks_tell_nothing_or_nothing_comes() -> None
     assert not GUARD.asks_for_goal(either, AssemblyState({}), waited_s=80.0), "nobody has begun"
 
 
+def test_no_question_is_dearer_than_the_help_that_it_brings() -> None:
+    names = [f"g{number}" for number in range(60)]
+    every = sorted(set(permutations(PRODUCT.goals["g0"])))
+    product = Product.model_validate({**PRODUCT.model_dump(), "goals": dict(zip(names, every, strict=True))})
+    guard, state = Guard(product, GuardSettings()), AssemblyState({"p1": "o1"})
+    fitting = [goal for goal in names if product.goals[goal][0] == "o1"]
+    belief = {goal: 1.0 / len(fitting) if goal in fitting else 0.0 for goal in names}
+    plan = replace(PLAN, goal_belief={**belief, UNKNOWN_GOAL: 0.0}, next_belief={("o1", "p2"): 0.4})
+    assert not guard.asks_for_goal(plan, state), "any of thirty: three parts of help are worth less than a question"
+    assert guard.asks_for_goal(plan, state, waited_s=30.0), "the person waits for it"
+
+
+def test_what_was_misread_at_last_is_not_asked_about() -> None:
+    nearly = AssemblyState(dict(zip(PRODUCT.positions[:5], ("o1", "o1", "o1", "o2", "o1"), strict=True)))
+    plan = believed(g0=0.89, g1=0.0, g2=0.0)
+    assert GUARD.fits_none(nearly)
+    assert not GUARD.asks_for_goal(plan, nearly), "the last part tells"
+    full = replace(nearly, placed={**nearly.placed, "p6": "o3"})
+    assert GUARD.asks_for_goal(plan, full)
+
+
 @pytest.mark.parametrize("question_s", [1.0, 10.0, 30.0])
 @pytest.mark.parametrize("waited_s", [0.0, 1e4])
 def test_no_act_is_expected_to_cost_more_than_a_question(question_s: float, waited_s: float) -> None:
@@ -135,7 +157,7 @@ def test_no_act_is_expected_to_cost_more_than_a_question(question_s: float, wait
 def test_a_dearer_wrong_act_is_done_later_and_a_dearer_question_is_asked_more_rarely() -> None:
     sure, doubtful = believed(g0=0.96, g1=0.02, g2=0.0), believed(g0=0.7, g1=0.0, g2=0.0)
     state = AssemblyState({"p1": "o1"})
-    for wrong_s, decision in ((100.0, "act"), (10000.0, "ask")):
+    for wrong_s, decision in ((100.0, "act"), (10000.0, "wait")):
         guard = Guard(PRODUCT, GuardSettings(wrong_act_s=wrong_s))
         assert guard.judge(sure, state, EMPTY, "o2", "p4", reachable=True).decision == decision
     asked = [

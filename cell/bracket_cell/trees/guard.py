@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from bracket_cell.trees.outlook import Outlook, after_looks, waiting_s
+from bracket_cell.trees.outlook import Looks, Outlook, after_looks, waiting_s
 from bracket_ground.files.model import Model
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import HoleView
@@ -68,7 +68,7 @@ class Guard:
     def __init__(self, product: Product, settings: GuardSettings) -> None:
         self.product = self._product = product
         self._settings = settings
-        self._looked: tuple[AssemblyPlan, AssemblyState, tuple[float, ...]] | None = None
+        self._looked: tuple[AssemblyPlan, AssemblyState, Looks] | None = None
 
     @property
     def sure_probability(self) -> float:
@@ -136,8 +136,8 @@ class Guard:
         settings, told = self._settings, state.told_goal is not None
         looked = self._looked
         if looked is None or looked[0] is not plan or looked[1] != state:
-            left_s = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
-            self._looked = looked = plan, state, left_s
+            looks = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
+            self._looked = looked = plan, state, looks
         return Outlook(
             act_s=min((self._risk_s(belief) for belief in plan.next_belief.values()), default=math.inf),
             wait_s=waiting_s(looked[2], waited_s if state.placed else 0.0),
@@ -168,15 +168,14 @@ class Guard:
     ) -> bool:
         """Whether a person should say which goal is built, as that costs less than to act or to wait.
 
-        So it is, too, where what is placed fits no known goal, and none is so probable that something must be wrong;
-        and where a person showed that it is not the most probable one, see AssemblyState.
+        So it is, too, where a person showed that it is not the most probable one, see AssemblyState. What fits no known
+        goal may have been misread, which further parts show: only of a full bracket it is asked whatever that costs.
         """
         if self.contradicted(plan, state) or state.told_goal is not None:
             return self.contradicted(plan, state)
-        if self.fits_none(state) and self.sure_goal(plan, state) is None:
-            return True
-        full = len(state.placed) == len(self._product.positions)
-        return plan.goal == UNKNOWN_GOAL if full else self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
+        if len(state.placed) < len(self._product.positions):
+            return self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
+        return plan.goal == UNKNOWN_GOAL or (self.fits_none(state) and self.sure_goal(plan, state) is None)
 
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
         """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""

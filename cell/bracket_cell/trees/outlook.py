@@ -3,12 +3,13 @@
 A placement that is right with probability q costs (1 - q) W, W being the cost of a wrong act; a question costs Q and
 is answered; to wait costs time, T for each placement of the person, and then the least of what is left:
 
-    wait = min_k  k T + E[min((1 - q_k) W, Q)]
+    wait = min(min_k  k T + E[min((1 - q_k) W, Q)],  h T) + u Q
 
-q_k being the best placement after k more, over what the person may place next and in which order. That is the expected
-value of sample information (Raiffa and Schlaifer, 1961), for plans that wait and then decide; the mean is over drawn
-continuations, the same for the same belief. Nothing but a probability by listed goal, and of none of them, is asked of
-a planner.
+q_k being the best placement after k more, over what the person may place next and in which order; h every other of the
+open positions, as the robot that never acts places no more than these too few; u the probability of none of the listed
+goals, which ends in a question. That is the expected value of sample information (Raiffa and Schlaifer, 1961), for
+plans that wait and then decide; the mean is over drawn continuations, the same for the same belief. Nothing but a
+probability by listed goal, and of none of them, is asked of a planner.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ WAIT_S = 8.0  # of one placement by the person (paired brackets, simulated: to a
 LIKELY = 1e-4  # goals below this change no cost by a second
 FARTHEST = 4  # placements that are looked ahead
 DRAWN = 48  # continuations: costs are good to half a second, and take about 1 ms
-NO_LOOK = (0.0,)
 
 Floats = npt.NDArray[np.float64]
+Looks = tuple[tuple[int, float], ...]  # placements by the person that are waited for, and the cost [s] after them
 
 
 @dataclass(frozen=True)
@@ -46,21 +47,21 @@ class Outlook:
     ask_s: float
 
 
-def waiting_s(left_s: tuple[float, ...], waited_s: float = 0.0) -> float:
+def waiting_s(looks: Looks, waited_s: float = 0.0) -> float:
     """Expected cost [s] of waiting.
 
     Args:
-        left_s: what is left to pay after one more placement, after two and so on, see `after_looks`.
+        looks: see `after_looks`.
         waited_s: since a part was placed last; who has waited long will wait longer.
     """
     look_s = max(WAIT_S, waited_s / 2)
-    return min(number * look_s + cost_s for number, cost_s in enumerate(left_s, 1))
+    return min(number * look_s + cost_s for number, cost_s in looks)
 
 
-def after_looks(
-    product: Product, plan: AssemblyPlan, state: AssemblyState, wrong_s: float, most_s: float
-) -> tuple[float, ...]:
-    """Expected cost [s] of the best that can be done after one more placement by the person, after two and so on.
+def after_looks(product: Product, plan: AssemblyPlan, state: AssemblyState, wrong_s: float, most_s: float) -> Looks:
+    """Expected cost of the best that can be done after one more placement by the person, after two and so on.
+
+    The last is to wait to the end, at the price of the parts that the robot might have placed.
 
     Args:
         wrong_s: cost of a wrong act.
@@ -68,13 +69,14 @@ def after_looks(
     """
     open_at = [at for at in product.positions if at not in state.placed]
     likely = [goal for goal in product.goals if plan.goal_belief.get(goal, 0.0) > LIKELY]
+    unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+    to_the_end = (len(open_at) + 1) // 2, unknown * most_s
     looks = min(FARTHEST, len(open_at) - 1)
     if looks < 1:  # the next one ends the bracket
-        return NO_LOOK
+        return ((1, 0.0),)
     if not likely:
-        return (most_s,) * looks
+        return (1, most_s), to_the_end
     belief = np.array([plan.goal_belief[goal] for goal in likely])
-    unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
     wanted = _wanted(product, likely, state, open_at)
     rng = np.random.default_rng(len(open_at))
     reached = np.cumsum(belief)
@@ -83,7 +85,7 @@ def after_looks(
     fits: Floats = np.ones((DRAWN, len(likely)))
     by_chance, rest = np.ones(DRAWN), np.tile(_rest(product, state), (DRAWN, 1))
     shut = np.zeros((DRAWN, len(open_at)), dtype=bool)
-    rows, left_s = np.arange(DRAWN), []
+    rows, left_s = np.arange(DRAWN), [to_the_end]
     for look in range(looks):
         at = orders[:, look]
         part = wanted[truth, at]
@@ -93,7 +95,8 @@ def after_looks(
         shut[rows, at] = True
         sure = _best(fits * belief, wanted, shut, len(product.parts) + 1)
         risk_s = wrong_s * (1.0 - sure / (fits @ belief + unknown * by_chance))
-        left_s.append(float((1.0 - unknown) * np.minimum(risk_s, most_s).mean() + unknown * most_s))
+        after_s = (1.0 - unknown) * np.minimum(risk_s, most_s).mean() + unknown * most_s
+        left_s.append((look + 1, float(after_s)))
     return tuple(left_s)
 
 

@@ -328,14 +328,17 @@ def test_a_hole_that_nobody_clears_is_not_asked_about_again_and_not_known_to_be_
         assert waits.execute() is Status.RUNNING
 
 
-def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> None:
+def test_what_fits_no_product_is_asked_about_where_no_further_part_tells() -> None:
     to = services()
     shows(to, 0.0)
     to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     odd = AssemblyState({P1: "o3", P2: "o3"})
     puzzled = replace(SURE, goal_belief={"g0": 0.8, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.2}, next_belief={})
     assert to.tools.guard.fits_none(odd)
-    assert to.tools.guard.asks_for_goal(puzzled, odd)
+    assert not to.tools.guard.asks_for_goal(puzzled, odd), "one of them may have been misread"
+    assert to.tools.guard.asks_for_goal(puzzled, odd, waited_s=60.0)
+    full = AssemblyState({**dict.fromkeys(PRODUCT.positions, "o1"), **odd.placed})
+    assert to.tools.guard.asks_for_goal(puzzled, full)
     sure = replace(SURE, goal_belief={"g0": 0.99, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.01})
     assert not to.tools.guard.asks_for_goal(sure, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
     node: Any = alone(AwaitMisfit("misfit"), to, state=odd)

@@ -16,7 +16,8 @@ class NewGoals(Model):
     """Expectation of goals that the product file does not list.
 
     Attributes:
-        none_probability: that a bracket is none of the product's goals, before any was finished.
+        none_probability: that a bracket is none of the product's goals, before any was finished: from then on the
+            share is learned. The more probable, the later the robot acts.
         listed_brackets: finished brackets that the product's own list counts for, all its goals together.
         discount: how much each learned goal adds to the expectation of further ones; 0 to 1.
     """

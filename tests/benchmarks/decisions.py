@@ -46,10 +46,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=101)
     parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_act_s, help="guard.wrong_act_s")
     parser.add_argument("--question", type=float, default=GuardSettings().question_s, help="guard.question_s")
+    parser.add_argument("--goals", type=int, nargs="+", default=LISTED, choices=LISTED, help="listed goals")
     options = parser.parse_args()
     guard = GuardSettings(wrong_act_s=options.wrong, question_s=options.question)
     print("goals bracket  reports answers | wrong acts | brackets with a wrong act | asked | acts in | first act after")
-    for row in rows():
+    for row in (row for row in rows() if row.goals in options.goals):
         print(told(row, drawn(row, guard, options.brackets, options.seed)), flush=True)
 
 
@@ -68,7 +69,8 @@ def drawn(row: Row, settings: GuardSettings, count: int, seed: int) -> Brackets:
     product = with_goals(load_product(load_configuration()), row.goals)
     layout = Layout.of(product)
     confusions = Confusions.of(layout, "uniform", DETECTION_ERROR if row.errs else 0.0)
-    planner, guard = BayesPlanner(product, OpenGoals.of(product)), Guard(product, settings)
+    known = OpenGoals.of(product, load_configuration().planners.semantic.new_goals)
+    planner, guard = BayesPlanner(product, known), Guard(product, settings)
     of = layout.types[rng.integers(len(layout.types), size=count)] if row.listed else ()
     brackets = list(of) if row.listed else unlisted(layout, count, rng, repeated=True)
     return [assemble(planner, guard, types, confusions, rng, answers=row.answers) for types in brackets]

@@ -185,3 +185,16 @@ def test_a_file_with_a_threshold_of_before_is_told_what_to_write(key: str, tmp_p
     path.write_text(text)
     with pytest.raises(InputError, match=r"cell.yaml:\d+.*write wrong_act_s and question_s"):
         load_configuration(path)
+
+
+def test_where_slots_stay_empty_a_part_too_many_is_asked_about_once_the_likeliest_goal_is_whole() -> None:
+    goals = {"short": ["o1", "empty", "empty", "o2", "o2", "o3"], "long": ["o1", "o1", "o1", "o2", "o2", "o3"]}
+    family = Product.model_validate({**PRODUCT.model_dump(exclude={"goal_titles"}), "goals": goals})
+    guard, plan = Guard(family, GuardSettings()), replace(PLAN, goal_belief={"short": 0.8, "long": 0.2})
+    whole = {"p1": "o1", "p4": "o2", "p5": "o2", "p6": "o3"}
+    assert not guard.asks_for_goal(plan, AssemblyState(whole))
+    odd = AssemblyState({**whole, "p2": "o3"})
+    assert guard.fits_none(odd)
+    assert guard.asks_for_goal(plan, odd)
+    del whole["p1"]
+    assert not guard.asks_for_goal(plan, AssemblyState({**whole, "p2": "o3"})), "the next part tells"

@@ -169,11 +169,13 @@ class Guard:
         """Whether a person should say which goal is built, as that costs less than to act or to wait.
 
         So it is, too, where a person showed that it is not the most probable one, see AssemblyState. What fits no known
-        goal may have been misread, which further parts show: only of a full bracket it is asked whatever that costs.
+        goal may have been misread, which further parts show: where none is missing it is asked whatever that costs.
         """
         if self.contradicted(plan, state) or state.told_goal is not None:
             return self.contradicted(plan, state)
-        if len(state.placed) < len(self._product.positions):
+        known = plan.goal in self._product.goals
+        filled = self._product.accepted(plan.goal) if known else self._product.positions
+        if not set(filled) <= state.placed.keys():
             return self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
         return plan.goal == UNKNOWN_GOAL or (self.fits_none(state) and self.sure_goal(plan, state) is None)
 

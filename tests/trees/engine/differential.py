@@ -263,7 +263,7 @@ def typed_nodes(answers: Answers) -> list[type[Node]]:
         made.append(
             type(f"Write{name}", (Node,), {"__doc__": "Writes.", "v": OutputPort(TYPED[name]), "update": write})
         )
-    own = {"n": InputPort(int, default="{=}"), "m": InputPort(int, default="{@n}")}  # type: ignore[type-var]
+    own = {"n": InputPort(int, default="{=}"), "m": InputPort(int, default="{@n}")}
     made.append(type("ReadOwn", (Node,), {"__doc__": "Reads.", **own, "update": lambda node: read(node, ["n", "m"])}))
     return made
 
@@ -282,8 +282,8 @@ def _shown(value: Any) -> str:
 class Ours:
     """This engine."""
 
-    def __init__(self, case: Case, path: Path, clock: ManualClock) -> None:
-        """Load the tree.
+    def __init__(self, case: Case, path: Path, clock: ManualClock, judged: bool = False) -> None:
+        """Load the tree; judged, with the judge's own leaves, whose enum scripts and Switches know.
 
         Raises:
             Refused: this engine does not.
@@ -305,7 +305,9 @@ class Ours:
 
         path.write_text(case.xml)
         try:
-            self._tree = load_whatever_is_reached(path, Registry([Leaf, Check, *typed_nodes(answers)]))
+            self._tree = load_whatever_is_reached(
+                path, Registry([Leaf, Check, *(typed_nodes(answers) if judged else ())])
+            )
         except TreeFileError as error:
             raise Refused(str(error)) from None
         self._tree.setup(None, clock)
@@ -393,7 +395,7 @@ def judged(case: Case, path: Path, judge: Judge, in_order: bool) -> tuple[str, l
     except Refused as error:
         there = str(error)
     try:
-        ours = Ours(case, path, ManualClock())
+        ours = Ours(case, path, ManualClock(), judged=True)
     except Refused as error:
         return ("refused by both" if there else "refused here"), [str(error), there]
     if there:

@@ -68,8 +68,8 @@ CONSTANTS_TYPED = {
     "Text": ("a b", "7"), "Ints": ("1;2", "json:[3, 4]"), "Doubles": ("0.5;2", "json:[1.5]"), "Texts": ("a;b",),
 }  # fmt: skip
 READ_OF = {
-    "Int": "nid",
-    "Double": "nid",
+    "Int": "ni",
+    "Double": "d",
     "Bool": "f",
     "Text": "w",
     "Colour": "c",

@@ -252,13 +252,20 @@ def list_runs(
     folder: Annotated[Path, typer.Argument(help="Folder with logs.")] = Path("runs"),
     where: Annotated[str | None, typer.Option(help='SQL condition, like "correct = false and seed < 10".')] = None,
     sql: Annotated[str | None, typer.Option(help="A whole SQL query of the table `runs`.")] = None,
-    failures: Annotated[bool, typer.Option("--failures", help="Why trees failed: by leaf, with an example.")] = False,
+    failures: Annotated[
+        bool,
+        typer.Option("--failures", help="Runs that failed: state, time, first cause, and the end."),
+    ] = False,
+    page: Annotated[
+        Path | None, typer.Option("--page", help="With --failures: HTML page with the seconds before each.")
+    ] = None,
+    overwrite: OverwriteOption = False,
     statistics: Annotated[
         str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, like tree or goal.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    r"""List the runs of a folder, search them by SQL, or count why they failed; needs cell\[fleet]."""
+    r"""List the runs of a folder, search them by SQL, or list those that failed; needs cell\[fleet]."""
     from bracket_cell.fleet import index
     from bracket_cell.fleet.index import summaries, summary_lines
 
@@ -266,13 +273,21 @@ def list_runs(
         raise InputError(f"{folder}: is not a folder")
     if sum((sql is not None, failures, statistics is not None)) > 1:
         raise InputError("--sql, --failures and --statistics are different questions; ask one of them")
+    if page is not None and not failures:
+        raise InputError("--page goes with --failures")
     if where is not None and (sql is not None or failures):
         raise InputError("--where goes with the list of runs and with --statistics")
     for problem in index.refresh(folder):
         sys.stderr.write(f"cell: left out: {problem}\n")
     columns = index.LISTED if statistics is None else "*"
     names, rows = index.ask(folder, sql or (index.FAILURES if failures else index.listing(where, columns)))
-    if statistics is not None:
+    if page is not None:
+        from bracket_cell.fleet.night import write_night
+
+        failed = [dict(zip(names, row, strict=True)) for row in rows]
+        size = write_night(failed, spared(page, [Path(one["log"]) for one in failed], overwrite))
+        say(f"{page}: {len(failed)} runs that failed, {size / 1e6:.2f} MB")
+    elif statistics is not None:
         for one in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
             tell_json(one) if as_json else say(*summary_lines(one, statistics))
     elif as_json:

@@ -1,11 +1,11 @@
-"""The runs of a folder as a table: a small Parquet file for each log, and SQL over all of them."""
+"""The runs of a folder as a table: one Parquet file that follows the logs, and SQL over it."""
 
 from __future__ import annotations
 
 import os
 import struct
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
 from bracket_cell.fleet.intervals import mean, wilson
-from bracket_cell.fleet.table import COLUMNS, order_id, write_table
+from bracket_cell.fleet.table import COLUMNS, order_id, read_table, write_table
 from bracket_cell.log.read.reader import files_of, json_of, read_log
 from bracket_cell.log.read.walk import PROFILE
 from bracket_cell.packages import needed
@@ -28,9 +28,10 @@ LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, rob
 ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
 SQL = {bool: "boolean", int: "bigint", float: "double", str: "varchar"}
 Answer = tuple[list[str], list[tuple[Any, ...]]]
+TABLE, SEEN = "all.parquet", "seen_ns"  # and when a row's log was changed that it was made of
 FAILURES = (
-    "select failed_leaf, cause, count(*) as runs, min(log) as for_example from runs "
-    "where \"end\" = 'failed' group by all order by runs desc"
+    'select log, state, failed_s, failed_leaf, cause, otherwise, "end", reason, condition, seed, pixels, perception, '
+    "commit, limits from runs where \"end\" <> 'finished' or correct = false order by started_utc, log"
 )
 
 
@@ -79,17 +80,6 @@ def summary_lines(told: Mapping[str, Any], by: str) -> list[str]:
     return lines
 
 
-def add_run(log: Path) -> Path:
-    """Write the row of one log; the file is written atomically.
-
-    Raises:
-        InputError, LogError: it cannot be read or written.
-    """
-    target = rows_of(log.parent) / f"{whole_path(log).stem}.parquet"
-    write_table([run_row(log)], target)
-    return target
-
-
 def rows_of(folder: Path) -> Path:
     """Where the rows of a folder's logs stand: in it, or among the user's own files where nobody may write there."""
     if os.access(folder / FOLDER if (folder / FOLDER).exists() else folder, os.W_OK):
@@ -99,15 +89,25 @@ def rows_of(folder: Path) -> Path:
 
 
 def refresh(folder: Path) -> list[str]:
-    """Write the rows that are missing or older than their logs; says which logs cannot be read, and why."""
-    problems = []
-    for log in _logs(folder):
-        row = rows_of(folder) / f"{whole_path(log).stem}.parquet"
-        if not row.exists() or row.stat().st_mtime < log.stat().st_mtime:
+    """Bring the table up to the logs: those that are new, or grew, are read; says which cannot be, and why.
+
+    Raises:
+        InputError: the table cannot be written.
+    """
+    table, problems, new = rows_of(folder) / TABLE, [], dict[str, Row]()
+    known = read_table(table) if table.exists() else []
+    seen_ns = {row["log"]: row[SEEN] for row in known}
+    logs = _logs(folder)
+    for log, changed_ns in logs.items():
+        if seen_ns.get(str(log), -1) < changed_ns:
             try:
-                add_run(log)
+                new[str(log)] = {**run_row(log), SEEN: changed_ns}
             except LogError as error:
                 problems.append(str(error))
+    if new:
+        write_table([*(row for row in known if row["log"] not in new), *new.values()], table)
+        for log in logs:  # of a release that wrote a file for each log
+            (table.parent / f"{whole_path(log).stem}.parquet").unlink(missing_ok=True)
     return problems
 
 
@@ -153,16 +153,18 @@ def listing(where: str | None, columns: str = LISTED) -> str:
     return f"select {columns} from runs {f'where {where}' if where else ''} order by started_utc desc"
 
 
-def _logs(folder: Path) -> Iterator[Path]:
-    """Whole logs, and the first part that is there of each rotated one."""
-    seen = set()
-    for path in sorted(folder.glob("*.mcap")):
+def _logs(folder: Path) -> dict[Path, int]:
+    """Whole logs, and the first part that is there of each rotated one, with when any part was changed last [ns]."""
+    found: dict[Path, tuple[Path, int]] = {}
+    with os.scandir(folder) as entries:
+        files = sorted((Path(one.path), one.stat().st_mtime_ns) for one in entries if one.name.endswith(".mcap"))
+    for path, changed_ns in files:
         if path.name.endswith(".recovered.mcap"):
             continue
         whole = whole_path(path) if part_number(path) is not None else path
-        if whole not in seen:
-            seen.add(whole)
-            yield path
+        first, before_ns = found.get(whole, (path, 0))
+        found[whole] = first, max(before_ns, changed_ns)
+    return dict(found.values())
 
 
 def _quoted(path: Path) -> str:
@@ -225,6 +227,8 @@ def _row(
         "seed": _number(run.get("seed", "")),
         "order_id": order_id(told),
         "cause": outcome.get("cause", ""),
+        "otherwise": why.get("otherwise", ""),
+        "limits": run.get("safety.sha256", ""),
         "failed_leaf": why.get("node", "") if outcome.get("end") == "failed" else "",
     }
     return row

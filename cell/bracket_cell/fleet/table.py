@@ -17,18 +17,17 @@ BATCH = 5000  # rows in memory
 ARROW = {bool: "bool_", int: "int64", float: "float64", str: "string"}
 TEXTS = (
     "key run_id log started_utc site bench order_id end reason product goal goal_asked tree configuration person look "
-    "fault commit perception"
+    "fault commit perception limits state failed_leaf cause otherwise condition"
 )
 WHOLE = (
     "seed ticks overruns wrong_placements robot_placements human_placements help_requests contacts interventions moves"
 )
-NUMBERS = "sim_time_s wall_time_s took_s cpu_s human_idle robot_idle concurrent functional_delay held_s"
+NUMBERS = "sim_time_s wall_time_s took_s cpu_s human_idle robot_idle concurrent functional_delay held_s failed_s"
 COLUMNS: dict[str, type] = {
     **dict.fromkeys(TEXTS.split(), str),
     **dict.fromkeys(WHOLE.split(), int),
     **dict.fromkeys(NUMBERS.split(), float),
-    "correct": bool,
-    "finished": bool,
+    **dict.fromkeys(("correct", "finished", "pixels"), bool),
 }
 
 

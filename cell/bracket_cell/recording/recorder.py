@@ -11,6 +11,7 @@ import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
 
+from bracket_cell.faults.work_state import WorkState
 from bracket_cell.recording import identity as digest
 from bracket_cell.recording import joint_samples
 from bracket_cell.recording.images import Files, ImageEncoder
@@ -93,6 +94,7 @@ class McapRecorder(Observer):
         self.state: Callable[[], Mapping[str, object]] = dict
         self.why: Callable[[], Mapping[str, object]] = dict
         self._told: Mapping[str, object] = {}
+        self._work, self._ticked_s = WorkState(), 0.0
         self._settings = settings
         self._result = result
         self._alarm = alarm
@@ -171,6 +173,8 @@ class McapRecorder(Observer):
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
+        self._work.see(record)
+        self._ticked_s = observation.time_s if record.status in TICKED else self._ticked_s
         if record.status in TICKED and (told := self.why()):
             if turned or told["text"] != self._told.get("text"):
                 self._write("/note/why", stamp_ns, {"tick": tick, **told})
@@ -218,6 +222,8 @@ class McapRecorder(Observer):
         self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
         told = {name: str(getattr(outcome, name)) for name in fields}
+        if outcome.end != "finished":
+            told |= {"state": self._work.name, "failed_s": f"{self._ticked_s:.3f}"}
         if outcome.why is not None:
             told |= {
                 "cause": outcome.cause,

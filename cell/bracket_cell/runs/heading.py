@@ -44,7 +44,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         attachments |= simulator().attachments(files.configuration.devices.simulation, options.seed)
     for name, text in tree_texts(files.tree).items():
         attachments[name] = ("application/xml", text.encode())
-    values = _asked(options, files) | _networks(files)
+    values = _asked(options, files) | _networks(options, files)
     for file in own_code(files.tree):
         attachments[f"nodes/{file.name}"] = ("text/x-python", file.read_bytes())
         values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -83,7 +83,7 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
         "product": files.product.name,
         "pace": options.pace,
         "tree": files.tree.short_name(options.tree),
-        "perception": configuration.perception.words,
+        "perception": _seen_by(options, files),
     }
     values |= {name: told for name in ("site", "bench") if (told := getattr(configuration.log, name))}
     values["production"] = configuration.production.model_dump_json()
@@ -94,6 +94,7 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
         values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated or options.devices is not None:
         person = options.person or "as configured"
+        values["pixels"] = str(options.pixels).lower()
         values |= {"seed": str(options.seed), "goal": options.goal, "person": person}
     if devices.simulated and options.devices is None:
         values["look"] = simulator().look_name(devices.simulation)
@@ -106,10 +107,17 @@ def _asked(options: RunOptions, files: Files) -> dict[str, str]:
     return values
 
 
-def _networks(files: Files) -> dict[str, str]:
+def _seen_by(options: RunOptions, files: Files) -> str:
+    """The detectors that see, or "truth" where a simulation says what is there."""
+    told = files.configuration.devices.simulated and not options.pixels
+    return "truth" if told else files.configuration.perception.words
+
+
+def _networks(options: RunOptions, files: Files) -> dict[str, str]:
     """Kinds of the planners, and digests of all weights."""
     values: dict[str, str] = {}
-    networks = [files.configuration.perception.files(name) for name in DETECTORS]
+    seen = _seen_by(options, files) != "truth"
+    networks = [files.configuration.perception.files(name) for name in DETECTORS] if seen else []
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind
         networks.append(files_of(name, planner))
@@ -221,7 +229,9 @@ def summary_of(
         "sim_time_s": round(outcome.sim_time_s, 3),
         "wall_time_s": round(outcome.wall_time_s, 3),
         "real_time_factor": round(speed, 2),
-        "perception": files.configuration.perception.words,
+        "perception": _seen_by(options, files),
+        "pixels": options.pixels,
+        "limits": files.safety.sha256,
         "seed": options.seed,
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
         "log": str(recorder.path),

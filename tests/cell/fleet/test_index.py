@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ import pyarrow.parquet
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.fleet.index import FAILURES, add_run, ask, refresh, run_row, summaries, summary_lines
+from bracket_cell.fleet.index import FAILURES, ask, refresh, run_row, summaries, summary_lines
+from bracket_cell.fleet.night import clip
 from bracket_cell.log.read.reader import Log
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
@@ -56,11 +58,13 @@ def test_runs_are_found_by_any_question(commission_log: Log, tmp_path: Path) -> 
         "is not an MCAP file: it does not begin like one"
     ]
     assert ask(tmp_path, "select seed from runs where \"end\" = 'failed' order by seed") == (["seed"], [(2,), (3,)])
-    [(leaf, cause, count, example)] = ask(tmp_path, FAILURES)[1]
-    assert (leaf, count, Path(example).name) == ("FindPart", 2, "b.mcap")
-    assert "no o9" in cause
+    names, rows = ask(tmp_path, FAILURES)
+    first = dict(zip(names, rows[0], strict=True))
+    assert [Path(row[0]).name for row in rows] == ["b.mcap", "c.mcap"]
+    assert (first["failed_leaf"], first["end"], first["state"], first["failed_s"]) == ("FindPart", "failed", "start", 0)
+    assert "no o9" in first["cause"]
     failed(tmp_path / "e.mcap", 4, "x")
-    add_run(tmp_path / "e.mcap")
+    refresh(tmp_path)
     assert ask(tmp_path, "select count(*) from runs")[1] == [(4,)]
     with pytest.raises(InputError, match="cannot be answered"):
         ask(tmp_path, "select nothing from nowhere")
@@ -117,7 +121,13 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
     assert main(["log", "list", str(tmp_path), "--sql", "select count(*) as runs from runs", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"runs": 2}
     assert main(["log", "list", str(tmp_path), "--failures"]) == 0
-    assert "PickPart" in capsys.readouterr().out
+    assert capsys.readouterr().out.count("PickPart (m.xml:3)") == 2
+    page = tmp_path / "night.html"
+    assert main(["log", "list", str(tmp_path), "--failures", "--page", str(page)]) == 0
+    assert "2 runs that failed" in capsys.readouterr().out
+    assert page.read_text().count("PickPart (m.xml:3): nothing between the fingers") == 2
+    assert main(["log", "list", str(tmp_path), "--page", str(page)]) == 2
+    assert "--page goes with --failures" in capsys.readouterr().err
     assert main(["log", "list", str(tmp_path), "--statistics", "end"]) == 0
     assert "end failed: 2 runs, 0 right, 2 wrong, 0 not known; 0.000 (95 %: 0.000 - 0.658)" in capsys.readouterr().out
     assert main(["log", "list", str(tmp_path), "--statistics", "nothing"]) == 2
@@ -185,3 +195,29 @@ def test_one_log_without_a_head_changes_no_type_and_what_is_empty_is_null(tmp_pa
     told = told_by_end["finished"]
     assert (told["right"], told["wrong"], told["not_known"], told["share"]) == (0, 0, 1, None)
     assert "none is known" in summary_lines(told, "end")[0]
+
+
+def test_the_row_of_a_log_that_grows_follows_it(commission_log: Log, tmp_path: Path) -> None:
+    first, rest = tmp_path / "shift.0001.mcap", tmp_path / "shift.0002.mcap"
+    shutil.copy(commission_log.path, first)
+    refresh(tmp_path)
+    assert ask(tmp_path, "select parts from runs")[1] == [(1,)]
+    shutil.copy(commission_log.path, rest)
+    os.utime(rest, ns=(first.stat().st_mtime_ns + 10**9,) * 2)
+    refresh(tmp_path)
+    assert ask(tmp_path, "select parts from runs")[1] == [(2,)]
+
+
+def test_the_film_of_a_failure_shows_the_seconds_before(commission_log: Log) -> None:
+    assert clip(commission_log.path, 3.0).startswith("data:image/webp;base64,")
+    assert clip(commission_log.path, None) == ""
+
+
+def test_many_logs_are_one_table(tmp_path: Path) -> None:
+    for seed in range(1, 6):
+        failed(tmp_path / f"{seed}.mcap", seed, "x")
+    refresh(tmp_path)
+    assert [path.name for path in (tmp_path / "rows").iterdir()] == ["all.parquet"]
+    before = (tmp_path / "rows" / "all.parquet").stat().st_mtime_ns
+    refresh(tmp_path)
+    assert (tmp_path / "rows" / "all.parquet").stat().st_mtime_ns == before

@@ -32,6 +32,7 @@ from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.bench import JOINTS, Bench, Calibration
 from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
+from bracket_ground.interfaces.places import EMPTY
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import NamedRobot, default_robot
 
@@ -309,12 +310,19 @@ def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIG
         path: the configuration's file, for messages.
 
     Raises:
-        InputError: with every problem of the product file, or of the bench that has no bin for a part type.
+        InputError: with every problem of the product file, or of the bench that has no bin for a part type, or a place
+            for something else.
     """
-    product = load_yaml(configuration.product, Product)
-    bins = configuration.bench.bins_m
-    missing = [part for part in product.parts if part not in bins]
-    if missing:
-        place = place_of(Path(path), ("bench", "bins_m"))
-        raise InputError(*(Problem(place, f"no bin for part type {part!r} of {product.name!r}") for part in missing))
+    product, bench = load_yaml(configuration.product, Product), configuration.bench
+    missing = [part for part in product.parts if part not in bench.bins_m]
+    wrong = [(("bench", "bins_m"), f"no bin for part type {part!r} of {product.name!r}") for part in missing]
+    for name, spots in bench.places.items():
+        where, legal = ("bench", "places", name), ", ".join(product.parts)
+        if name in product.positions:
+            wrong.append((where, f"{name!r} is a position of {product.name!r}; give the place another name"))
+        for key in ("holds", "filled"):
+            unknown = sorted({*getattr(spots, key)} - {*product.parts, EMPTY})
+            wrong += [((*where, key), f"no part type {part!r} in {product.name!r}; legal: {legal}") for part in unknown]
+    if wrong:
+        raise InputError(*(Problem(place_of(Path(path), location), what) for location, what in wrong))
     return product

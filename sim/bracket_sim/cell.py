@@ -29,7 +29,7 @@ from bracket_sim.scene.look import Look
 from bracket_sim.scene.parts import ScenePart
 from bracket_sim.scene.person import Storage
 from bracket_sim.scene.settings import HARDWARE, SimSettings
-from bracket_sim.scene.storage import lay_out
+from bracket_sim.scene.storage import at_places, lay_out
 from bracket_sim.scene.world import World, build_world
 from bracket_sim.truth.contacts import ContactMonitor
 from bracket_sim.truth.ground_truth_perception import ground_truth_perception
@@ -222,7 +222,8 @@ def _world(
 ) -> World:
     """Bench and parts, with the hand where a person is; `rng` says where the person's parts lie."""
     layout = lay_out(product, bench, settings.person.storage if worker else Storage(), rng)
-    scene = (*layout.parts, *clutter) if worker else tuple(clutter)
+    parts = layout.parts if worker else ()
+    scene = (*parts, *clutter, *at_places(product, bench))
     hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person) if worker else None
     return build_world(product, bench, scene, settings.physics, hand, look, layout.bins, robot)
 

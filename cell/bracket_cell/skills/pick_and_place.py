@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bracket_cell.skills.grasping.entry import Entry
 from bracket_cell.skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
@@ -27,6 +28,7 @@ from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
+from bracket_ground.interfaces.pose import Array
 
 
 @dataclass(eq=False)
@@ -35,22 +37,39 @@ class Pick(PhasedSkill):
 
     Attributes:
         part: the part to take, as last seen.
-        others: all other parts seen in the tray; the arm keeps clear of them.
+        others: all other parts that are known; the arm keeps clear of them.
+        place: name of the place where it stands; empty for the tray.
     """
 
     planner: MotionPlanner = field(repr=False)
     part: PartDetection
     others: Sequence[PartDetection] = ()
+    place: str = ""
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
         if (full := why_not_empty(observation)) is not None:
             return Message("cannot take {part}: {full}", part=self.part.part, full=full)
+        return self._planned(joints_of(observation))
+
+    def why_never(self) -> str | None:
+        """Why the arm cannot take the part though nothing else stands on the bench, or None where it can."""
+        found = self._planned(np.array(self.planner.bench.arm_park_rad))
+        return found if isinstance(found, str) else None
+
+    def _planned(self, near_rad: Array) -> Sequence[Phase] | str:
         planner = self.planner
-        chosen = choose_grasp(planner, self.part, self.others, joints_of(observation))
+        chosen = choose_grasp(planner, self.part, self.others, near_rad)
         if isinstance(chosen, str):
             return chosen
-        return take_phases(planner, self.part, self.others, chosen, lift_m(planner, self.part, self.others))
+        if not self.place:
+            tray = planner.bench.tray
+            lifted_m = lift_m(planner, self.part, self.others, tray.centre_m[2] + tray.wall_m)
+            return take_phases(planner, self.part, self.others, chosen, lifted_m)
+        place = planner.bench.places[self.place]
+        lifted_m = lift_m(planner, self.part, self.others, place.rim_m)
+        entry = Entry.of(planner, self.place, place)
+        return take_phases(planner, self.part, self.others, chosen, lifted_m, entry)
 
     @property
     def done(self) -> str:
@@ -92,7 +111,8 @@ class Place(PhasedSkill):
         target = hole_pose(planner.product, planner.bench, self.position)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[self.part])
         hold = present_hold(planner, self.part, observation)
-        return put_phases(planner, self.part, hold, target, obstacles, joints_of(observation), carry_m, into_hole=True)
+        near_rad = joints_of(observation)
+        return put_phases(planner, self.part, hold, target, obstacles, near_rad, carry_m, into_hole=True, stays=True)
 
     @property
     def done(self) -> str:

@@ -21,10 +21,12 @@ import bracket_cell.trees.nodes.ported  # noqa: F401 - a member of nodes
 from bracket_cell.packages import INSTALLED
 from bracket_cell.trees import nodes
 from bracket_cell.trees.loading import input_errors
-from bracket_cell.trees.nodes.poses import FRAMES, FramedPose
-from bracket_cell.trees.vocabulary import Goal, Hole, OutputSignal, Part, Signal
+from bracket_cell.trees.nodes.poses import FramedPose
+from bracket_cell.trees.vocabulary import Goal, Hole, Location, OutputSignal, Part, Signal
 from bracket_ground.errors import InputError
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.memory import PREFIX, Memory
+from bracket_ground.interfaces.places import FRAMES
 from bracket_ground.interfaces.product import Product
 from btxml.engine.node import TreeNode
 from btxml.engine.tree import Tree
@@ -56,6 +58,9 @@ class Wiring(Protocol):
     @property
     def nodes(self) -> Iterable[str]: ...
 
+    @property
+    def bench(self) -> Bench: ...
+
 
 def node_registry(
     product: Product | None = None, more: Iterable[str] = (), configuration: Wiring | None = None
@@ -65,8 +70,8 @@ def node_registry(
     Args:
         product: its part types and positions are the only ones that ports may name; None lets any name pass.
         more: files or packages with further nodes.
-        configuration: its digital signals are the only ones that ports may name; None lets any name pass. Its nodes
-            are there, too.
+        configuration: its digital signals and places are the only ones that ports may name; None lets any name pass.
+            Its nodes are there, too.
 
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
@@ -80,7 +85,7 @@ def node_registry(
     try:
         return Registry(
             classes,
-            words={**_things(product), **_signals(configuration)},
+            words={**_things(product, configuration), **_signals(configuration)},
             remark="" if named else _remark(),
             described=nodes.__name__,
             entries={PREFIX + name: value for name, value in Memory().values().items()},
@@ -128,11 +133,14 @@ def tree(
         return loader.tree(root, name, trees, registry or node_registry(), provided, beside)
 
 
-def _things(product: Product | None) -> Words:
+def _things(product: Product | None, configuration: Wiring | None) -> Words:
+    places = () if configuration is None else tuple(configuration.bench.places)
+    named: Words = {} if configuration is None else {Location: places}
     if product is None:
-        return {}
-    frames = (*FRAMES, *product.positions)
-    return {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
+        return named
+    frames = (*FRAMES, *product.positions, *places)
+    things = {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
+    return {**named, **things}
 
 
 def _signals(configuration: Wiring | None) -> Words:

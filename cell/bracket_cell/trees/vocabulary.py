@@ -1,4 +1,4 @@
-"""The names of a cell that ports take: part types, positions, goals, signals."""
+"""The names of a cell that ports take: part types, positions, goals, places, signals."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ class Goal(Word):
 
     __slots__ = ()
     missing: ClassVar[str] = "the product has no goal"
+
+
+class Location(Word):
+    """A place of the bench with a name, where parts stand: a fixture, a chuck, a pallet."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the bench has no place"
 
 
 class Signal(Word):

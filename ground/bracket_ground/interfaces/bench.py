@@ -14,30 +14,15 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from bracket_ground.files.model import Disagreement, Model
-from bracket_ground.files.units import Gap, Joints, Length, Point, Quaternion
+from bracket_ground.files.units import Gap, Joints, Length, Point
 from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.places import FRAMES, BenchPlace, Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.solid import Solid
 
 MESHES = (".stl", ".obj")
 MOST_MESH_M = 2.0
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-
-
-class Mount(Model):
-    """A fixed pose.
-
-    Attributes:
-        position_m: (x, y, z).
-        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
-    """
-
-    position_m: Point
-    quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
-
-    @property
-    def pose(self) -> Pose:
-        return Pose(self.position_m, self.quaternion_wxyz)
 
 
 class CameraCalibration(Model):
@@ -215,6 +200,7 @@ class Bench(Model):
         arm_park_rad: joints away from bracket and person.
         arm_look_rad: joints from which the wrist camera sees the tray.
         obstacles: what else stands there and the arm goes around.
+        places: where else parts stand, by names of your own: fixtures, nests, a chuck, a conveyor's stop, pallets.
     """
 
     bracket: Mount
@@ -226,6 +212,7 @@ class Bench(Model):
     arm_park_rad: Joints
     arm_look_rad: Joints
     obstacles: tuple[Obstacle, ...] = ()
+    places: dict[str, BenchPlace] = Field(default_factory=dict)
 
     @property
     def drawn(self) -> Bench:
@@ -253,6 +240,13 @@ class Bench(Model):
             what = "there are two obstacles of the name {!r}; give each its own"
             places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]
             raise Disagreement(places)
+        return self
+
+    @model_validator(mode="after")
+    def _places_are_no_frames(self) -> Bench:
+        what = "{!r} is a frame already; give the place another name"
+        if taken := [(("places", name), what.format(name)) for name in self.places if name in FRAMES]:
+            raise Disagreement(taken)
         return self
 
     @model_validator(mode="after")

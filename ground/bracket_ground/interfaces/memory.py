@@ -27,6 +27,7 @@ class Memory:
         tray_parts: what stands or lies in the tray as last seen, without what was taken since.
         tray_seen_s: when that was seen; negative where it is not known, as something else was moved or a grasp failed.
         put_down: what the robot stood elsewhere in this run; no camera looks there.
+        places: what stands at each spot of the places with names, None for a free one.
         in_vain: parts as they were seen when a grasp failed, the newest last.
         reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
         turned: by type, how often one that lay was turned since any of them was seen to stand.
@@ -45,6 +46,7 @@ class Memory:
     tray_parts: tuple[PartDetection, ...] = ()
     tray_seen_s: float = NEVER_S
     put_down: tuple[PartDetection, ...] = ()
+    places: Mapping[str, tuple[PartDetection | None, ...]] = field(default_factory=dict)
     in_vain: tuple[PartDetection, ...] = ()
     reasons: Mapping[str, int] = field(default_factory=dict)
     turned: Mapping[str, int] = field(default_factory=dict)
@@ -80,7 +82,8 @@ class Memory:
     @property
     def standing(self) -> tuple[PartDetection, ...]:
         """All parts that the arm keeps clear of, beside those in holes."""
-        return self.tray_parts + self.put_down
+        placed = tuple(one for spots in self.places.values() for one in spots if one is not None)
+        return self.tray_parts + self.put_down + placed
 
     def failed(self, reason: str) -> None:
         """Note why a part could not be had; who asks for help tells it."""

@@ -165,6 +165,10 @@ class Product(Model):
         """Of every hole: the widest peg fits with its clearance."""
         return max(part.peg_diameter_m for part in self.parts.values()) / 2 + self.bracket.hole_clearance_m
 
+    def longest_m(self, types: Collection[str]) -> float:
+        """The longest body of some types; of all where there are none."""
+        return max(self.parts[part].size_m[0] for part in types or self.parts)
+
     def title(self, part: str) -> str:
         """Like "gate valve (o1)"; what is no part type stays as it is."""
         return f"{self.parts[part].title} ({part})" if part in self.parts else part

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_ground.interfaces.bench import CameraCalibration, CameraSetup, Mount
+from bracket_ground.interfaces.bench import CameraCalibration, CameraSetup
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_sim.rendering.studio import VISIBLE, ScenePoses, show_poses
 from bracket_sim.scene.hand import FOREARM_SKIN_GROUP

@@ -21,9 +21,10 @@ from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.files.data_folder import DataFolder
-from bracket_ground.interfaces.bench import Bench, CameraCalibration, Mount
+from bracket_ground.interfaces.bench import Bench, CameraCalibration
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HoleReader, PartDetector
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing.plates import write_plates

@@ -19,8 +19,9 @@ from bracket_cell.learned.records import read_image
 from bracket_cell.pictures.suggestions import Often
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.errors import InputError
-from bracket_ground.interfaces.bench import Bench, CameraCalibration, Mount
+from bracket_ground.interfaces.bench import Bench, CameraCalibration
 from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.actions.data import Segments, load_segments
 from bracket_lab.learned.actions.evaluate import answers, class_scores

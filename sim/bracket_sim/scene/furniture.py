@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise
 
 import cv2
 import mujoco
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_ground.errors import SettingError
+from bracket_ground.files.model import Location
 from bracket_ground.interfaces.bench import Bench, Obstacle, Tray
+from bracket_ground.interfaces.places import BenchPlace
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene import palette
 from bracket_sim.scene.look import Light, Surfaces
@@ -116,6 +118,8 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
     for geom in spec.body("bracket").geoms:
         geom.material = "plate"
     add_tray(world, bench.tray, surfaces.tray_rgb)
+    for name, place in bench.places.items():
+        _add_place(world, name, place, product, surfaces.plate_rgb)
     for one in bins:
         _add_bin(world, one, surfaces.bin_rgb)
     for number, obstacle in enumerate(bench.obstacles):
@@ -133,6 +137,24 @@ def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle) -> None:
     else:
         spec.add_mesh(name=name, file=str(obstacle.mesh))
         palette.add_mesh(body, name, palette.OBSTACLE)
+
+
+def _add_place(world: mujoco.MjsBody, name: str, place: BenchPlace, product: Product, rgb: palette.Rgb) -> None:
+    """A block up to its upper side, with a rim or with holes; nothing where that is the table itself."""
+    body = world.add_body(name=f"place {name}", pos=list(place.position_m), quat=list(place.quaternion_wxyz))
+    length, width = place.size_m(product.longest_m(place.holds))
+    height = place.position_m[2]
+    if place.seat == "hole":
+        _check_plate(product, ("bench", "places", name), height, dict(enumerate(place.spots_m)))
+        low, high = [-length / 2, -width / 2], [length / 2, width / 2]
+        _add_plate(body, product, list(place.spots_m), (low, high), height, rgb)
+    elif height > 0:
+        depth = height + TABLE_SIZE_M[2]
+        add_box(body, (0.0, 0.0, -depth / 2), (length, width, depth), rgb)
+    if place.wall_m > 0:
+        _add_rim(body, (0.0, 0.0, -height), (length, width), height + place.wall_m, rgb)
+    for geom in body.geoms:
+        geom.solref = PLATE_TOUCH
 
 
 def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
@@ -177,25 +199,28 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     """A plate with octagonal holes on a dark foot, so that a camera tells an empty hole from a filled one."""
     pose = bench.bracket.pose
     bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
-    _check_bracket(product, bench, product.hole_radius_m)
+    _check_plate(product, ("bench", "bracket"), pose.position_m[2], product.through)
     for positions in product.bracket.plates or (product.positions,):
-        _add_plate(
-            bracket,
-            product,
+        margin_m, holes = (
+            product.bracket.margin_m,
             [product.through[one] for one in positions if one in product.through],
-            pose.position_m[2],
-            rgb,
         )
+        low = [min(hole[axis] for hole in holes) - margin_m for axis in (0, 1)]
+        high = [max(hole[axis] for hole in holes) + margin_m for axis in (0, 1)]
+        _add_plate(bracket, product, holes, (low, high), pose.position_m[2], rgb)
     for geom in bracket.geoms:
         geom.solref = PLATE_TOUCH
 
 
 def _add_plate(
-    bracket: mujoco.MjsBody, product: Product, holes: list[tuple[float, float]], height_m: float, rgb: palette.Rgb
+    bracket: mujoco.MjsBody,
+    product: Product,
+    holes: list[tuple[float, float]],
+    corners_m: tuple[list[float], list[float]],
+    height_m: float,
+    rgb: palette.Rgb,
 ) -> None:
-    plate, radius = product.bracket, product.hole_radius_m
-    low = [min(hole[axis] for hole in holes) - plate.margin_m for axis in (0, 1)]
-    high = [max(hole[axis] for hole in holes) + plate.margin_m for axis in (0, 1)]
+    (low, high), plate, radius = corners_m, product.bracket, product.hole_radius_m
     rows = sorted({low[0], high[0], *(x + side * radius for x, _ in holes for side in (-1, 1))})
     for top, bottom in pairwise(rows):
         middle = (top + bottom) / 2
@@ -231,17 +256,18 @@ def _longest_peg_m(product: Product) -> float:
     return max(part.peg_length_m for part in product.parts.values())
 
 
-def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
-    height = bench.bracket.position_m[2]
-    if height < _longest_peg_m(product) + 0.002 or height < product.bracket.thickness_m:
+def _check_plate(
+    product: Product, location: Location, height_m: float, holes_m: Mapping[str | int, tuple[float, float]]
+) -> None:
+    if height_m < _longest_peg_m(product) + 0.002 or height_m < product.bracket.thickness_m:
         what = (
-            f"the bracket's upper side is {height:.3f} m above the table, too low for its plate of "
+            f"the upper side is {height_m:.3f} m above the table, too low for a plate of "
             f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m"
         )
-        raise SettingError((("bench", "bracket", "position_m"), what))
-    holes = list(product.through.items())
-    for i, (name, (x, y)) in enumerate(holes):
-        for other, (x2, y2) in holes[i + 1 :]:
-            if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:
-                what = f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide"
-                raise SettingError((("product", "bracket", "holes_m", other), what))
+        raise SettingError(((*location, "position_m"), what))
+    radius_m, of_bracket = product.hole_radius_m, location == ("bench", "bracket")
+    for (name, (x, y)), (other, (x2, y2)) in combinations(holes_m.items(), 2):
+        if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:
+            what = f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide"
+            where = ("product", "bracket", "holes_m", other) if of_bracket else (*location, "pitch_m")
+            raise SettingError((where, what))

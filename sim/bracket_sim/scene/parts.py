@@ -32,7 +32,7 @@ _ALONG = {"x": (_HALF, 0.0, _HALF, 0.0), "y": (_HALF, -_HALF, 0.0, 0.0), "z": _U
 SLICES = 18  # as many as MuJoCo's own, so that outlines stay
 
 
-Owner = Literal["robot", "person"]
+Owner = Literal["robot", "person", "place"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ScenePart:
     Attributes:
         part: its type.
         world_from_part: the part frame (body's bottom centre).
-        owner: whose set it belongs to.
+        owner: whose set it belongs to; of nobody what stands at a place with a name.
         foreign: what it is, where it is of no type.
     """
 

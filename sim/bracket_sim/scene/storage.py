@@ -13,7 +13,8 @@ import numpy as np
 from bracket_ground.errors import SettingError
 from bracket_ground.files.model import Location
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.places import EMPTY
+from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.parts import ScenePart
 from bracket_sim.scene.person import Storage, happens
@@ -158,6 +159,16 @@ def _some_in_tray(
     return tuple(found)
 
 
+def at_places(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
+    """Parts that stand at places with names when a run begins."""
+    return tuple(
+        ScenePart(part, place.stands(number, product.parts[part].peg_length_m), "place")
+        for place in bench.places.values()
+        for number, part in enumerate(place.filled)
+        if part != EMPTY
+    )
+
+
 def _row(product: Product, bench: Bench, name: str) -> tuple[tuple[float, float, float], ...]:
     """Where the parts of one type stand in their own bin: a row along y, body lengths along x (body bottoms)."""
     x, y, z = bench.bins_m[name]
@@ -193,29 +204,28 @@ def _places(product: Product, bench: Bench) -> list[_Place]:
     holes_m = np.array([(*hole, 0.0) for hole in product.bracket.holes_m.values()])
     low_m, high_m = holes_m.min(axis=0) - product.bracket.margin_m, holes_m.max(axis=0) + product.bracket.margin_m
     corners_m = np.array([(x, y, 0.0) for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1])])
-    plate_m = bench.bracket.pose.transform(corners_m)[:, :2]
-    low, high = plate_m.min(axis=0), plate_m.max(axis=0)
     places = [
-        _Place(
-            "the bracket",
-            ("bench", "bracket", "position_m"),
-            (float(low[0]), float(low[1])),
-            (float(high[0]), float(high[1])),
-        ),
+        _spanned("the bracket", ("bench", "bracket", "position_m"), bench.bracket.pose.transform(corners_m)),
         _around("the tray", ("bench", "tray", "centre_m"), bench.tray.centre_m, bench.tray.size_m),
     ]
     named = [name for name in bench.bins_m if name in product.parts]
     for name, one in zip(named, own_bins(product, bench), strict=True):
         places.append(_around(f"the bin of {name}", ("bench", "bins_m", name), one.centre_m, one.size_m))
+    for name, place in bench.places.items():
+        length, width = place.size_m(product.longest_m(place.holds))
+        corners_m = np.array([(x, y, 0.0) for x in (-length / 2, length / 2) for y in (-width / 2, width / 2)])
+        places.append(_spanned(name, ("bench", "places", name), place.pose.transform(corners_m)))
     for number, obstacle in enumerate(bench.obstacles):
         points = obstacle.points_m
         if points[:, 2].min() < LOW_M:
-            low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-            location = ("bench", "obstacles", number)
-            places.append(
-                _Place(obstacle.name, location, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
-            )
+            places.append(_spanned(obstacle.name, ("bench", "obstacles", number), points))
     return places
+
+
+def _spanned(name: str, location: Location, points_m: Array) -> _Place:
+    """The rectangle that points (n, 3) span, seen from above."""
+    low, high = points_m[:, :2].min(axis=0), points_m[:, :2].max(axis=0)
+    return _Place(name, location, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
 
 
 def _around(name: str, location: Location, centre_m: tuple[float, float, float], size_m: tuple[float, float]) -> _Place:

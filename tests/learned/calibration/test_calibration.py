@@ -23,9 +23,10 @@ from bracket_cell.learned.calibration.check import (
 )
 from bracket_cell.learned.calibration.landmarks import PlateModel
 from bracket_cell.learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
-from bracket_ground.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
+from bracket_ground.interfaces.bench import Calibration, CameraCalibration, CameraSetup
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HandSample
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.drawing.sight import true_calibration, true_camera
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.learned.calibration.landmarks import PlateModel, Sighting, sight
-from bracket_ground.interfaces.bench import Bench, CameraSetup, Mount
+from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 

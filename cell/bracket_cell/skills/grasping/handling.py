@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bracket_cell.skills.grasping.contact import RESTS_M, Descend, Insert, Lower, SetDown
+from bracket_cell.skills.grasping.entry import Entry
 from bracket_cell.skills.grasping.phases import Activate, Move, Phase, SetGripper, failed
 from bracket_cell.skills.motion.collision import Box, body_box, part_box
 from bracket_cell.skills.motion.grasp_pose import (
@@ -120,8 +121,13 @@ def take_phases(
     others: Sequence[PartDetection],
     chosen: tuple[Grasp, Array],
     carry_m: float,
+    entry: Entry | None = None,
 ) -> list[Phase] | str:
-    """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken."""
+    """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken.
+
+    Args:
+        entry: of the place where it stands, if that is entered from a side.
+    """
     grasp, joints = chosen
     settings, name = planner.settings, part.part
     others_boxes = tray_boxes(planner, others)
@@ -135,12 +141,18 @@ def take_phases(
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
     planner.hold, planner.lying = grasp.hold, None
     descent_m_s = settings.close_speed_m_s if grasp.close else None
-    return [
+    phases: list[Phase] = [
         Activate(),
         Descend(name, planner, above, above_part, Line(planner, grasp.world_from_tool, around_part, descent_m_s)),
         TakeHold.of(part, planner, grasp),
         Move(Message("lifting {name}", name=name), Rise(planner, lifted_m, grasp.opening_m), holding=name),
     ]
+    if entry is None:
+        return phases
+    carried = held_boxes(name, settings=settings, kind=planner.product.parts[name], hold=grasp.hold, with_peg=True)
+    lifted = at_height(grasp.world_from_tool, lifted_m)
+    loads = above_part, Load(grasp.opening_m, others_boxes, carried, close=True)
+    return entry.wrap(phases, above, lifted, loads, ("", name))
 
 
 def put_phases(
@@ -153,17 +165,19 @@ def put_phases(
     carry_m: float,
     *,
     into_hole: bool = False,
+    stays: bool = False,
     slipped_m: float = RESTS_M,
+    entry: Entry | None = None,
 ) -> list[Phase] | str:
     """Phases that put the held part at `target` (its part frame), and end with the empty fingers above it.
-
-    From a part in a hole the next motion takes the fingers away, without a stop above it.
 
     Args:
         hold: how the fingers hold it.
         carry_m: height of the body's bottom on the way there.
         into_hole: the peg goes into a hole, and feels for it.
+        stays: the fingers stay around the part; the next motion takes them away, without a stop above it.
         slipped_m: how far above `target` the part may meet the ground.
+        entry: of the place, if that is entered from a side.
     """
     settings, kind = planner.settings, planner.product.parts[name]
     opening_m = opening_for(kind, hold.grip, settings.finger_clearance_m)
@@ -179,15 +193,26 @@ def put_phases(
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)
     depth_m = kind.peg_length_m + settings.insertion_start_m
     before = at_height(pose, pose.position_m[2] + depth_m)
-    if into_hole:
-        let_go = body_box(f"{name}{IN_HOLE}", target, kind.size_m)
-        down = Lower.of(name, WayAndLine(planner, above, carrying, Line(planner, before, lowering)))
-        return [down, Insert(name, planner, pose, depth_m, lowering), LetGo.of(name, planner, opening_m, let_go)]
-    return [
-        Move(Message("carrying {name}", name=name), FreeWay(planner, above, carrying), holding=name),
-        SetDown(name, Line(planner, pose, lowering), slipped_m),
-        *release_phases(planner, name, opening_m, _clear_height_m(planner, kind, target)),
-    ]
+    clear_m = _clear_height_m(planner, kind, target)
+    phases: list[Phase] = (
+        [
+            Lower.of(name, WayAndLine(planner, above, carrying, Line(planner, before, lowering))),
+            Insert(name, planner, pose, depth_m, lowering),
+        ]
+        if into_hole
+        else [
+            Move(Message("carrying {name}", name=name), FreeWay(planner, above, carrying), holding=name),
+            SetDown(name, Line(planner, pose, lowering), slipped_m),
+        ]
+    )
+    if stays:
+        return [*phases, LetGo.of(name, planner, opening_m, body_box(f"{name}{IN_HOLE}", target, kind.size_m))]
+    phases += release_phases(planner, name, opening_m, clear_m)
+    if entry is None:
+        return phases
+    standing = body_box(name, target, kind.size_m)
+    leaving = Load(opening_m, (*obstacles, standing), close=True)
+    return entry.wrap(phases, above, at_height(pose, clear_m), (carrying, leaving), (name, ""))
 
 
 def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m: float) -> list[Phase]:
@@ -274,11 +299,10 @@ def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
     return planner.bench.bracket.position_m[2] + tallest + kind.peg_length_m + planner.settings.carry_gap_m
 
 
-def lift_m(planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> float:
-    """Height of a lifted body's bottom that clears what stands near it, and the tray's rim."""
-    tray, kind = planner.bench.tray, planner.product.parts[part.part]
-    tops = [tray.centre_m[2] + tray.wall_m, *_tops_near_m(part, others)]
-    return max(tops) + kind.peg_length_m + planner.settings.carry_gap_m
+def lift_m(planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], rim_m: float) -> float:
+    """Height of a lifted body's bottom that clears what stands near it, and a rim of this height."""
+    tops = [rim_m, *_tops_near_m(part, others)]
+    return max(tops) + planner.product.parts[part.part].peg_length_m + planner.settings.carry_gap_m
 
 
 def present_hold(planner: MotionPlanner, name: str, observation: Observation) -> Hold:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from itertools import product as pairs_of
@@ -35,6 +35,7 @@ ARC_RAD = 0.1  # a joint's turn in which a point goes nearly straight
 COARSE_FIRST = (0, 4, 2, 6, 1, 5, 3, 7)  # offsets in a path, so that a contact is met soon
 TABLE_M = (3.0, 3.0, 0.5)
 RIM_THICKNESS_M = 0.008
+LEAST_M = 0.001  # of a place that is a spot of the table
 BIN_ROOM_M = 0.04  # around each part in a bin
 
 HELD = "held part"
@@ -266,10 +267,10 @@ def box_corners(shape: coal.CollisionGeometry) -> Array:
 
 
 def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
-    """Table, bracket, the tray with its rim, and the person's bins with what they may hold."""
+    """Table, bracket, tray and places with their rims, and the person's bins with what they may hold."""
     table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
     bins = (_bin_box(product, bench, name) for name in product.parts)
-    return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins)
+    return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins, *_place_boxes(product, bench))
 
 
 def part_box(part: PartDetection, product: Product, name: str) -> Box:
@@ -314,18 +315,32 @@ def _bin_box(product: Product, bench: Bench, name: str) -> Box:
     return Box(f"the bin of {part.title}s", Pose((x, y, height / 2)), size)
 
 
+def _place_boxes(product: Product, bench: Bench) -> Iterator[Box]:
+    for name, place in bench.places.items():
+        size_m = place.size_m(product.longest_m(place.holds))
+        yield from _with_rim(name, place.pose, size_m, place.wall_m)
+
+
 def _tray_boxes(bench: Bench) -> tuple[Box, ...]:
-    (x, y, floor), (length, width), wall = bench.tray.centre_m, bench.tray.size_m, bench.tray.wall_m
-    height, thick = floor + wall, RIM_THICKNESS_M
-    outer_length, outer_width = length + 2 * thick, width + 2 * thick
+    return _with_rim("the tray", Pose(bench.tray.centre_m), bench.tray.size_m, bench.tray.wall_m)
+
+
+def _with_rim(name: str, pose: Pose, size_m: tuple[float, float], wall_m: float) -> tuple[Box, ...]:
+    """What stands on the table, up to its upper side, and the rim around that."""
+    (length, width), floor, thick = size_m, max(pose.position_m[2], LEAST_M), RIM_THICKNESS_M
+    foot = Box(name, pose @ Pose((0.0, 0.0, -floor / 2)), (length, width, floor))
+    if wall_m == 0:
+        return (foot,)
+    height, outer_length, outer_width = floor + wall_m, length + 2 * thick, width + 2 * thick
+    middle = (wall_m - floor) / 2
     walls = [
-        ((x - (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
-        ((x + (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
-        ((x, y - (width + thick) / 2, height / 2), (outer_length, thick, height)),
-        ((x, y + (width + thick) / 2, height / 2), (outer_length, thick, height)),
+        ((-(length + thick) / 2, 0.0, middle), (thick, outer_width, height)),
+        (((length + thick) / 2, 0.0, middle), (thick, outer_width, height)),
+        ((0.0, -(width + thick) / 2, middle), (outer_length, thick, height)),
+        ((0.0, (width + thick) / 2, middle), (outer_length, thick, height)),
     ]
-    rim = tuple(Box(f"the tray's rim ({number})", Pose(centre), size) for number, (centre, size) in enumerate(walls))
-    return (Box("the tray", Pose((x, y, floor / 2)), (length, width, floor)), *rim)
+    rim = (Box(f"{name}'s rim ({number})", pose @ Pose(at), size) for number, (at, size) in enumerate(walls))
+    return (foot, *rim)
 
 
 def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[int, int]]) -> None:

@@ -235,7 +235,8 @@ class OpenGripper(SkillNode):
         services = self.services
         opening = _within("opening_m", self.opening_m.get(), OPENING_M)
         speed = _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S)
-        if services.now.observation.gripper.holding and near_bracket(services, tool_pose(services)):
+        bench, product = services.tools.bench, services.tools.product
+        if services.now.observation.gripper.holding and near_bracket(bench, product, tool_pose(services)):
             raise NodeError("a part would be let go over the bracket; PlacePart does that, behind its guard")
         goal = GripperCommand(opening, speed)
         return MoveFingers(

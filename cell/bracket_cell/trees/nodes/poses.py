@@ -9,12 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.places import FRAMES
 from bracket_ground.interfaces.pose import FINGERS_DOWN, Pose
+from bracket_ground.interfaces.product import Product
 from btxml.engine.errors import NodeError
 from btxml.engine.literals import number_in
 
-WORLD, TRAY, BRACKET, TOOL = "world", "tray", "bracket", "tool"
-FRAMES = (WORLD, TRAY, BRACKET, TOOL)
+WORLD, TRAY, BRACKET, TOOL = FRAMES
 FARTHEST_M = 10.0
 STEP_S = 1e-3  # over which a speed is told from places
 BRACKET_GAP_M = 0.10  # nothing is let go this near to the bracket's middle line but by PlacePart, which is guarded
@@ -26,7 +28,7 @@ class FramedPose:
 
     Attributes:
         frame: world (the arm's base), tray (middle of its floor), bracket (its upper side), tool (where the tool is,
-            z upwards) or a position of the product.
+            z upwards), a position of the product, or a place of the bench.
         pose: frame_from_this in [m]; not turned, z points upwards.
     """
 
@@ -93,17 +95,21 @@ def frame_pose(services: Services, frame: str) -> Pose:
         NodeError: the cell has no such frame.
     """
     bench, product = services.tools.bench, services.tools.product
-    if frame == WORLD:
-        return Pose((0.0, 0.0, 0.0))
-    if frame == TRAY:
-        return Pose(bench.tray.centre_m)
-    if frame == BRACKET:
-        return bench.bracket.pose
     if frame == TOOL:
         return tool_pose(services)
+    if (fixed := fixed_frame(bench, product, frame)) is not None:
+        return fixed
+    legal = ", ".join((*FRAMES, *product.positions, *bench.places))
+    raise NodeError(f"the cell has no frame '{frame}'; one of {legal}")
+
+
+def fixed_frame(bench: Bench, product: Product, frame: str) -> Pose | None:
+    """world_from_frame of what stands still; None for the tool, and where there is no such frame."""
     if frame in product.bracket.holes_m:
         return bench.bracket.pose @ Pose(product.slot_m(frame))
-    raise NodeError(f"the cell has no frame '{frame}'; one of {', '.join((*FRAMES, *product.positions))}")
+    if frame in bench.places:
+        return bench.places[frame].pose
+    return {WORLD: Pose((0.0, 0.0, 0.0)), TRAY: Pose(bench.tray.centre_m), BRACKET: bench.bracket.pose}.get(frame)
 
 
 def tool_pose(services: Services) -> Pose:
@@ -122,10 +128,10 @@ def world_from_tool(services: Services, pose: FramedPose) -> Pose:
     return world_pose(services, pose) @ FINGERS_DOWN
 
 
-def near_bracket(services: Services, world: Pose) -> bool:
+def near_bracket(bench: Bench, product: Product, world: Pose) -> bool:
     """Whether a part that is let go there could fall into a hole."""
-    x, y, _ = (services.tools.bench.bracket.pose.inverse() @ world).position_m
-    holes = services.tools.product.bracket.holes_m.values()
+    x, y, _ = (bench.bracket.pose.inverse() @ world).position_m
+    holes = product.bracket.holes_m.values()
     return any(abs(x - hole_x) < BRACKET_GAP_M and abs(y - hole_y) < BRACKET_GAP_M for hole_x, hole_y in holes)
 
 

@@ -19,6 +19,7 @@ from bracket_ground.interfaces.notes import Journal
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import Question, QuestionKind, WorkOrder
 from bracket_ground.interfaces.perception import PartDetection, PartsView
+from bracket_ground.interfaces.places import EMPTY
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from bracket_ground.interfaces.product import Product
 from btxml.engine.blackboard import Scope
@@ -145,6 +146,8 @@ class Services:
 
     def stand_on(self, blackboard: Scope) -> None:
         """Write the memory to entries of a tree, and to the log, whole now and then as it changes."""
+        for name in self.tools.bench.places:
+            self.at_place(name)
 
         def remembered(changed: Mapping[str, object]) -> None:
             for name, value in changed.items():
@@ -170,6 +173,29 @@ class Services:
         memory.tray_seen_s = NEVER_S
         if not self.now.observation.gripper.holding:
             memory.held_part, memory.tray_parts, memory.held_lying = part.part, others, lying
+
+    def standing_at(self, name: str, number: int, part: str) -> PartDetection:
+        """A part of a type at a spot of a place, as if it were seen there."""
+        kind = self.tools.product.parts[part]
+        pose = self.tools.bench.places[name].stands(number, kind.peg_length_m)
+        return PartDetection(part, 1.0, pose, kind.size_m, (0, 0, 0, 0))
+
+    def at_place(self, name: str) -> tuple[PartDetection | None, ...]:
+        """What stands at each spot of a place, as far as known; None for a free one."""
+        place = self.tools.bench.places[name]
+        if name not in self.memory.places:
+            parts = [*place.filled, *[EMPTY] * (len(place.spots_m) - len(place.filled))]
+            if place.known_by == "felt":
+                parts = [place.holds[0]] * len(parts)
+            there = [None if one == EMPTY else self.standing_at(name, n, one) for n, one in enumerate(parts)]
+            self.memory.places = {**self.memory.places, name: tuple(there)}
+        return self.memory.places[name]
+
+    def note_at(self, name: str, number: int, part: PartDetection | None) -> None:
+        """Note what stands at a spot of a place from now on; None for nothing."""
+        there = list(self.at_place(name))
+        there[number] = part
+        self.memory.places = {**self.memory.places, name: tuple(there)}
 
     def learn(self, parts: tuple[str, ...]) -> str | None:
         """From now on planners and guard know how a bracket was finished; the name of its goal, if it has one."""

@@ -9,7 +9,7 @@ from bracket_cell.trees.nodes.poses import FramedPose, near_bracket, world_pose
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import HELD, SkillNode
 from bracket_cell.trees.vocabulary import Part
-from bracket_ground.interfaces.perception import PartDetection, PartsView
+from bracket_ground.interfaces.perception import PartsView
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import Skill
 from btxml.engine.errors import NodeError
@@ -67,21 +67,19 @@ class PutDown(SkillNode):
 
         services, part, spot = self.services, self.part.get(), self.spot.get()
         self._spot = world_pose(services, spot)
-        if near_bracket(services, self._spot):
+        if near_bracket(services.tools.bench, services.tools.product, self._spot):
             raise NodeError(f"{spot} is at the bracket; PlacePart puts parts there, behind its guard")
         return put_down.PutDown(services.tools.motion, part, self._spot, str(spot), services.memory.standing)
 
     def update(self) -> Status:
         status = super().update()
         if status is SUCCESS and self._spot is not None:
-            self.memory.put_down += (self._standing(self._spot),)
+            from bracket_cell.skills.put_down import standing, stands_at
+
+            part = self.part.get()
+            kind = self.tools.product.parts[part]
+            self.memory.put_down += (standing(part, kind, stands_at(self._spot, kind.peg_length_m)),)
         return status
-
-    def _standing(self, spot: Pose) -> PartDetection:
-        from bracket_cell.skills.put_down import stands_at
-
-        kind = self.tools.product.parts[self.part.get()]
-        return PartDetection(self.part.get(), 1.0, stands_at(spot, kind.peg_length_m), kind.size_m, (0, 0, 0, 0))
 
 
 class GridSpot(CellNode):

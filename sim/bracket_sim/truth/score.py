@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bracket_ground.interfaces.places import EMPTY, BenchPlace
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.scene.jobs import Job
 from bracket_sim.scene.world import World, WorldPart
@@ -19,6 +20,7 @@ NEAR_HOLE_HEIGHT_M = 0.06
 SEATED_SLACK_M = 0.002  # beyond the hole's clearance
 SEATED_HEIGHT_M = 0.003
 UPRIGHT_RAD = math.radians(5.0)
+NEAR_SPOT_M = 0.012  # from the middle of a spot at a place with a name
 
 Hand = Literal["robot", "human"]
 
@@ -108,7 +110,28 @@ class Score:
             "wrong_placements": len(found) - len(good),
             "robot_placements": sum(one.by == "robot" for one in found.values()),
             "human_placements": sum(one.by == "human" for one in found.values()),
+            **({"places": self._places()} if self._world.bench.places else {}),
         }
+
+    def _places(self) -> dict[str, list[str]]:
+        """Type of the part that stands upright at each spot of the places with names; `empty` where none does."""
+        world = self._world
+        return {
+            name: [
+                next((one.part for one in world.bodies if self._stands(one, place, number)), EMPTY)
+                for number in range(len(place.spots_m))
+            ]
+            for name, place in world.bench.places.items()
+        }
+
+    def _stands(self, part: WorldPart, place: BenchPlace, number: int) -> bool:
+        kind = self._world.product.parts.get(part.part)
+        if kind is None:
+            return False
+        wanted, found = place.stands(number, kind.peg_length_m), self._world.part_pose(part)
+        x, y, z = np.subtract(found.position_m, wanted.position_m)
+        upright = found.rotation[2, 2] > math.cos(UPRIGHT_RAD)
+        return bool(upright and math.hypot(x, y) < NEAR_SPOT_M and abs(z) < SEATED_HEIGHT_M)
 
     def _nearest(self, part: WorldPart) -> str:
         place = self._world.data.xpos[part.body]

@@ -19,7 +19,8 @@ from bracket_ground.files.files import own_or_shipped, shipped
 from bracket_ground.files.yaml_file import place_of
 
 if TYPE_CHECKING:
-    from btxml.files.compile.registry import Registry
+    from btxml.engine.tree import Tree
+from btxml.files.compile.registry import Registry
 
 CONFIGURATION = own_or_shipped("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
@@ -210,15 +211,18 @@ def registry_of(config: Path | None, own_nodes: Iterable[str]) -> Registry:
     return node_registry(load_product(configuration, config), own_nodes, configuration)
 
 
-def bench_of(config: Path) -> tuple[list[Problem], list[Problem]]:
-    """What a run would not begin with on the bench of a configuration, and what is doubtful there."""
+def bench_of(config: Path, trees: Iterable[Tree]) -> tuple[list[Problem], list[Problem]]:
+    """What a run of trees would not begin with on the bench of a configuration, and what is doubtful there."""
     from bracket_cell.configuration import load_configuration, load_product
-    from bracket_cell.wiring.bench_checks import bench_problems
+    from bracket_cell.skills.motion.planner import MotionPlanner
+    from bracket_cell.wiring.bench_checks import bench_problems, never_reached
 
     configuration = load_configuration(config)
-    found = bench_problems(configuration, load_product(configuration, config))
+    product = load_product(configuration, config)
+    found = bench_problems(configuration, product)
     stuck, doubtful = ([Problem(place_of(config, where), what) for where, what in some] for some in found)
-    return stuck, doubtful
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    return [*stuck, *(problem for tree in trees for problem in never_reached(motion, tree))], doubtful
 
 
 def entries_of(given: Iterable[str] | None) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.trees.rules import CheckedRules, check_rules, rules_beside
 from bracket_ground.errors import InputError, Problem
 from bracket_ground.files.files import write_new
-from btxml.files.check import Circumstances, findings
+from btxml.files.check import Circumstances, findings, sound_trees
 from btxml.files.compile.registry import Registry
 from btxml.files.parse.version3 import Converted
 from btxml.files.parse.version3 import convert as to_version4
@@ -58,7 +58,8 @@ def check(
         broken, odd, told = _of_rules(files, registry_of(config, nodes), known)
         problems, warnings, notes = broken, [*warnings, *odd], [*notes, *told]
     if config is not None:
-        stuck, odd = bench_of(config)
+        trees = () if problems else sound_trees(files, registry_of(config, nodes), known)
+        stuck, odd = bench_of(config, trees)
         problems, warnings = [*problems, *stuck], [*warnings, *odd]
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []

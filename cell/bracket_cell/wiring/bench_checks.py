@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from bracket_cell.configuration import Configuration
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.simulator import installed
 from bracket_cell.skills.motion.grasp_pose import hole_pose
-from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.pick_and_place import Pick
 from bracket_cell.skills.put_down import PutDown, standing
-from bracket_ground.errors import SettingError
+from bracket_cell.trees.nodes.arm import MoveStraight, MoveToPose
+from bracket_cell.trees.nodes.places import Pick as PickNode
+from bracket_cell.trees.nodes.places import Place as PlaceNode
+from bracket_cell.trees.nodes.poses import FramedPose, fixed_frame, near_bracket
+from bracket_cell.trees.nodes.tray import PutDown as PutDownNode
+from bracket_ground.errors import Place, Problem, SettingError
 from bracket_ground.files.model import Location
 from bracket_ground.interfaces.places import BenchPlace
+from bracket_ground.interfaces.pose import FINGERS_DOWN, Pose
 from bracket_ground.interfaces.product import Product
+from btxml.engine.node import TreeNode
+from btxml.engine.ports import Input
+from btxml.engine.tree import Tree
 
 Wrong = tuple[Location, str]  # where in the configuration, and what
 
@@ -63,3 +74,57 @@ def _unreached(motion: MotionPlanner, name: str, place: BenchPlace, part: str) -
         if why := put or Pick(motion, there, place=name).why_never():
             return f"the arm can never bring {part} to spot {number} and fetch it again: {why}"
     return ""
+
+
+def never_reached(motion: MotionPlanner, tree: Tree) -> Iterator[Problem]:
+    """Poses and spots that a tree file spells out, and that the arm can never reach on this bench."""
+    for node, places in zip(tree.nodes, tree.places, strict=True):
+        for key, why in _why_never(motion, node):
+            if why:
+                place = places.get(key) or places[""]
+                yield Problem(Place(place.file, place.line, place.column), f"{type(node).__name__}: {why}")
+
+
+def _why_never(motion: MotionPlanner, node: TreeNode) -> Iterator[tuple[str, str | None]]:
+    """By port, why what it says can never work; empty or None where it can, or where only the run knows."""
+    if isinstance(node, PutDownNode) and (spot := _constant(motion, node.spot)) is not None:
+        parts = (node.part.get(),) if node.part.constant else tuple(motion.product.parts)
+        puts = (PutDown(motion, part, spot, str(node.spot.get())) for part in parts)
+        at_bracket = near_bracket(motion.bench, motion.product, spot)
+        yield "spot", "it is at the bracket, where PlacePart puts parts" if at_bracket else _of_all(puts)
+    elif isinstance(node, MoveToPose | MoveStraight) and (pose := _constant(motion, node.pose)) is not None:
+        found = motion.reach([pose @ FINGERS_DOWN], np.array(motion.bench.arm_park_rad), Load(0.0, close=True))
+        yield "pose", found if isinstance(found, str) else None
+    elif isinstance(node, PlaceNode | PickNode):
+        yield from _why_not_at(motion, node)
+
+
+def _why_not_at(motion: MotionPlanner, node: PlaceNode | PickNode) -> Iterator[tuple[str, str | None]]:
+    """Of a place, whose spots the bench's own check reaches for: a spot or a type of part that it does not have."""
+    where, part = (node.at, node.part) if isinstance(node, PlaceNode) else (node.source, node.wanted)
+    if not where.constant:
+        return
+    name = where.get()
+    place = motion.bench.places[name]
+    if node.spot.constant and node.spot.get() >= len(place.spots_m):
+        yield "spot", f"{name} has {len(place.spots_m)} spots, from 0"
+    if part.constant and not place.takes(part.get()):
+        yield part.port.name, f"{name} holds {', '.join(place.holds)}"
+
+
+def _of_all(puts: Iterable[PutDown]) -> str | None:
+    """Why none of several types can be put down; None where one can."""
+    why: str | None = None
+    for put in puts:
+        if (why := put.why_never()) is None:
+            return None
+    return why
+
+
+def _constant(motion: MotionPlanner, port: Input[FramedPose]) -> Pose | None:
+    """World pose that a file spells out, in a frame that stands still."""
+    if not port.constant:
+        return None
+    pose = port.get()
+    frame = fixed_frame(motion.bench, motion.product, pose.frame)
+    return None if frame is None else frame @ pose.pose

@@ -86,6 +86,14 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))
 
 
+def sound_trees(paths: Iterable[Path], registry: Registry, known: Circumstances) -> Iterator[Tree]:
+    """The main trees of files in which nothing is wrong; a file that only others include has none."""
+    for path in paths:
+        library = read_library(path, known.beside, known.opened)
+        if library.main in library.trees and not library.incomplete:
+            yield built(library, registry, library.main, known.provided).tree
+
+
 class _AnyPort(Port):
     """Reads and writes any entry, and takes any text."""
 

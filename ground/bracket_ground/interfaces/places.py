@@ -46,7 +46,7 @@ class BenchPlace(Mount):
         wall_m: height of a rim around it.
         filled: types that stand there when a run begins, by spot, the first row first; `empty` for a free spot.
         known_by: `counted`: by `filled` and what the robot took and put there; `felt`: any spot may hold a part, and
-            fingers that close on nothing tell that it does not; `overhead`: the overhead camera sees it.
+            fingers that close on nothing tell that it does not.
         enter_from_m: from where the tool comes, seen from straight above a spot (x, y, z in the place's frame); then it
             goes there, and back again, on a straight line. By default it comes from above.
     """
@@ -58,7 +58,7 @@ class BenchPlace(Mount):
     seat: Literal["flat", "hole"] = "flat"
     wall_m: Gap = 0.0
     filled: tuple[str, ...] = ()
-    known_by: Literal["counted", "felt", "overhead"] = "counted"
+    known_by: Literal["counted", "felt"] = "counted"
     enter_from_m: Point | None = None
 
     @model_validator(mode="after")

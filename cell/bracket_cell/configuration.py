@@ -314,7 +314,7 @@ def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIG
             for something else.
     """
     product, bench = load_yaml(configuration.product, Product), configuration.bench
-    missing = [part for part in product.parts if part not in bench.bins_m]
+    missing = [part for part in product.assembled if part not in bench.bins_m]
     wrong = [(("bench", "bins_m"), f"no bin for part type {part!r} of {product.name!r}") for part in missing]
     for name, spots in bench.places.items():
         where, legal = ("bench", "places", name), ", ".join(product.parts)

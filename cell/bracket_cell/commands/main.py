@@ -32,7 +32,7 @@ COMMANDS: Table = {
     "twin": Command("twin", "Serve the simulated cell by the wires of real devices.", TEST, comes_with=SIMULATOR),
     "safety": Command("bracket_cell.commands.safety:safety_app", "Show and sign what decides on people.", START),
     "new": Command(
-        "bracket_cell.commands.new:new_app", "Start a tree file, a node or a real cell of your own.", PROGRAM
+        "bracket_cell.commands.new:new_app", "Start a tree file, a node, a part or a real cell of your own.", PROGRAM
     ),
     "check": Command("bracket_cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("bracket_cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),

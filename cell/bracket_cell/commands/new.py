@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.init import new_cell
+from bracket_cell.commands.new_part import part
 from bracket_cell.commands.options import always_loaded, registry_of
 from bracket_cell.commands.terminal import console
 from bracket_cell.device_settings import KINDS
@@ -28,7 +29,7 @@ def _kinds(role: str) -> str:
     return ", ".join(_known(role))
 
 
-new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node or a real cell of your own.")
+new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node, a part or a real cell of your own.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
@@ -80,6 +81,9 @@ def test_too_few_fail() -> None:
     assert node.execute() is Status.FAILURE
     assert node.feedback_message == "nothing is counted yet"
 '''
+
+
+new_app.command()(part)
 
 
 @new_app.command()

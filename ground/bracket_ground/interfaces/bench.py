@@ -6,22 +6,17 @@ World frame: origin at the arm's base on the table top, x towards the person, z 
 from __future__ import annotations
 
 from collections import Counter
-from functools import cache
-from pathlib import Path
-from typing import Annotated
 
-import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.units import Gap, Joints, Length, Point
 from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.meshes import MeshFile, read_mesh
 from bracket_ground.interfaces.places import FRAMES, BenchPlace, Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.solid import Solid
 
-MESHES = (".stl", ".obj")
-MOST_MESH_M = 2.0
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 
@@ -118,13 +113,6 @@ class Tray(Model):
     wall_m: Gap
 
 
-def _mesh_file(path: Path, info: ValidationInfo) -> Path:
-    """A mesh that can be read, beside the file that names it."""
-    path = Path((info.context or {}).get("folder", ".")).resolve() / path
-    mesh_points(path)
-    return path
-
-
 class Obstacle(Mount):
     """A thing that stands on the bench and is in the way: a box, a cylinder or a mesh, one of them.
 
@@ -140,7 +128,7 @@ class Obstacle(Mount):
     name: str = Field(min_length=1, max_length=60)
     box_m: tuple[Length, Length, Length] | None = None
     cylinder_m: tuple[Length, Length] | None = None
-    mesh: Annotated[Path, AfterValidator(_mesh_file)] | None = None
+    mesh: MeshFile | None = None
 
     @model_validator(mode="after")
     def _has_one_shape(self) -> Obstacle:
@@ -153,7 +141,7 @@ class Obstacle(Mount):
     def points_m(self) -> Array:
         """Points (n, 3) in the world whose convex hull it is; of a cylinder nearly."""
         if self.mesh is not None:
-            return self.pose.transform(mesh_points(self.mesh))
+            return self.pose.transform(read_mesh(self.mesh).points_m)
         if self.box_m is not None:
             solid = Solid(solid="box", size_m=self.box_m, centre_m=(0.0, 0.0, 0.0))
         else:
@@ -161,30 +149,6 @@ class Obstacle(Mount):
             across_m, along_m = self.cylinder_m
             solid = Solid(solid="cylinder", size_m=(across_m, across_m, along_m), centre_m=(0.0, 0.0, 0.0))
         return self.pose.transform(solid.points())
-
-
-@cache
-def mesh_points(path: Path) -> Array:
-    """Corners (n, 3) of a mesh.
-
-    Raises:
-        ValueError: there is none that can be read, or it is flat or larger than a bench.
-    """
-    if path.suffix.lower() not in MESHES:
-        raise ValueError(f"{path.name} is no mesh that can be read; legal: {', '.join(MESHES)}")
-    if not path.is_file():
-        raise ValueError(f"there is no file {path}")
-    import coal  # a process that only gets benches, ready made, never needs it
-
-    try:
-        points: Array = np.array(coal.MeshLoader().load(str(path), np.ones(3)).vertices(), dtype=np.float64)
-    except (ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} cannot be read as a mesh: {error}") from error
-    if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-4) < 3:
-        raise ValueError(f"{path} has {len(points)} corners, and they span no volume")
-    if (size_m := float(np.ptp(points, axis=0).max())) > MOST_MESH_M:
-        raise ValueError(f"{path} is {size_m:g} m long, legal is at most {MOST_MESH_M:g}: is it in millimetres?")
-    return points
 
 
 class Bench(Model):

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
-from bracket_ground.files.units import Coordinate, Length, Rgb
+from bracket_ground.files.units import Coordinate, Gap, Length, Rgb
 from bracket_ground.interfaces.brackets import with_brackets
+from bracket_ground.interfaces.meshes import hull_of, read_mesh
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
 from bracket_ground.interfaces.steps import Fastening, in_order
 from bracket_ground.interfaces.variants import (
@@ -31,29 +33,34 @@ FILLS_M = 2e-4  # the solids of a shape must reach as far as size_m says, to thi
 
 
 class PartType(Model):
-    """A valve type: a body on a round peg; upright, the peg points down.
+    """A type of part: a body, on a round peg if it has one; upright, the peg points down.
 
     Attributes:
         title: its name for people.
-        quantity: how many lie ready for one product; by default what the goal that takes most takes.
+        quantity: how many lie ready for one product; by default what the goal that takes most takes. A type of quantity
+            0 is in no goal, and stands at places of the bench alone.
         size_m: (length, width, height) of the body; the gripper closes across the width.
-        peg_diameter_m: diameter of the peg below the body, which goes into a hole.
+        peg_diameter_m: diameter of the peg below the body, which goes into a hole; 0 for a part that stands on its
+            body.
         peg_length_m: length of that peg.
         colour_rgb: of its paint or metal; the classical detector finds parts by it.
         mass_kg: mass of the whole part.
         finish: what its surface is; bare steel shines.
         shape: the solids that the body is made of, which together fill size_m; `box` is a plain box.
+        mesh: file (.stl or .obj, in metres) in place of a shape: the hulls of its shells, in the part's frame.
+            `cell new part` makes it.
     """
 
     title: str
-    quantity: int = Field(default=1, ge=1, le=100)
+    quantity: int = Field(default=1, ge=0, le=100)
     size_m: tuple[Length, Length, Length]
-    peg_diameter_m: Length
-    peg_length_m: Length
+    peg_diameter_m: Gap = 0.0
+    peg_length_m: Gap = 0.0
     colour_rgb: Rgb
     mass_kg: float = Field(gt=0, le=10)  # a UR10's payload
     finish: Literal["paint", "steel"] = "paint"
     shape: tuple[Solid, ...] = ()
+    mesh: Path | None = None
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
@@ -64,6 +71,8 @@ class PartType(Model):
     def whole(self) -> tuple[Solid, ...]:
         """The body's solids and the peg."""
         diameter, length = self.peg_diameter_m, self.peg_length_m
+        if not length:
+            return self.solids
         peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
         return *self.solids, peg
 
@@ -80,6 +89,27 @@ class PartType(Model):
         if isinstance(value, str):
             raise ValueError(f"must be {BOX!r} or a list of solids")
         return value
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mesh_is_a_shape(cls, value: Any, info: ValidationInfo) -> Any:
+        """The hulls of a mesh; who gets the product ready made needs no file."""
+        if not isinstance(value, dict) or not isinstance(value.get("mesh"), str | Path):
+            return value
+        if value.get("shape"):
+            raise Disagreement([(("mesh",), "give either mesh or shape")])
+        path = Path((info.context or {}).get("folder", ".")).resolve() / value["mesh"]
+        try:
+            hulls = [Solid.hull(hull_of(piece.points_m).points_m) for piece in read_mesh(path).pieces]
+        except ValueError as error:
+            raise Disagreement([(("mesh",), str(error))]) from None
+        return {**value, "mesh": None, "shape": hulls}
+
+    @model_validator(mode="after")
+    def _peg_is_whole(self) -> PartType:
+        if (self.peg_diameter_m > 0) != (self.peg_length_m > 0):
+            raise ValueError("a peg has a diameter and a length; a part without one has neither")
+        return self
 
     @model_validator(mode="after")
     def _shape_fills_size(self) -> PartType:
@@ -164,6 +194,11 @@ class Product(Model):
     def hole_radius_m(self) -> float:
         """Of every hole: the widest peg fits with its clearance."""
         return max(part.peg_diameter_m for part in self.parts.values()) / 2 + self.bracket.hole_clearance_m
+
+    @cached_property
+    def assembled(self) -> tuple[str, ...]:
+        """Types that are in some goal; the others stand at places of the bench alone."""
+        return tuple(name for name, part in self.parts.items() if part.quantity)
 
     def longest_m(self, types: Collection[str]) -> float:
         """The longest body of some types; of all where there are none."""
@@ -365,7 +400,11 @@ class Product(Model):
 
     def _unused(self) -> list[tuple[Location, str]]:
         """Part types that no goal takes."""
-        return [(("parts", name), f"no goal takes a part of type {name}") for name in self.parts if not self.most[name]]
+        return [
+            (("parts", name), f"no goal takes a part of type {name}; if none should, its quantity is 0")
+            for name, kind in self.parts.items()
+            if kind.quantity and not self.most[name]
+        ]
 
     def _unordered(self) -> list[tuple[Location, str]]:
         """Steps that nothing has the name of, and such as precede each other."""

@@ -39,7 +39,7 @@ def rest_on(kind: PartType, up: str) -> Pose | None:
     solids = kind.whole
     points = np.concatenate([solid.points() for solid in solids])
     volumes = np.array([solid.volume_m3 for solid in solids])
-    mass = volumes @ np.array([solid.centre_m for solid in solids]) / volumes.sum()
+    mass = volumes @ np.array([solid.middle_m for solid in solids]) / volumes.sum()
     turned = laid(up)
     for _ in range(_TIPS):
         tip = _tip(points @ turned.T, turned @ mass)

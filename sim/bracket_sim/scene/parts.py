@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -59,12 +60,13 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
         style: chooses the fitting on top of a plain box; the index of the type.
     """
     body = _free_body(spec, name, scene_part)
-    mass_kg = kind.mass_kg * (1 - PEG_MASS_SHARE)
+    mass_kg = kind.mass_kg * (1 - PEG_MASS_SHARE if kind.peg_length_m else 1.0)
     if kind.shape:
-        add_solids(body, kind.shape, kind.colour_rgb, mass_kg)
+        add_solids(spec, body, kind.shape, kind.colour_rgb, mass_kg)
     else:
         _add_plain_box(body, kind, style, mass_kg)
-    _add_peg(body, kind)
+    if kind.peg_length_m:
+        _add_peg(body, kind)
     if kind.finish == "steel":
         _polish(spec, body)
 
@@ -72,7 +74,7 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
 def add_unknown_object(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, foreign: UnknownObject) -> None:
     """Add one free object of no type."""
     body = _free_body(spec, name, scene_part)
-    add_solids(body, foreign.solids, foreign.colour_rgb, foreign.mass_kg)
+    add_solids(spec, body, foreign.solids, foreign.colour_rgb, foreign.mass_kg)
     if foreign.finish == "steel":
         _polish(spec, body)
 
@@ -84,20 +86,34 @@ def _free_body(spec: mujoco.MjSpec, name: str, scene_part: ScenePart) -> mujoco.
     return body
 
 
-def add_solids(body: mujoco.MjsBody, solids: tuple[Solid, ...], rgb: palette.Rgb, mass_kg: float) -> None:
+def add_solids(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, solids: tuple[Solid, ...], rgb: palette.Rgb, mass_kg: float
+) -> None:
     """Add solids that are seen and touch; their mass is spread over them by volume."""
     volume_m3 = sum(solid.volume_m3 for solid in solids)
     for solid in solids:
         red, green, blue = (solid.shade * channel for channel in rgb)
-        _add_solid(body, solid, (red, green, blue)).mass = mass_kg * solid.volume_m3 / volume_m3
+        _add_solid(spec, body, solid, (red, green, blue)).mass = mass_kg * solid.volume_m3 / volume_m3
 
 
-def _add_solid(body: mujoco.MjsBody, solid: Solid, rgb: palette.Rgb) -> mujoco.MjsGeom:
+def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, rgb: palette.Rgb) -> mujoco.MjsGeom:
+    if solid.solid == "hull":
+        return _add_hull(spec, body, solid, rgb)
     if solid.solid == "box":
         return add_box(body, solid.centre_m, solid.size_m, rgb, palette.PART_TOUCH)
     if solid.solid == "ball":
         return add_ellipsoid(body, solid.centre_m, solid.size_m, rgb, palette.PART_TOUCH)
     return _add_cylinder(body, solid.centre_m, solid.diameter_m, solid.length_m, rgb, _ALONG[solid.axis])[0]
+
+
+def _add_hull(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, rgb: palette.Rgb) -> mujoco.MjsGeom:
+    """A mesh with flat faces; its edges are seen."""
+    name = f"hull {hashlib.sha256(repr(solid.corners_m).encode()).hexdigest()[:16]}"
+    if spec.mesh(name) is None:
+        points = solid.faces.corners_m.reshape(-1, 3)
+        faces = np.arange(len(points), dtype=np.int32)
+        spec.add_mesh(name=name, uservert=points.ravel(), userface=faces, smoothnormal=0)
+    return palette.add_mesh(body, name, rgb, palette.PART_TOUCH)
 
 
 def _add_cylinder(

@@ -55,11 +55,13 @@ def own_bins(product: Product, bench: Bench) -> tuple[Bin, ...]:
 
 def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
     """One product's parts in the person's own bins; raises SettingError for a type without a bin."""
-    if missing := [name for name in product.parts if name not in bench.bins_m]:
+    if missing := [name for name in product.assembled if name not in bench.bins_m]:
         raise SettingError(
             (("bench", "bins_m"), f"no place for {', '.join(missing)}; there is one for {', '.join(bench.bins_m)}")
         )
-    return tuple(ScenePart(name, Pose(spot), "person") for name in product.parts for spot in _row(product, bench, name))
+    return tuple(
+        ScenePart(name, Pose(spot), "person") for name in product.assembled for spot in _row(product, bench, name)
+    )
 
 
 def lay_out(
@@ -82,8 +84,8 @@ def lay_out(
 
 
 def _permuted(product: Product, bench: Bench, storage: Storage, rng: np.random.Generator) -> Layout:
-    spots = [bench.bins_m[name] for name in product.parts]
-    contents = [[name] * product.parts[name].quantity for name in product.parts]
+    spots = [bench.bins_m[name] for name in product.assembled]
+    contents = [[name] * product.parts[name].quantity for name in product.assembled]
     contents = [contents[index] for index in rng.permutation(len(contents))]
     if happens(storage.mixed, rng) and len(contents) > 1:
         one, other = (int(index) for index in rng.permutation(len(contents))[:2])

@@ -97,7 +97,7 @@ def test_two_ends_that_differ_are_known() -> None:
     ("old", "new", "said"),
     [
         ("size_m: [0.065, 0.034, 0.045]", "size_m: [0.070, 0.034, 0.045]", "along x, but size_m says"),
-        ("solid: ball", "solid: cone", "'box', 'cylinder' or 'ball'"),
+        ("solid: ball", "solid: cone", "'box', 'cylinder', 'ball' or 'hull'"),
         ("size_m: [0.034, 0.034, 0.005]", "size_m: [0.034, 0.030, 0.005]", "as wide one way as the other"),
         ("size_m: [0.034, 0.034, 0.005]", "size_m: [0.034, 0.034, -0.005]", "greater than 0"),
         ("shade: 0.7} # handwheel", "shade: 7} # handwheel", "shade"),

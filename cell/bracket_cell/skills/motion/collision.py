@@ -269,7 +269,7 @@ def box_corners(shape: coal.CollisionGeometry) -> Array:
 def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
     """Table, bracket, tray and places with their rims, and the person's bins with what they may hold."""
     table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
-    bins = (_bin_box(product, bench, name) for name in product.parts)
+    bins = (_bin_box(product, bench, name) for name in product.assembled)
     return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins, *_place_boxes(product, bench))
 
 

@@ -214,4 +214,4 @@ def _reach(kind: PartType, way: Array) -> tuple[float, float]:
 def _middle(kind: PartType, way: Array) -> float:
     """The middle of the body's mass along a way."""
     volumes = np.array([solid.volume_m3 for solid in kind.solids])
-    return float(volumes @ (np.array([solid.centre_m for solid in kind.solids]) @ way) / volumes.sum())
+    return float(volumes @ (np.array([solid.middle_m for solid in kind.solids]) @ way) / volumes.sum())

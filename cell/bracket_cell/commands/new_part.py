@@ -18,6 +18,7 @@ from btxml.views.picture import to_png
 
 DENSITY_KG_M3 = 2700.0  # of aluminium, where nobody says what the part weighs
 MILLIMETRES = 0.001
+APART = 1e-4  # by which pieces that touch are shrunk: a shell is what hangs together by common points
 LARGEST_M = 1.0  # of a part; what is larger is in millimetres
 
 
@@ -88,7 +89,7 @@ def stl(hulls_m: tuple[Array, ...]) -> bytes:
     """A binary STL file of hulls, each given by its points (n, 3)."""
     from bracket_ground.interfaces.meshes import hull_of
 
-    hulls = [hull_of(points) for points in hulls_m]
+    hulls = [hull_of(points + APART * (points.mean(axis=0) - points)) for points in hulls_m]
     rows = np.zeros(sum(len(hull.triangles) for hull in hulls), dtype=[("f", "<f4", (4, 3)), ("n", "<u2")])
     rows["f"] = np.concatenate([np.concatenate([h.normals[:, None], h.corners_m], axis=1) for h in hulls])
     return b"convex pieces of a part in metres".ljust(80) + len(rows).to_bytes(4, "little") + rows.tobytes()

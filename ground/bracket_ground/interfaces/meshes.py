@@ -90,13 +90,17 @@ class Mesh:
         return volumes
 
 
-@cache
 def read_mesh(path: Path) -> Mesh:
-    """A mesh from its file.
+    """A mesh from its file; one that did not change is read once.
 
     Raises:
         ValueError: there is none that can be read, or it is flat or larger than a bench.
     """
+    return _read(path, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@cache
+def _read(path: Path, _changed_ns: int) -> Mesh:
     mesh = loaded(path)
     if (size_m := float(np.ptp(mesh.points_m, axis=0).max())) > MOST_MESH_M:
         raise ValueError(f"{path} is {size_m:g} m long, legal is at most {MOST_MESH_M:g}: is it in millimetres?")

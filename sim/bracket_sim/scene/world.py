@@ -260,7 +260,7 @@ def build_world(
     add_gripper(spec, bench.wrist, robot.tool)
     add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     if any(solid.solid == "hull" for kind in product.parts.values() for solid in kind.shape):
-        spec.option.disableflags &= ~mujoco.mjtDisableBit.mjDSBL_MULTICCD  # a hull on one point would wobble
+        spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)  # a hull on one point would wobble
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):
         if entry.foreign is not None:

@@ -52,3 +52,77 @@ def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pyt
     configuration = load_configuration(path)
     with pytest.raises(SettingError, match="arm_park_rad"):
         refuse_blocked(MotionPlanner(load_product(configuration, path), configuration.bench, configuration.motion))
+
+
+TENDING = ROOT / "config" / "examples" / "tending"
+
+
+def tending(folder: Path, *change: str) -> Path:
+    """The example of machine tending with a change."""
+    text = (TENDING / "cell.yaml").read_text().replace("../../products.yaml", str(ROOT / "config" / "products.yaml"))
+    path = folder / "cell.yaml"
+    path.write_text(text.replace(*change) if change else text)
+    (folder / "sim.yaml").write_bytes((TENDING / "sim.yaml").read_bytes())
+    return path
+
+
+def test_the_example_trees_fit_their_bench() -> None:
+    trees = [str(TENDING / name) for name in ("tend.xml", "sort.xml")]
+    assert main(["check", *trees, "--config", str(TENDING / "cell.yaml"), "--strict"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[0.55, 0.62, 0.080]", "[1.05, 0.90, 0.080]"), "bring o1 to spot 0 and fetch it again: cannot put o1 there"),
+        (("enter_from_m: [0.0, -0.18, 0.0]", "enter_from_m: [0.18, 0.0, 0.0]"), "would touch the machine's side wall"),
+    ],
+)
+def test_a_place_that_can_never_be_reached_is_a_mistake(
+    change: tuple[str, str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tending(tmp_path, *change)
+    assert main(["check", str(TENDING / "tend.xml"), "--config", str(path)]) == 2
+    told = capsys.readouterr().err
+    line = 1 + next(n for n, text in enumerate(path.read_text().splitlines()) if text.strip().startswith("chuck:"))
+    assert f"{path}:{line}" in told
+    assert words in told
+    configuration = load_configuration(path)
+    with pytest.raises(SettingError, match=r"bench\.places\.chuck"):
+        refuse_blocked(MotionPlanner(load_product(configuration, path), configuration.bench, configuration.motion))
+
+
+@pytest.mark.parametrize(
+    ("node", "words"),
+    [
+        ('<PutDown part="o1" spot="world: 0.75 -0.10 0"/>', "PutDown: it is at the bracket"),
+        ('<PutDown part="{part}" spot="world: 1.9 0.9 0"/>', "PutDown: cannot put o3 there: out of the arm's reach"),
+        ('<MoveToPose pose="fixture: 0 2 0.2"/>', "MoveToPose: out of the arm's reach"),
+        ('<MoveStraight pose="world: 0.3 0.42 -0.2"/>', "MoveStraight:"),
+        ('<Place part="o1" at="pallet" spot="9"/>', "Place: pallet has 4 spots, from 0"),
+        ('<Pick from="pallet" type="o3"/>', "Pick: pallet holds o1, o2"),
+    ],
+)
+def test_a_constant_spot_that_can_never_work_is_a_mistake(
+    node: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tree = tmp_path / "tree.xml"
+    script = """<Script code="part := 'o1'"/>"""
+    tree.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="M">\n'
+        f'<BehaviorTree ID="M"><Sequence>{script}<Pick from="fixture"/>\n{node}\n</Sequence></BehaviorTree></root>'
+    )
+    assert main(["check", str(tree), "--config", str(TENDING / "cell.yaml")]) == 2
+    told = capsys.readouterr().err
+    assert f"{tree}:3:" in told
+    assert words in told
+
+
+def test_spots_that_can_be_reached_are_none(tmp_path: Path) -> None:
+    tree = tmp_path / "tree.xml"
+    nodes = '<PutDown part="o1" spot="pallet: 0.06 0.05 0"/><MoveToPose pose="fixture: 0 0 0.2"/>'
+    tree.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Sequence>'
+        f'<Pick from="fixture"/>{nodes}</Sequence></BehaviorTree></root>'
+    )
+    assert main(["check", str(tree), "--config", str(TENDING / "cell.yaml")]) in (0, 1)

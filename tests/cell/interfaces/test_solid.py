@@ -21,6 +21,7 @@ SOLIDS = [
     Solid(solid="cylinder", size_m=(0.03, 0.02, 0.03), centre_m=(0.0, 0.01, 0.02), axis="y"),
     Solid(solid="cylinder", size_m=(0.03, 0.03, 0.02), centre_m=(0.0, 0.01, 0.02)),
     Solid(solid="ball", size_m=(0.03, 0.04, 0.02), centre_m=(0.0, 0.01, 0.02)),
+    Solid.hull(np.array([(0.0, 0.0, 0.0), (0.04, 0.0, 0.0), (0.0, 0.03, 0.0), (0.01, 0.01, 0.05), (0.03, 0.02, 0.03)])),
 ]
 
 
@@ -29,6 +30,9 @@ def inside(solid: Solid, points: Array) -> NDArray[np.bool_]:
     scaled = np.abs(points - solid.centre_m) / (np.array(solid.size_m) / 2)
     if solid.solid == "box":
         return np.asarray((scaled <= 1).all(axis=1))
+    if solid.solid == "hull":
+        away = points @ solid.faces.normals.T - (solid.faces.normals * solid.faces.corners_m[:, 0]).sum(axis=1)
+        return np.asarray((away <= 0).all(axis=1))
     if solid.solid == "ball":
         return np.asarray((scaled**2).sum(axis=1) <= 1)
     across = [axis for axis in range(3) if axis != "xyz".index(solid.axis)]

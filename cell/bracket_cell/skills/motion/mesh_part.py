@@ -133,9 +133,12 @@ def _margin_m(hull: Mesh, face: Array, normal: Array, mass_m: Array) -> float:
 
 
 def _turns(mesh: Mesh, down: Array) -> Iterator[Array]:
-    """Rotations (3, 3) with a face down and another one, of the largest that then stand upright, across."""
-    upright = np.abs(mesh.normals @ down) < STEEP_MOST
-    left = upright & (mesh.areas_m2 > 0)
+    """Rotations (3, 3) with a face down and another one, of the largest that then stand upright, across.
+
+    Where none stands upright, the largest of those that lean.
+    """
+    lean = np.abs(mesh.normals @ down)
+    left = (lean < (STEEP_MOST if (lean < STEEP_MOST).any() else PARALLEL)) & (mesh.areas_m2 > 0)
     for _ in range(HEADINGS):
         if not left.any():
             break

@@ -14,6 +14,7 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.solid import Solid
 
 DIGITS = 4  # a tenth of a millimetre
 
@@ -35,8 +36,14 @@ def scene_of(model: CellModel) -> dict[str, Any]:
         ],
         "bracket": _pose(bench.bracket.pose),
         "hole_radius_m": product.hole_radius_m,
-        "parts": {name: [one.model_dump() for one in part.solids] for name, part in product.parts.items()},
+        "parts": {name: [_solid(one) for one in part.solids] for name, part in product.parts.items()},
     }
+
+
+def _solid(one: Solid) -> dict[str, Any]:
+    """A solid of a part; of a hull its triangles, (t, 3, 3)."""
+    faces = one.faces.corners_m.round(DIGITS + 1).tolist() if one.solid == "hull" else None
+    return {**one.model_dump(exclude={"corners_m"}), "faces_m": faces}
 
 
 def pose_of(seen: Observation) -> dict[str, Any]:

@@ -106,6 +106,12 @@ export class Space {
         if (one.axis === "z") geometry.rotateX(Math.PI / 2);
         geometry.scale(x, y, z);
       }
+      if (one.solid === "hull") {
+        geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(one.faces_m.flat(2)), 3));
+        geometry.computeVertexNormals();
+        geometry.translate(-one.centre_m[0], -one.centre_m[1], -one.centre_m[2]);
+      }
       const colour = new THREE.Color(`rgb(${rgb.map((value) => Math.round(value * one.shade)).join(",")})`);
       const body = this.mesh(geometry, colour, opacity);
       body.position.set(...one.centre_m);

@@ -1,0 +1,124 @@
+"""`cell new part`: a mesh becomes a type of part in the product's file, with a picture of how it stands and is held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bracket_cell.commands.main import main
+from bracket_cell.commands.new_part import stl
+from bracket_cell.skills.motion.grip import Grip
+from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+from tests import ROOT
+from tests.cell.interfaces.test_meshes import box
+
+HOUSING = ROOT / "config" / "examples" / "mesh" / "housing.stl"  # in millimetres, turned and beside the origin
+
+
+@pytest.fixture
+def product(tmp_path: Path) -> Path:
+    path = tmp_path / "products.yaml"
+    path.write_text((ROOT / "config" / "products.yaml").read_text())
+    return path
+
+
+def turned(seed: int) -> Array:
+    """A rotation (3, 3) drawn at random."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
+    q = q * np.sign(np.diag(r))
+    rotation: Array = q * np.sign(np.linalg.det(q))
+    return rotation
+
+
+def test_a_mesh_is_added_drawn_and_can_be_loaded(product: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = product.read_text()
+    assert main(["new", "part", str(HOUSING), "--product", str(product)]) == 0
+    told = capsys.readouterr().out
+    assert "60 x 30 x 40 mm; stands on a face" in told
+    assert "held across the width, 30 mm apart" in told
+    kind = load_yaml(product, Product).parts["housing"]
+    assert kind.size_m == pytest.approx((0.06, 0.03, 0.04), abs=1e-4)
+    assert (kind.quantity, kind.peg_length_m) == (0, 0.0)
+    assert kind.mass_kg == pytest.approx(2700 * 46.8e-6, rel=0.02)
+    assert product.with_name("housing.part.png").read_bytes().startswith(b"\x89PNG")
+    assert all(line in product.read_text() for line in before.splitlines()), "comments and all else stay"
+
+
+def test_another_stance_makes_the_type_anew(product: Path) -> None:
+    for stance in ("1", "2"):
+        assert main(["new", "part", str(HOUSING), "--product", str(product), "--stance", stance]) == 0
+    assert load_yaml(product, Product).parts["housing"].size_m == pytest.approx((0.06, 0.04, 0.03), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["{folder}/part.step"], "export others, such as STEP"),
+        (["{folder}/nothing.stl"], "there is no file"),
+        ([str(HOUSING), "--name", "o1"], "has a type o1 already"),
+        ([str(HOUSING), "--stance", "9"], "there are 3"),
+    ],
+)
+def test_what_cannot_be_added_leaves_the_product_as_it_was(
+    arguments: list[str], why: str, product: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (product.parent / "part.step").write_text("ISO-10303-21;")
+    before = product.read_text()
+    given = [word.format(folder=product.parent) for word in arguments]
+    assert main(["new", "part", *given, "--product", str(product)]) == 2
+    assert why in capsys.readouterr().err
+    assert product.read_text() == before
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_block_stands_on_each_of_its_faces_however_its_file_is_turned(seed: int) -> None:
+    size = (0.03, 0.04, 0.055)
+    mesh = hull_of(box(size) @ turned(seed).T + np.random.default_rng(seed).uniform(-0.2, 0.2, 3))
+    found = stances(mesh, convex_pieces(mesh), MotionSettings())
+    assert {tuple(sorted(round(extent, 4) for extent in one.size_m)) for one in found} == {size}
+    assert sorted(round(one.size_m[2], 4) for one in found) == sorted(size)
+    assert all(one.flat and one.grips and one.grips[0].face_m2 > 2e-4 for one in found)
+    assert all(one.size_m[0] >= one.size_m[1] for one in found)
+
+
+def test_what_is_too_wide_cannot_be_held() -> None:
+    mesh = hull_of(box((0.12, 0.12, 0.12)))
+    assert all(not one.grips for one in stances(mesh, convex_pieces(mesh), MotionSettings()))
+
+
+def test_a_pyramid_does_not_stand_on_its_tip() -> None:
+    points = np.array([(0, 0, 0), (0.04, 0, 0), (0.04, 0.04, 0), (0, 0.04, 0), (0.02, 0.02, 0.03)], dtype=float)
+    mesh = hull_of(points)
+    found = stances(mesh, convex_pieces(mesh), MotionSettings())
+    assert found[0].size_m == pytest.approx((0.04, 0.04, 0.03))
+
+
+def test_concave_shells_are_parted_and_convex_ones_are_not() -> None:
+    read = loaded(HOUSING)
+    mesh = Mesh(read.points_m / 1000, read.triangles)
+    pieces = convex_pieces(mesh)
+    assert len(pieces) > 1
+    assert sum(piece.volume_m3 for piece in pieces) == pytest.approx(mesh.volume_m3, rel=0.02)
+    whole = hull_of(mesh.points_m)
+    assert len(convex_pieces(whole)) == 1
+    assert sum(piece.volume_m3 for piece in pieces) < 0.8 * whole.volume_m3
+
+
+def test_a_grip_is_across_the_faces_that_are_parallel() -> None:
+    read = loaded(HOUSING)
+    mesh = Mesh(read.points_m / 1000, read.triangles)
+    best = stances(mesh, convex_pieces(mesh), MotionSettings())[0].grips[0]
+    assert (best.grip, round(best.held_m, 4)) == (Grip.WIDTH, 0.03)
+
+
+def test_pieces_that_touch_stay_pieces(tmp_path: Path) -> None:
+    file = tmp_path / "two.stl"
+    file.write_bytes(stl((box((0.02, 0.03, 0.04)), box((0.02, 0.03, 0.04), (0.02, 0.0, 0.0)))))
+    assert len(loaded(file).pieces) == 2

@@ -1,4 +1,4 @@
-"""`cell new part`: a type of part from a mesh: convex pieces, how it stands, how it is held, for a person to confirm."""
+"""`cell new part`: a type of part from a mesh, with how it stands and how it is held, for a person to confirm."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def part(
 ) -> None:
     """Add a type of part from a mesh to a product, and draw how it stands and is held.
 
-    Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another --stance
-    makes the type anew.
+    Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another
+    --stance makes the type anew.
     """
     from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
     from bracket_cell.skills.motion.settings import MotionSettings

@@ -28,7 +28,7 @@ from bracket_cell.trees.guard import GuardSettings
 from bracket_cell.trees.node_library import USUAL_FOLDER
 from bracket_ground.errors import InputError, Problem, SettingError
 from bracket_ground.files.files import shipped
-from bracket_ground.files.model import Disagreement, Model
+from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.bench import JOINTS, Bench, Calibration
 from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
@@ -315,7 +315,9 @@ def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIG
     """
     product, bench = load_yaml(configuration.product, Product), configuration.bench
     missing = [part for part in product.assembled if part not in bench.bins_m]
-    wrong = [(("bench", "bins_m"), f"no bin for part type {part!r} of {product.name!r}") for part in missing]
+    wrong: list[tuple[Location, str]] = [
+        (("bench", "bins_m"), f"no bin for part type {part!r} of {product.name!r}") for part in missing
+    ]
     for name, spots in bench.places.items():
         where, legal = ("bench", "places", name), ", ".join(product.parts)
         if name in product.positions:

@@ -70,7 +70,13 @@ def _view(stance: Stance) -> Iterator[str]:
             if normal @ FROM > 0:
                 shade = 0.45 + 0.55 * max(0.0, float(normal @ LIGHT))
                 points = (np.column_stack([corner @ right, corner @ down]) - low) * scale + 20
-                faces.append((float((corner @ FROM).mean()), points, tuple(round(shade * value) for value in rgb)))
+                faces.append(
+                    (
+                        float((corner @ FROM).mean()),
+                        points,
+                        (round(shade * rgb[0]), round(shade * rgb[1]), round(shade * rgb[2])),
+                    )
+                )
     for _, points, rgb in sorted(faces, key=lambda face: face[0]):
         told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         yield f'<polygon points="{told}" fill="rgb{rgb}" stroke="rgb{rgb}" stroke-width="0.6"/>'

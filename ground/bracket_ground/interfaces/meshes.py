@@ -81,7 +81,8 @@ class Mesh:
     @cached_property
     def _crosses(self) -> Array:
         a, b, c = self.corners_m.swapaxes(0, 1)
-        return np.cross(b - a, c - a)
+        crosses: Array = np.cross(b - a, c - a)
+        return crosses
 
     @cached_property
     def _volumes(self) -> Array:

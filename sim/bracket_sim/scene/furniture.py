@@ -145,7 +145,9 @@ def _add_place(world: mujoco.MjsBody, name: str, place: BenchPlace, product: Pro
     length, width = place.size_m(product.longest_m(place.holds))
     height = place.position_m[2]
     if place.seat == "hole":
-        _check_plate(product, ("bench", "places", name), height, dict(enumerate(place.spots_m)))
+        _check_plate(
+            product, ("bench", "places", name), height, {str(number): at for number, at in enumerate(place.spots_m)}
+        )
         low, high = [-length / 2, -width / 2], [length / 2, width / 2]
         _add_plate(body, product, list(place.spots_m), (low, high), height, rgb)
     elif height > 0:
@@ -257,7 +259,7 @@ def _longest_peg_m(product: Product) -> float:
 
 
 def _check_plate(
-    product: Product, location: Location, height_m: float, holes_m: Mapping[str | int, tuple[float, float]]
+    product: Product, location: Location, height_m: float, holes_m: Mapping[str, tuple[float, float]]
 ) -> None:
     if height_m < _longest_peg_m(product) + 0.002 or height_m < product.bracket.thickness_m:
         what = (

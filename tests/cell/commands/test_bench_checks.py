@@ -57,11 +57,11 @@ def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pyt
 TENDING = ROOT / "config" / "examples" / "tending"
 
 
-def tending(folder: Path, *change: str) -> Path:
+def tending(folder: Path, change: tuple[str, str]) -> Path:
     """The example of machine tending with a change."""
     text = (TENDING / "cell.yaml").read_text().replace("../../products.yaml", str(ROOT / "config" / "products.yaml"))
     path = folder / "cell.yaml"
-    path.write_text(text.replace(*change) if change else text)
+    path.write_text(text.replace(*change))
     (folder / "sim.yaml").write_bytes((TENDING / "sim.yaml").read_bytes())
     return path
 
@@ -81,7 +81,7 @@ def test_the_example_trees_fit_their_bench() -> None:
 def test_a_place_that_can_never_be_reached_is_a_mistake(
     change: tuple[str, str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tending(tmp_path, *change)
+    path = tending(tmp_path, change)
     assert main(["check", str(TENDING / "tend.xml"), "--config", str(path)]) == 2
     told = capsys.readouterr().err
     line = 1 + next(n for n, text in enumerate(path.read_text().splitlines()) if text.strip().startswith("chuck:"))

@@ -24,7 +24,7 @@ FILES = [
     *(("cell", path) for path in (CONFIG / "examples").glob("*/cell.yaml")),
     *(("products", path) for path in (CONFIG / "examples").glob("*/product.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
-    *(("sim", path) for path in CONFIG.glob("sim*.yaml")),
+    *(("sim", path) for path in (*CONFIG.glob("sim*.yaml"), *CONFIG.glob("examples/*/sim.yaml"))),
     *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),
     *(("look", path) for path in (CONFIG / "looks").glob("*.yaml")),
 ]

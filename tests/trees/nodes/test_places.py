@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
@@ -65,7 +66,7 @@ def test_a_part_goes_from_the_fixture_into_the_chuck_and_is_known_there() -> Non
     assert run(alone(Place(), part="o1", at="chuck"), to, robot) is Status.SUCCESS
     assert there(to, "chuck") == ["o1"]
     assert not robot.observe().gripper.holding
-    tool = to.tools.motion.kinematics.forward(robot.observe().arm.positions_rad)
+    tool = to.tools.motion.kinematics.forward(np.array(robot.observe().arm.positions_rad))
     assert tool.position_m[1] < BENCH.places["chuck"].position_m[1] - 0.15, "it leaves the machine by its front"
 
 

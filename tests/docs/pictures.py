@@ -8,6 +8,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from bracket_cell.trees.node_library import node_registry
 from btxml.views.picture import picture
@@ -33,9 +35,21 @@ MADE: dict[str, Callable[[], str]] = {
 }
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
+STANCES = "docs/housing.png"
 PAGE = "docs/page.png"
 FILM = "docs/assembly.webp"
 README = "README.md"
+
+
+def _stances() -> bytes:
+    """What `cell new part` draws of the example's mesh."""
+    from bracket_cell.commands.new_part import part
+
+    with TemporaryDirectory() as folder:
+        product = Path(folder) / "products.yaml"
+        product.write_bytes((ROOT / "config" / "products.yaml").read_bytes())
+        part(ROOT / "config" / "examples" / "mesh" / "housing.stl", product=product)
+        return product.with_name("housing.part.png").read_bytes()
 
 
 def main(names: list[str]) -> None:
@@ -49,6 +63,7 @@ def main(names: list[str]) -> None:
         **{name: partial(_text, make) for name, make in MADE.items()},
         PHOTOGRAPH: lambda: png(photograph()),
         PARTS: lambda: png(sheet()),
+        STANCES: _stances,
         PAGE: shot,
         FILM: lambda: first_run().film,
         README: lambda: readme().encode(),

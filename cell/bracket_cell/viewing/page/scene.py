@@ -36,11 +36,11 @@ def scene_of(model: CellModel) -> dict[str, Any]:
         ],
         "bracket": _pose(bench.bracket.pose),
         "hole_radius_m": product.hole_radius_m,
-        "parts": {name: [_solid(one) for one in part.solids] for name, part in product.parts.items()},
+        "parts": {name: [solid_of(one) for one in part.solids] for name, part in product.parts.items()},
     }
 
 
-def _solid(one: Solid) -> dict[str, Any]:
+def solid_of(one: Solid) -> dict[str, Any]:
     """A solid of a part; of a hull its triangles, (t, 3, 3)."""
     faces = one.faces.corners_m.round(DIGITS + 1).tolist() if one.solid == "hull" else None
     return {**one.model_dump(exclude={"corners_m"}), "faces_m": faces}

@@ -13,6 +13,7 @@ from pydantic import (
 from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, WEIGHTS, Files, KindSettings, files_of
 from bracket_cell.learned.classical.settings import PerceptionSettings as ClassicalSettings
 from bracket_cell.learned.semantic.settings import NewGoals
+from bracket_cell.skills.drivers.settings import DdsSettings
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Duration
 from bracket_ground.files.words.catalogue import languages
@@ -221,14 +222,26 @@ class BitSettings(Model):
     recipe: tuple[str, ...] = ()
 
 
+class Ros2Settings(DdsSettings):
+    """Topics of ROS 2 that others look at the cell by: joint states, transforms, diagnostics, hands, words.
+
+    Attributes:
+        namespace: before names that no convention has: /cell/hands, /cell/robot, /cell/guidance.
+    """
+
+    namespace: str = Field(default="cell", pattern=r"^[A-Za-z_]\w*$")
+
+
 class PlantSettings(Model):
     """The plant that a cell stands in.
 
     Attributes:
+        ros2: topics of ROS 2; none by default.
         mqtt: the broker that is told of runs; none by default.
         bits: digital signals to and from a PLC.
     """
 
+    ros2: Ros2Settings | None = None
     mqtt: MqttSettings | None = None
     bits: BitSettings = BitSettings()
 

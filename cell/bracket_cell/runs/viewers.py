@@ -17,10 +17,12 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.gate import Address
 from bracket_cell.watching.observer import Observer
 from bracket_ground.files.files import shipped
+from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.operator import OperatorOrder
 from btxml.engine.tree import Tree
 
 if TYPE_CHECKING:
+    from bracket_cell.plant.ros_topics import RosTopics
     from bracket_cell.plant.sparkplug import SparkplugNode
     from bracket_cell.viewing.live_server import LiveServer
     from bracket_cell.viewing.monitor import Monitor
@@ -40,11 +42,12 @@ class Viewers:
     page: OperatorPage | None
     opcua: OpcuaServer | None
     mqtt: SparkplugNode | None
+    ros: RosTopics | None
 
     @property
     def observers(self) -> tuple[Observer, ...]:
         """They see every tick."""
-        viewers = (self.live, self.monitor, self.page, self.opcua, self.mqtt)
+        viewers = (self.live, self.monitor, self.page, self.opcua, self.mqtt, self.ros)
         return tuple(viewer for viewer in viewers if viewer is not None)
 
     @property
@@ -58,7 +61,8 @@ class Viewers:
             told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
             told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
         told += [] if self.opcua is None else [f"OPC UA: {self.opcua.address}"]
-        return told if self.mqtt is None else [*told, f"MQTT: {self.mqtt.address}"]
+        told += [] if self.mqtt is None else [f"MQTT: {self.mqtt.address}"]
+        return told if self.ros is None else [*told, self.ros.address]
 
     def edited(self, tree: Tree, time_s: float) -> None:
         """An edited tree took over: the log keeps its text, monitor and page show it."""
@@ -90,7 +94,7 @@ def open_viewers(
     Raises:
         InputError: a port is taken, or an extra is missing.
     """
-    live, monitor, page, opcua, mqtt = None, None, None, None, None
+    live, monitor, page, opcua, mqtt, ros = None, None, None, None, None, None
     if options.live_port is not None:
         from bracket_cell.viewing.live_server import LiveServer
 
@@ -125,4 +129,8 @@ def open_viewers(
 
         mqtt = SparkplugNode(Samples(keeper.book, keeper), broker, say)
         stack.callback(mqtt.abandon)
-    return Viewers(recorder, live, monitor, page, opcua, mqtt)
+    if (topics := files.configuration.plant.ros2) is not None:
+        from bracket_cell.plant.ros_topics import RosTopics
+
+        ros = RosTopics(topics, JOINTS, model.motion.kinematics.forward)
+    return Viewers(recorder, live, monitor, page, opcua, mqtt, ros)

@@ -161,6 +161,31 @@ class StreamSettings(CameraDriverSettings):
     url: str = Field(pattern=r"^(http|https|rtsp)://")
 
 
+class DdsSettings(Model):
+    """Where topics of ROS 2 are, over DDS; needs the extra ros2, and no ROS.
+
+    Attributes:
+        domain: as ROS_DOMAIN_ID.
+        network: name or address of the network's interface; by default this machine alone.
+    """
+
+    domain: int = Field(default=0, ge=0, le=232)
+    network: str = Field(default="127.0.0.1", pattern=r"^[\w.:-]+$")
+
+
+class Ros2CameraSettings(CameraDriverSettings, DdsSettings):
+    """A camera that a node of ROS 2 publishes.
+
+    Attributes:
+        kind: this driver.
+        topic: of sensor_msgs/Image, as /camera/camera/color/image_raw of realsense-ros; or of CompressedImage, where it
+            ends in /compressed.
+    """
+
+    kind: Literal["ros2"] = "ros2"
+    topic: str = Field(pattern=r"^(/[A-Za-z_]\w*)+$")
+
+
 class FileSettings(CameraDriverSettings):
     """A video file in place of a camera, at the pace of the bench's rate.
 
@@ -236,6 +261,7 @@ SignalKind = Annotated[SignalSettings, Tag("can")] | Annotated[ModbusSignalSetti
 CameraKind = (
     Annotated[V4l2Settings, Tag("v4l2")]
     | Annotated[StreamSettings, Tag("stream")]
+    | Annotated[Ros2CameraSettings, Tag("ros2")]
     | Annotated[FileSettings, Tag("file")]
     | Annotated[RealsenseSettings, Tag("realsense")]
     | Recorded
@@ -251,6 +277,7 @@ DRIVERS: Mapping[type[Model], str] = {
     V4l2Settings: "bracket_cell.skills.drivers.cameras:V4l2Camera",
     StreamSettings: "bracket_cell.skills.drivers.cameras:StreamCamera",
     FileSettings: "bracket_cell.skills.drivers.cameras:FileCamera",
+    Ros2CameraSettings: "bracket_cell.plant.ros_camera:Ros2Camera",
     RealsenseSettings: "bracket_cell.skills.drivers.realsense:RealsenseCamera",
 }  # loaded where they are named: each needs packages of its own
 EXAMINERS: Mapping[type[Model], str] = {
@@ -258,7 +285,8 @@ EXAMINERS: Mapping[type[Model], str] = {
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:examine",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:examine",
     **dict.fromkeys(
-        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "bracket_cell.skills.drivers.cameras:examine"
+        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings, Ros2CameraSettings),
+        "bracket_cell.skills.drivers.cameras:examine",
     ),
 }  # what looks at a device for `cell doctor`: it opens it, and moves nothing
 READERS: Mapping[type[Model], str] = {
@@ -286,6 +314,8 @@ closed_count: 228""",
 exposure: 100 # fixed, in 0.1 ms as a rule
 # focus: 30 # where the lens has one""",
     "stream": "url: http://192.168.56.20/video",
+    "ros2": """topic: /camera/camera/color/image_raw
+network: eth0 # of the network's interface""",
     "realsense": """exposure: 100 # fixed, in 0.1 ms
 # serial: "012345678901" # where there are several""",
 }  # what stands next to `kind` in a new cell
@@ -294,6 +324,7 @@ EXTRAS = {
     "pymodbus": "robotiq",
     "serial": "robotiq",
     "pyrealsense2": "realsense",
+    "cyclonedds": "ros2",
 }  # of the project, by package
 
 

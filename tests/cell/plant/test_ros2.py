@@ -1,0 +1,230 @@
+"""Topics of ROS 2: bytes as an independent package reads them, a camera, and a run that others look at."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from bracket_cell.configuration import load_configuration
+from bracket_cell.settings import Ros2Settings
+from bracket_cell.skills.drivers.settings import DdsSettings, Ros2CameraSettings
+from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
+from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.command import Command, Display
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.pose import Pose
+from tests.cell.running.test_supervisor import sound
+
+pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
+typesys = pytest.importorskip("rosbags.typesys", reason="the extra ros2 is not installed")
+
+from bracket_cell.plant.dds import Node, Quality  # noqa: E402 - without the extra they are of no use
+from bracket_cell.plant.ros_camera import Ros2Camera  # noqa: E402
+from bracket_cell.plant.ros_topics import RosTopics  # noqa: E402
+from bracket_cell.plant.ros_types import message  # noqa: E402
+
+DOMAIN = 87
+BENCH = load_configuration().bench
+STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+KINDS = sorted(
+    name
+    for name in STORE.fielddefs
+    if name.split("/")[0] in ("std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "tf2_msgs", "nav_msgs")
+)
+
+
+def until(holds: Callable[[], Any]) -> Any:
+    end_s = time.monotonic() + 15.0
+    while not (found := holds()):
+        assert time.monotonic() < end_s, "it did not come"
+        time.sleep(0.02)
+    return found
+
+
+def filled(kind: Any, rng: np.random.Generator) -> Any:
+    """A message with drawn content, at any depth."""
+    store, name = STORE, kind.__idl_typename__.replace("::dds_", "").replace("::", "/").removesuffix("_")
+    return kind(**{field: drawn(of, rng) for field, of in store.fielddefs[name][1]})
+
+
+def drawn(of: Any, rng: np.random.Generator) -> Any:
+    node, told = of
+    if node.name == "NAME":
+        return filled(message(told), rng)
+    if node.name in ("SEQUENCE", "ARRAY"):
+        return [drawn(told[0], rng) for _ in range(told[1] or int(rng.integers(0, 4)))]
+    if told[0] == "string":
+        return "".join(map(chr, rng.integers(97, 123, int(rng.integers(0, 9)))))
+    if told[0] == "bool":
+        return bool(rng.integers(2))
+    return float(rng.integers(-99, 99)) if "float" in told[0] else int(rng.integers(0, 100))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_bytes_of_every_message_are_those_of_another_implementation(name: str) -> None:
+    if not STORE.fielddefs[name][1]:
+        return  # std_msgs/Empty
+    made = filled(message(name), np.random.default_rng(7))
+    read = STORE.deserialize_cdr(made.serialize(), name)
+    assert bytes(STORE.serialize_cdr(read, name)) == bytes(made.serialize())
+
+
+def tick(number: int, judgement: Judgement | None = None, display: Display | None = None) -> TickRecord:
+    command = Command()
+    command.display = display
+    return TickRecord(sound(number), "RUNNING", (), (), command, SentCommand(), 0.0, overrun=False, judgement=judgement)
+
+
+def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
+    settings = Ros2Settings(domain=DOMAIN, namespace="bench_4")
+    names = ("a", "b", "c", "d", "e", "f")
+    topics = RosTopics(settings, names, lambda joints: Pose((float(joints[0]), 0.2, 0.3)))
+    lab = Node(settings)
+    of = {
+        "/joint_states": ("sensor_msgs/msg/JointState", Quality()),
+        "/tf": ("tf2_msgs/msg/TFMessage", Quality(kept=100)),
+        "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", Quality()),
+        "/rosout": ("rcl_interfaces/msg/Log", Quality(lasting=True)),
+        "/bench_4/robot": ("std_msgs/msg/String", Quality(kept=1, lasting=True)),
+        "/bench_4/hands": ("geometry_msgs/msg/PoseArray", Quality()),
+    }
+    hears = {topic: lab.subscription(topic, kind, quality) for topic, (kind, quality) in of.items()}
+    heard: dict[str, list[Any]] = {topic: [] for topic in of}
+    hold = Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),))
+    number = 0
+
+    def all_came() -> bool:
+        nonlocal number
+        topics.tick(tick(number, hold, Display(message="moving to look")))
+        topics.message(0.1, "warning", "hold: it is dark")
+        number += 1
+        for topic, reader in hears.items():
+            heard[topic] += reader.take(100)
+        return all(heard.values())
+
+    until(all_came)
+    joints = heard["/joint_states"][-1]
+    assert list(joints.name) == list(names)
+    assert len(joints.position) == len(joints.velocity) == 6
+    [transform] = heard["/tf"][-1].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("world", "tool")
+    assert transform.transform.translation.z == 0.3
+    assert transform.transform.rotation.w == 1.0
+    assert [one.name for one in heard["/diagnostics"][-1].status] == ["cell", "cell: hand_unknown"]
+    assert heard["/bench_4/robot"][-1].data == "moving to look"
+    assert heard["/rosout"][-1].msg == "hold: it is dark"
+    topics.close(Outcome("finished", "the tree is done", 6, 0, 0.3, 0.3))
+    assert until(lambda: [one.data for one in hears["/bench_4/robot"].take(10)]) == ["finished: the tree is done"]
+
+
+def camera(topic: str, **more: Any) -> Ros2Camera:
+    return Ros2Camera(Ros2CameraSettings(domain=DOMAIN, topic=topic, **more), WallClock(), BENCH, "overhead")
+
+
+def picture() -> np.ndarray:
+    setup = BENCH.overhead.model
+    rng = np.random.default_rng(1)
+    return cv2.resize(rng.integers(0, 255, (6, 8, 3), np.uint8), (setup.width_px, setup.height_px))
+
+
+def sent(image: np.ndarray, encoding: str, **changes: Any) -> Any:
+    now_ns = time.time_ns()
+    stamp = message("builtin_interfaces/msg/Time")(sec=now_ns // 10**9, nanosec=now_ns % 10**9)
+    header = message("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
+    height, width = image.shape[:2]
+    fields = {"height": height, "width": width, "encoding": encoding, "is_bigendian": 0, "step": image[0].size}
+    return message("sensor_msgs/msg/Image")(header=header, **fields | changes, data=image.tobytes())
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "bgra8"])
+@pytest.mark.parametrize("reliable", [True, False])
+def test_images_come_in_rgb_with_their_stamp(encoding: str, reliable: bool) -> None:
+    topic = f"/camera_{encoding}_{reliable}/image_raw"
+    writer = Node(DdsSettings(domain=DOMAIN)).publisher(topic, "sensor_msgs/msg/Image", Quality(reliable=reliable))
+    overhead, image = camera(topic), picture()
+    raw = {"rgb8": image, "bgr8": image[..., ::-1], "bgra8": np.dstack([image[..., ::-1], image[..., :1]])}[encoding]
+
+    def came() -> Frame | None:
+        writer.write(sent(np.ascontiguousarray(raw), encoding))
+        try:
+            return overhead.latest()
+        except DeviceFault:
+            return None
+
+    frame = until(came)
+    assert np.array_equal(frame.image, image)
+    assert abs(overhead._clock.now_s() - frame.time_s) < 5.0
+    overhead.close()
+
+
+def test_compressed_images_are_decoded() -> None:
+    topic = "/camera/image_raw/compressed"
+    writer = Node(DdsSettings(domain=DOMAIN)).publisher(topic, "sensor_msgs/msg/CompressedImage")
+    overhead, image = camera(topic), picture()
+    data = cv2.imencode(".png", image[..., ::-1])[1].tobytes()
+    header = sent(image, "rgb8").header
+
+    def came() -> Frame | None:
+        writer.write(message("sensor_msgs/msg/CompressedImage")(header=header, format="png", data=data))
+        try:
+            return overhead.latest()
+        except DeviceFault:
+            return None
+
+    assert np.array_equal(until(came).image, image)
+    overhead.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"encoding": "16UC1"}, "images are '16UC1', must be rgb8"),
+        ({"height": 2**31}, "an image of"),
+        ({"step": 3}, "an image of"),
+        ({"width": 8, "height": 6, "step": 24}, "an image of"),
+    ],
+)
+def test_an_image_that_cannot_be_is_told(changes: dict[str, Any], words: str) -> None:
+    topic = f"/camera_{abs(hash(words + str(changes))) % 10**6}/image_raw"
+    writer = Node(DdsSettings(domain=DOMAIN)).publisher(topic, "sensor_msgs/msg/Image")
+    overhead = camera(topic, lost_s=0.2)
+
+    def told() -> str:
+        writer.write(sent(picture(), **{"encoding": "rgb8", **changes}))
+        try:
+            overhead.latest()
+        except DeviceFault as fault:
+            return str(fault)
+        return ""
+
+    until(lambda: words in told())
+    overhead.close()
+
+
+def test_a_network_that_is_not_there_and_another_one_are_refused() -> None:
+    with pytest.raises(InputError, match="no network 'nothing0' here"):
+        Node(DdsSettings(domain=DOMAIN + 1, network="nothing0"))
+    Node(DdsSettings(domain=DOMAIN))
+    with pytest.raises(InputError, match=rf"domain {DOMAIN} is on 127\.0\.0\.1 already"):
+        Node(DdsSettings(domain=DOMAIN, network="192.0.2.1"))
+
+
+def test_a_topic_that_nobody_publishes_is_a_lost_camera() -> None:
+    overhead = camera("/nobody/image_raw", lost_s=0.2)
+
+    def told() -> str:
+        try:
+            overhead.latest()
+        except DeviceFault as fault:
+            return str(fault)
+        return ""
+
+    until(lambda: "nothing comes on /nobody/image_raw" in told())
+    overhead.close()

@@ -31,14 +31,14 @@ def _arithmetic(sign: str, calculate: Operator) -> Operator:
             return result if isinstance(result, float) or -EXACT <= result <= EXACT else float(result)
         if sign == "+" and isinstance(left, str) and isinstance(right, str):
             return _join(left, right)
-        raise _not_taken(sign, left, right)
+        return operate(*_numbers(sign, left, right))
 
     return operate
 
 
 def _divide(left: Any, right: Any) -> Any:
     if not (isinstance(left, _NUMBER) and isinstance(right, _NUMBER)):
-        raise _not_taken("/", left, right)
+        return _divide(*_numbers("/", left, right))
     if right == 0:
         raise NodeError(f"{left} / {right} divides by zero")
     return left / right
@@ -57,7 +57,7 @@ def _bits(sign: str, calculate: Operator) -> Operator:
     def operate(left: Any, right: Any) -> Any:
         if isinstance(left, _NUMBER) and isinstance(right, _NUMBER) and _has_bits(left) and _has_bits(right):
             return calculate(int(left), int(right))
-        raise _not_taken(sign, left, right)
+        return operate(*_numbers(sign, left, right))
 
     return operate
 
@@ -105,7 +105,7 @@ def _equality(sign: str, wanted: bool) -> Comparison:
             return same_number(left, right) is wanted
         if isinstance(left, type(right)) or isinstance(right, type(left)):
             return bool(left == right) is wanted
-        raise _not_taken(sign, left, right)
+        return operate(*_numbers(sign, left, right), enums)
 
     return operate
 
@@ -119,7 +119,7 @@ def _ordered(sign: str, compare: Operator) -> Comparison:
         kind = str if isinstance(left, str) else _NUMBER
         if isinstance(left, kind) and isinstance(right, kind):
             return bool(compare(left, right))
-        raise _not_taken(sign, left, right)
+        return operate(*_numbers(sign, left, right), enums)
 
     return operate
 
@@ -154,6 +154,21 @@ def same_number(left: int | float, right: int | float) -> bool:
     return math.isfinite(apart) and abs(apart) <= EPSILON
 
 
+def _numbers(sign: str, left: Any, right: Any) -> tuple[Any, Any]:
+    """Two values with the numbers of enums in their place, as the library has them.
+
+    Raises:
+        NodeError: none of them is of such an enum, so the operator does not take them.
+    """
+    if not any(isinstance(one, Enum) and isinstance(one.value, int) for one in (left, right)):
+        raise _not_taken(sign, left, right)
+    return _number(left), _number(right)
+
+
+def _number(value: Any) -> Any:
+    return value.value if isinstance(value, Enum) and isinstance(value.value, int) else value
+
+
 def _like(text: str, other: object, enums: Mapping[str, Any]) -> Any:
     """A text as what it is compared with: a number or a member of an enum."""
     if isinstance(other, Enum):
@@ -167,6 +182,7 @@ def unary(sign: str, value: Any) -> Any:
     Raises:
         NodeError: the operator does not take this value.
     """
+    value = _number(value)
     if isinstance(value, _NUMBER):
         if sign == "!":
             return not value
@@ -178,7 +194,7 @@ def unary(sign: str, value: Any) -> Any:
 
 
 def truth(value: Any) -> bool:
-    """Whether a value counts as true: a number other than 0, a text that is not empty, any enum member.
+    """Whether a value counts as true: a number other than 0, also of an enum, a text that is not empty.
 
     Raises:
         NodeError: the value is neither true nor false.
@@ -188,7 +204,7 @@ def truth(value: Any) -> bool:
     if isinstance(value, _PLAIN):
         return bool(value)
     if isinstance(value, Enum):
-        return True
+        return bool(_number(value))
     raise NodeError(f"{_described(value)} is neither true nor false")
 
 

@@ -36,6 +36,7 @@ THEIRS = {
 WORDS = {status.name: letter for letter, status in THEIRS.items()} | {"IDLE": "K"}
 CHANGE = re.compile(rb"\[[\d.]+\]: (\S+) +\x1b\[\d+m(\w+)\x1b\[0m -> \x1b\[\d+m(\w+)\x1b\[0m")
 IDLE_NAME = "IDLE"
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 
 Change = tuple[str, str, str]
 
@@ -334,10 +335,11 @@ class Ours:
 
     def _value(self, name: str) -> float | None:
         value = self._tree.blackboard.entry(name).value
-        try:
-            return None if value is UNSET else float(value.value if isinstance(value, Enum) else value)
-        except (TypeError, ValueError):  # a text or a list
+        if value is UNSET or isinstance(value, list | tuple):
             return None
+        value = value.value if isinstance(value, Enum) else value
+        begins = NUMBER.match(value) if isinstance(value, str) else None  # the library reads a text as far as it can
+        return (float(begins[0]) if begins else None) if isinstance(value, str) else float(value)
 
 
 def differences(one: Step, other: Step, mine: dict[str, str], theirs: dict[str, str], in_order: bool) -> list[str]:

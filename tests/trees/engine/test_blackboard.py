@@ -286,3 +286,35 @@ def test_a_switch_compares_numbers_as_scripts_do(load: Load) -> None:
     )
     assert load(f'<Sequence><Script code="v := 0.1 + 0.2"/>{switch}</Sequence>').tick() is Status.SUCCESS
     assert load(f'<Sequence><Script code="v := 10"/>{switch}</Sequence>').tick() is Status.FAILURE
+
+
+class Signal(Enum):
+    """An enum with numbers."""
+
+    OFF = 0
+    STOP = 1
+    GO = 2
+
+
+class Show(Node):
+    """Writes a member of an enum."""
+
+    signal = OutputPort(Signal, "what it shows")
+
+    def update(self) -> Status:
+        self.signal.set(Signal.GO)
+        return Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        *("c == GO", "c != STOP", "c == 2", "c &gt; STOP", "c + 1 == 3", "(c | 1) == 3", "c == 'GO'", "-c == -2", "c"),
+        *("c := STOP; c == STOP", "c := STOP; c + c == 2", "c := OFF; !c", "c / 2 == 1", "c := 1; c &lt; GO"),
+    ],
+)
+def test_an_entry_of_an_enum_counts_as_its_number(load: Load, code: str) -> None:
+    """As in BehaviorTree.CPP, also where a port writes it."""
+    condition = f'<ScriptCondition code="{code}"/>'
+    tree = load(f'<Sequence><Show signal="{{c}}"/>{condition}</Sequence>', Show)
+    assert tree.tick() is Status.SUCCESS, tree.why()

@@ -88,6 +88,7 @@ sbom: .venv/tests
 
 bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks
+	$(BIN)/python -m tests.benchmarks.node_ticks
 	$(BIN)/python -m tests.benchmarks.planning
 	$(BIN)/python -m tests.benchmarks.perception_accuracy
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place

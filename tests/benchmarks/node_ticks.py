@@ -8,6 +8,7 @@ the same tree costs without them is taken away. Medians over rounds in which bot
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
 import tempfile
@@ -69,6 +70,7 @@ def spent_us(tick: Tick) -> float:
 
 def main() -> None:
     """Print microseconds of a node here and there, and their ratio, by kind."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     pairs = {kind: ticks(body) for kind, body in KINDS.items()} | {"": ticks("")}
     rounds = [{kind: tuple(map(spent_us, pair)) for kind, pair in pairs.items()} for _ in range(ROUNDS)]
     medians = {kind: [statistics.median(one[kind][side] for one in rounds) for side in (0, 1)] for kind in pairs}

@@ -55,8 +55,8 @@ def check(
     levels = findings(files, registry_of(config, nodes), known)
     problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
     if not problems:
-        broken, odd, told = _of_rules(files, registry_of(config, nodes), known)
-        problems, warnings, notes = broken, [*warnings, *odd], [*notes, *told]
+        broken, odd, hints = _of_rules(files, registry_of(config, nodes), known)
+        problems, warnings, notes = broken, [*warnings, *odd], [*notes, *hints]
     if config is not None:
         trees = () if problems else sound_trees(files, registry_of(config, nodes), known)
         stuck, odd = bench_of(config, trees)

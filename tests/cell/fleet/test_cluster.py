@@ -36,7 +36,8 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     address, dashboard = f"tcp://127.0.0.1:{port}", ["--dashboard-address", "127.0.0.1:0", "--host", "127.0.0.1"]
-    here = {**os.environ, "PYTHONPATH": str(ROOT)}
+    paths = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
+    here = {**os.environ, "PYTHONPATH": paths}
     lacking = folder / "lacking"
     (lacking / "cell").mkdir(parents=True)
     (lacking / "cell" / "__init__.py").write_text("raise ImportError('no such package here')\n")
@@ -45,7 +46,7 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
         *(
             ([str(BIN / "dask"), "worker", address, "--nthreads", "1", "--name", name, *dashboard,
               "--local-directory", str(folder / name)], {**here, "PYTHONPATH": path})
-            for name, path in (("one", str(ROOT)), ("two", str(ROOT)), ("odd", str(lacking)))
+            for name, path in (("one", paths), ("two", paths), ("odd", str(lacking)))
         ),
     ]  # fmt: skip
     running: list[subprocess.Popen[bytes]] = []

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from bracket_cell.fleet import store
@@ -14,7 +18,7 @@ from bracket_cell.fleet.engine import cluster, results
 from bracket_cell.fleet.store import results_folder
 from bracket_ground.errors import InputError
 from tests.cell.fleet import working
-from tests.cell.fleet.test_cluster import task
+from tests.cell.fleet.test_cluster import started, task
 
 NAMES = ("runs.jsonl", "runs.parquet")
 
@@ -81,3 +85,31 @@ def test_results_stay_here_where_the_store_stays_away(flaky: list[str], monkeypa
         opened.__exit__(None, None, None)
     kept = Path(str(refused.value).rpartition("are in ")[2])
     assert (kept / "runs.jsonl").read_text() == '{"key": 1}\n'
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_and_comes_back_loses_no_run(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rows: list[dict[str, Any]] = []
+    with started(tmp_path) as (address, processes), cluster(1, address) as client:
+        client.wait_for_workers(2, timeout=120)
+        for row in results(client, map(task, range(30)), working.row):
+            rows.append(row)
+            if len(rows) == 5:
+                for process in processes:
+                    for one in (*psutil.Process(process.pid).children(recursive=True), process):
+                        one.kill()
+                    process.wait()
+                processes[:] = [again(process) for process in processes]
+    assert Counter(row["seed"] for row in rows) == Counter(range(30))
+    assert {row["end"] for row in rows} == {"finished"}
+    told = capfd.readouterr().err
+    assert f"the scheduler {address} is gone" in told
+    assert "Traceback" not in told
+
+
+def again(process: subprocess.Popen[bytes]) -> subprocess.Popen[bytes]:
+    """The same program once more."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(process.args, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)

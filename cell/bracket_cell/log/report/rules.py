@@ -90,7 +90,7 @@ def rule_lines(judged: Sequence[Judged]) -> list[str]:
     """
     lines = [f"{one.log}: {violation}" for one in judged for violation in one.violations]
     lines += [f"{one.log}: {one.lacks}" for one in judged if one.lacks]
-    rows = [("rule", *OUTCOMES)]
+    rows: list[tuple[str, ...]] = [("rule", *OUTCOMES)]
     for name in judged[0].rules if judged else ():
         ticks = [one.rules[name] for one in judged]
         logs = [sum(not broken and not unknown for _, broken, unknown in ticks), sum(bool(one[1]) for one in ticks)]

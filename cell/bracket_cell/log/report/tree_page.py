@@ -17,7 +17,6 @@ from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.log.report.html_page import rendered, write_page
 from bracket_cell.recording.schemas import plain_or_text
 from bracket_cell.running.controller import STOPPED, STOPPING
-from bracket_cell.watching.why_now import Why, WhyNow
 from bracket_ground.errors import LogError
 from btxml.engine.node import TreeNode
 from btxml.engine.tree import Tree
@@ -49,7 +48,7 @@ def write_file_page(file: Path, registry: Registry, beside: Iterable[Path], path
 def write_log_page(log: Log, nodes: Iterable[str], beside: Iterable[Path], path: Path) -> int:
     """The tree of a log at each of its ticks.
 
-    The log is replayed, as it holds statuses but neither blackboard nor reasons. What cannot be replayed has statuses
+    The log is replayed, as it holds no blackboard. What cannot be replayed has statuses and reasons
     alone, and the page says so.
 
     Returns:
@@ -63,10 +62,10 @@ def write_log_page(log: Log, nodes: Iterable[str], beside: Iterable[Path], path:
     try:
         replay = Replay(log, Changes(nodes=tuple(nodes), beside=tuple(beside)))
     except LogError as error:
-        remarks.append(f"statuses alone: {error}")
+        remarks.append(f"without blackboard: {error}")
         line.parts.append(_part(logged_tree(log, nodes)))
         for tick in log.ticks:
-            line.take(tick, {}, ())
+            line.take(tick, {})
     else:
         differs = line.follow(replay)
         remarks += [*replay.remarks, *([differs] if differs else [])]
@@ -86,10 +85,11 @@ class _TimeLine:
     words: dict[str, int] = field(default_factory=lambda: {"": 0})
     board: StatusBoard | None = None
     entries: dict[str, str] = field(default_factory=dict)
+    why: Mapping[str, Any] = field(default_factory=dict)
 
     def follow(self, replay: Replay) -> str:
         """Replay a log to its end; says from when on it does not go as it was."""
-        why, trees, differs = WhyNow(lambda: replay.tree), list[Tree](), list[str]()
+        trees, differs = list[Tree](), list[str]()
 
         def watch(step: Step) -> None:
             if not trees or trees[-1] is not replay.tree:
@@ -98,18 +98,13 @@ class _TimeLine:
                 self.board = None
             if step.differences and not differs:
                 since = f"from {step.logged.time_s:.2f} s on the replay differs"
-                differs.append(f"{since}: blackboard and reasons are those of the replay")
-            judged = step.now.judgement or {}
-            reasons = "; ".join(str(one["words"]) for one in judged.get("reasons", ()) if isinstance(one, dict))
-            why.take(step.now.notes, str(judged.get("action", "")), reasons)
-            now = why() if step.logged.status not in (STOPPED, STOPPING) else Why()
-            leaf = 0 if now.reason is None else now.reason.leaf.uid
-            self.take(step.logged, _entries(replay.tree), (str(now), now.otherwise, leaf))
+                differs.append(f"{since}: the blackboard is that of the replay")
+            self.take(step.logged, _entries(replay.tree))
 
         replay.run(watch=watch)
         return "".join(differs)
 
-    def take(self, tick: LoggedTick, entries: Mapping[str, str], why: tuple[Any, ...]) -> None:
+    def take(self, tick: LoggedTick, entries: Mapping[str, str]) -> None:
         """One more tick: [part, number, time s, root, statuses, entries, reason, what if, leaf]."""
         part = len(self.parts) - 1
         if self.board is None:
@@ -123,8 +118,11 @@ class _TimeLine:
         gone = {key: None for key in self.entries if key not in entries}
         written = {key: self._word(text) for key, text in entries.items() if self.entries.get(key) != text}
         self.entries = dict(entries)
-        reason = [self._word(str(text)) for text in why[:2]] or [0, 0]
-        leaf = why[2] if why else 0
+        for fields in (fields for topic, fields in tick.notes if topic == "why"):
+            self.why = fields
+        why = {} if tick.status in (STOPPED, STOPPING) else self.why
+        reason = [self._word(str(why.get(key, ""))) for key in ("text", "otherwise")]
+        leaf = (why.get("tree") or {}).get("uid", 0)
         self.ticks.append(
             [
                 part,

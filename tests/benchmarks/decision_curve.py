@@ -112,7 +112,7 @@ class Turns:
         if choice is None:
             return waits
         listed, unlisted = self.possible(bracket)
-        if choice == ASK:
+        if isinstance(choice, str):  # a question
             return Tally(listed * ((bracket.count("") + 1) // 2), asked=listed)
         after = dict(self.after(bracket))[choice]
         right, right_too = self.possible(after)

@@ -30,7 +30,7 @@ from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.near_hand import separation_of
 from bracket_cell.skills.motion.planner import MotionPlanner
-from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.command import GripperCommand, JointTrajectory
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import Action, BenchView
@@ -129,16 +129,20 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         least, most = self._motion.settings.robot.limits_rad
         box, place = gymnasium.spaces.Box, np.full(3, FARTHEST_M, np.float32)
         state = np.append(least - 0.1, -1.0).astype(np.float32), np.append(most + 0.1, 1.0).astype(np.float32)
-        spaces = {"state": box(*state, (len(OF_STATE),), np.float32), "part": box(-place, place, dtype=np.float32)}
+        spaces: dict[str, Any] = {
+            "state": box(*state, (len(OF_STATE),), np.float32),
+            "part": box(-place, place, dtype=np.float32),
+        }
         spaces["target"] = box(-place, place, dtype=np.float32)
         for name in self._images:
             setup = getattr(self._configuration.bench, name)
-            spaces[name] = box(0, 255, (setup.height_px, setup.width_px, 3), np.uint8)
+            spaces[name] = box(0, 255, (setup.height_px, setup.width_px, 3), dtype=np.uint8)
         self.observation_space: Any = gymnasium.spaces.Dict(spaces)
         self.action_space: Any = box(-1.0, 1.0, (len(STEPS) + 1,), np.float32)
         self._cell: SimCell | None = None
         self._frames: dict[str, Frame] = {}
-        self._opening_m, self._way = STROKE_M, None
+        self._opening_m = STROKE_M
+        self._way: JointTrajectory | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -60,7 +61,8 @@ def test_a_script_reaches_and_a_way_through_the_table_is_refused() -> None:
 
 def test_the_same_seed_is_the_same_episode_also_side_by_side() -> None:
     both = gymnasium.make_vec(NAME.format("Reach"), num_envs=2, vectorization_mode="sync")
-    first, _ = both.reset(seed=[5, 5])
+    seeds: Any = [5, 5]  # as the library takes them
+    first, _ = both.reset(seed=seeds)
     assert all(np.array_equal(rows[0], rows[1]) for rows in first.values())
     after, rewards, *_ = both.step(np.tile(np.array([0.5, 0.2, 0, 0, 1], np.float32), (2, 1)))
     assert rewards[0] == rewards[1]

@@ -65,9 +65,10 @@ def check(
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     doubtful = bool(warnings) and not stubs
     if as_json:
-        told = {"problems": problems, "warnings": warnings, "notes": notes}
-        shown = {key: [_problem_data(one) for one in told[key]] for key in told if told[key] or key == "problems"}
-        print_json(shown)
+        levels_shown = {"problems": problems, "warnings": warnings, "notes": notes}
+        print_json(
+            {key: list(map(_problem_data, found)) for key, found in levels_shown.items() if found or key == "problems"}
+        )
         return BAD_INPUT if problems else int(doubtful)
     for level, some in (("warning", warnings), ("note", notes)):
         legal = (f"; {one.legal}" if one.legal and level == "warning" else "" for one in some)

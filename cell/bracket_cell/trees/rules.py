@@ -45,7 +45,9 @@ class Rule(Model):
     never: str | None = None
     always: str | None = None
     action: Literal["warn", "hold", "stop"] = "warn"
-    unknown_after_s: float = Field(5.0, ge=0.0)  # a person who reaches in needs less: what is unknown is soon told
+    unknown_after_s: float = Field(
+        default=5.0, ge=0.0
+    )  # a person who reaches in needs less: what is unknown is soon told
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Rule:

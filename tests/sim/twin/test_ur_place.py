@@ -30,7 +30,7 @@ def told_s(about_s: float, trails_s: float, off_rad: float, seen_s: float | None
     (joints,) = PATH.along(np.array([about_s - trails_s]))
     still = np.zeros(6)
     between_s = about_s - trails_s - 0.04 if seen_s is None else seen_s, about_s
-    return nearest_s(PATH, between_s, about_s, Sample(0.0, joints + off_rad, still, still, 7, 1, 2, 1.0))
+    return nearest_s(PATH, between_s, about_s, Sample(0.0, joints + off_rad, still, still, 7, 1, 2, 1.0, np.zeros(3)))
 
 
 @pytest.mark.parametrize("trails_s", [0.0, 0.01, 0.04, 0.133, 0.4])

@@ -120,7 +120,7 @@ class HeldForPerson(CellNode):
 
 def _held_out(node: HandOver | TakeFromHand) -> Pose:
     """Where the tool goes; not over the bracket, where what is let go may fall into a hole."""
-    pose = node.pose.get()
-    if near_bracket(node.services, world_pose(node.services, pose)):
+    pose, tools = node.pose.get(), node.services.tools
+    if near_bracket(tools.bench, tools.product, world_pose(node.services, pose)):
         raise NodeError(f"{pose} is over the bracket, where a part that falls may go into a hole")
     return world_from_tool(node.services, pose)

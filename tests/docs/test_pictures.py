@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests import ROOT
-from tests.docs.pictures import FILM, MADE, PAGE, PARTS, PHOTOGRAPH
+from tests.docs.pictures import FILM, MADE, PAGE, PARTS, PHOTOGRAPH, STANCES
 
 DOCS = ROOT / "docs"
 MEASURED = {"fig18.svg"}  # drawn by the command that measures, as its page says
@@ -43,6 +43,6 @@ def test_the_sheet_shows_the_parts_of_today() -> None:
 def test_every_picture_is_shown_and_made() -> None:
     pages = "".join(page.read_text() for page in [ROOT / "README.md", *DOCS.rglob("*.md")])
     pictures = {path.name for path in DOCS.rglob("*") if path.suffix in (".png", ".svg", ".webp")}
-    made = {name.rpartition("/")[2] for name in [*MADE, PHOTOGRAPH, PARTS, PAGE, FILM]} | MEASURED
+    made = {name.rpartition("/")[2] for name in [*MADE, PHOTOGRAPH, PARTS, PAGE, FILM, STANCES]} | MEASURED
     assert {name for name in pictures if name not in pages} == set()
     assert pictures - made == set()

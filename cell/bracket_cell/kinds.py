@@ -51,6 +51,10 @@ DETECTORS: Table = {
             "bracket_cell.learned.hands.model:slim_tracker", "bracket_cell.learned.hands.model:slim_files", card=True
         ),
         "classical": lambda classical: classical.hands(),
+        "both": Kind(
+            "bracket_cell.learned.hands.joint:joint_tracker",
+            "bracket_cell.learned.hands.mediapipe.tracker:mediapipe_files",
+        ),
         "mediapipe": Kind(
             "bracket_cell.learned.hands.mediapipe.tracker:mediapipe_tracker",
             "bracket_cell.learned.hands.mediapipe.tracker:mediapipe_files",

@@ -12,6 +12,7 @@ from bracket_cell.kinds import DETECTORS, WEIGHTS, kind_of, made
 from bracket_cell.learned.bench_watcher import ClassicalDetectors, DetectorChain
 from bracket_cell.learned.calibration.check import TrayCheck
 from bracket_cell.learned.classical.box_model import check_image
+from bracket_cell.learned.hands.mediapipe.hands import FETCH
 from bracket_cell.learned.inference.onnx_model import ModelCard, OnnxModel
 from bracket_cell.learned.parts.lying_parts import LyingParts
 from bracket_cell.remote.detecting import Detect, DetectByCamera, pixel_shape
@@ -104,7 +105,8 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
     """The detectors that this product can have, and what people should know of it; empty where there is nothing.
 
     Detectors that are chosen all at once as `learned` know the part types and positions that their weights were trained
-    for. For another product they are classical, until somebody trains them. One that is chosen by itself stays.
+    for. For another product they are classical, until somebody trains them; hands are the same for every product, but
+    what they hold has no type. One that is chosen by itself stays.
 
     Raises:
         SettingError: weights cannot be read, or there is no such kind.
@@ -113,7 +115,7 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
         return perception, ""
     wanted = {"parts": tuple(product.parts), "positions": product.positions}
     for task in DETECTORS:
-        if getattr(perception, task) is not None:
+        if getattr(perception, task) is not None or task == "hands":
             continue
         try:
             card, path = card_of(perception, task), perception.weights(task)
@@ -124,8 +126,23 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
                 what = f"perception is classical (colours, outlines): {told}; `cell train --all` trains others"
-                return perception.model_copy(update={"kind": "classical"}), what
+                hands = perception.chosen("hands")
+                return perception.model_copy(update={"kind": "classical", "hands": hands}), what
     return perception, ""
+
+
+def for_camera(perception: Perception, real: bool) -> tuple[Perception, str]:
+    """The hand tracker for a real overhead camera, where none is chosen, and what people should know of it.
+
+    Hands of real people are looked for by two sources, if MediaPipe's networks were fetched; drawn ones by ours alone.
+    """
+    if not real or perception.kind != "learned" or perception.hands is not None:
+        return perception, ""
+    both = perception.with_detector("hands", "both")
+    if missing := [path for path in both.files("hands").values() if not path.is_file()]:
+        what = f"hands are looked for by {perception.chosen('hands').kind} alone, which misses many that MediaPipe sees"
+        return perception, f"{what}: {missing[0].name} is not there; fetch it once with: {FETCH}"
+    return both, ""
 
 
 def fitted(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
@@ -134,12 +151,15 @@ def fitted(configuration: Configuration, product: Product) -> tuple[Configuratio
     Raises:
         SettingError: see `fitting`.
     """
-    perception, told = fitting(configuration.perception, product)
+    real = "overhead" not in configuration.devices.simulated
+    perception, of_hands = for_camera(configuration.perception, real)
+    perception, told = fitting(perception, product)
     separation = configuration.motion.separation
     error_m = max(separation.hand_error_m, hand_error_m(perception))
     separation = separation.model_copy(update={"hand_error_m": error_m})
     motion = configuration.motion.model_copy(update={"separation": separation})
-    return configuration.model_copy(update={"perception": perception, "motion": motion}), told
+    changed = configuration.model_copy(update={"perception": perception, "motion": motion})
+    return changed, "\n".join(one for one in (of_hands, told) if one)
 
 
 def hand_error_m(perception: Perception) -> float:

@@ -174,11 +174,8 @@ class FlatHand:
         fan = [(0.0, 0.0)] + [(finger * 9.0 - 18.0, -20.0 - 7.0 * joint) for finger in range(5) for joint in range(4)]
         self.points = np.array(fan) + np.array([240.0, 180.0])
 
-    def frame(self, image: Image) -> list[Landmarks]:  # noqa: ARG002
+    def picture(self, image: Image) -> list[Landmarks]:  # noqa: ARG002
         return [Landmarks(self.points, np.zeros((21, 3)), 0.97, 0.1)]
-
-    def forget(self) -> None:
-        pass
 
 
 class Closer:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from bracket_cell.learned.classical.box_model import View
 from bracket_cell.learned.classical.track_health import motion_of
@@ -23,6 +24,7 @@ from bracket_ground.interfaces.perception import HandSample, Preparing
 from bracket_ground.interfaces.pose import Array
 
 NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.5  # of a hand that was not seen before, and of one that was
+DOUBTFUL_N, DOUBTFUL_S = 3, 0.3  # readings of LEAST_CONFIDENCE at one place within this time begin a track
 LOST_S = 0.25  # after which a hand that comes back is a new one
 COMES_BACK_S = 2.0  # for so long it is expected where it was lost, also on the robot
 NEAR_SHARE = 0.45  # of a region's side: a hand is found again within it
@@ -65,6 +67,7 @@ class _Track:
     left: float
     sure: float
     away: bool  # it was once seen where the robot was not: then it is a hand, wherever it goes
+    begun_s: float
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
@@ -74,7 +77,7 @@ class _Track:
     @classmethod
     def begun(cls, reading: Reading, time_s: float, away: bool) -> _Track:
         """By its first reading."""
-        track = cls(reading, time_s, reading.acting, reading.left, reading.confidence, away)
+        track = cls(reading, time_s, reading.acting, reading.left, reading.confidence, away, time_s)
         track.holds.append(reading.held_part)
         return track
 
@@ -116,6 +119,7 @@ class HandTracks:
     Args:
         palm_length: what is known of the person's hand.
         new_confidence: of a hand that was not seen before; less begins no track.
+        repeated: what is doubtful begins one, too, where it is read DOUBTFUL_N times within DOUBTFUL_S.
     """
 
     def __init__(
@@ -124,13 +128,16 @@ class HandTracks:
         reader: HandReader,
         palm_length: PalmLength | None = None,
         new_confidence: float = NEW_CONFIDENCE,
+        repeated: bool = False,
     ) -> None:
-        self._setup, self._reader, self._new_confidence = bench.overhead, reader, new_confidence
+        self._setup, self._reader = bench.overhead, reader
+        self._new_confidence, self._repeated = new_confidence, repeated
         self._preparing = reader if isinstance(reader, Preparing) else None
         self._palm_length = palm_length or PalmLength(0.0, 1.0)
         self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
         self._tracks: list[_Track] = []
         self._lost: list[_Track] = []
+        self._doubts: list[tuple[float, Array]] = []
         self._works: _Track | None = None
         self._others: tuple[HandSample, ...] = ()
 
@@ -174,44 +181,58 @@ class HandTracks:
         self._tracks = kept
 
     def _assign(self, readings: list[Reading], now_s: float, robot: RobotMask) -> None:
-        """Give readings to tracks, nearest first; sure ones that are left begin tracks.
+        """Give readings to tracks, so that all of them together move least; those that are left may begin tracks.
 
         What has been seen on the robot alone, and is explained by it, is no hand.
         """
-        pairs = sorted(
-            (float(np.linalg.norm(track.expected_px(now_s) - reading.centre_px)), t, r)
-            for t, track in enumerate(self._tracks)
-            for r, reading in enumerate(readings)
-        )
-        left_tracks, left = set(range(len(self._tracks))), set(range(len(readings)))
-        for away_px, t, r in pairs:
-            if away_px < self._near_px and t in left_tracks and r in left:
-                left_tracks.discard(t)
-                left.discard(r)
-                track = self._tracks[t]
-                if track.away or not robot.explains(readings[r]):
-                    track.take(readings[r], now_s)
-                    track.away = track.away or not robot.under(readings[r])
-        for r in sorted(left):
-            if readings[r].confidence >= self._new_confidence:
-                away = not robot.under(readings[r]) or self._was_seen(readings[r])
-                if away or not robot.explains(readings[r]):
-                    self._tracks.append(_Track.begun(readings[r], now_s, away))
+        expected, centres = [one.expected_px(now_s) for one in self._tracks], [one.centre_px for one in readings]
+        pairs = matched(expected, centres, self._near_px)
+        for t, r in pairs:
+            track = self._tracks[t]
+            if track.away or not robot.explains(readings[r]):
+                track.take(readings[r], now_s)
+                track.away = track.away or not robot.under(readings[r])
+        taken = {r for _, r in pairs}
+        for reading in self._believed([one for r, one in enumerate(readings) if r not in taken], now_s):
+            away = not robot.under(reading) or self._was_seen(reading)
+            if away or not robot.explains(reading):
+                self._tracks.append(_Track.begun(reading, now_s, away))
+
+    def _believed(self, left: Sequence[Reading], now_s: float) -> list[Reading]:
+        """Those that begin tracks: sure ones, and doubtful ones that were read often enough at their place."""
+        self._doubts = [(seen_s, at) for seen_s, at in self._doubts if 0 < now_s - seen_s <= DOUBTFUL_S]
+        before = [{s for s, at in self._doubts if _apart_px(at, one.centre_px) < self._near_px} for one in left]
+        if self._repeated:
+            self._doubts += [(now_s, one.centre_px) for one in left]
+        return [
+            one
+            for one, times_s in zip(left, before, strict=True)
+            if one.confidence >= self._new_confidence or len(times_s) >= DOUBTFUL_N - 1
+        ]
 
     def _was_seen(self, reading: Reading) -> bool:
         """Whether a hand was lost about there: it may have come back."""
-        return any(
-            float(np.linalg.norm(one.reading.centre_px - reading.centre_px)) < self._near_px for one in self._lost
-        )
+        return any(_apart_px(one.reading.centre_px, reading.centre_px) < self._near_px for one in self._lost)
 
     def _choose(self, seen: list[_Track]) -> None:
-        """Which hand works: the one that did, unless another looks more like it by far."""
+        """Which hand works: the one that did, unless another looks more like it by far.
+
+        While that one is lost for a moment, hands that were in view beside it are not it. Later it is, of those that
+        look alike, the one that is nearest to where a hand worked last.
+        """
+        works = self._works
         best = max(seen, key=lambda one: one.works, default=None)
-        kept = self._works if any(one is self._works for one in seen) else None
-        if best is None or best.acting < 0.5:
+        if best is not None and best.acting < 0.5:
             best = None
-        if kept is not None and (best is None or best.works < kept.works + TAKES_OVER):
-            best = kept if kept.acting > STILL_WORKS else best
+        if works is not None and any(one is works for one in seen):
+            if best is None or best.works < works.works + TAKES_OVER:
+                best = works if works.acting > STILL_WORKS else best
+        elif works is not None:
+            lost = any(one is works for one in self._tracks)
+            least = 0.0 if best is None else best.works - TAKES_OVER
+            alike = [one for one in seen if one.works > least and one.acting >= 0.5]
+            alike = [one for one in alike if not lost or one.begun_s > works.seen_s]
+            best = min(alike, key=lambda one: _apart_px(one.reading.centre_px, works.reading.centre_px), default=works)
         self._works = best
 
 
@@ -244,6 +265,19 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         forearm_rad=math.atan2(back[1], back[0]),
         confidence=reading.confidence,
     )
+
+
+def matched(expected_px: Sequence[Array], found_px: Sequence[Array], within_px: float) -> list[tuple[int, int]]:
+    """Pairs of numbers of what belongs together (Kuhn 1955): of the least sum of distances, all below `within_px`."""
+    if not len(expected_px) or not len(found_px):
+        return []
+    apart_px = np.linalg.norm(np.array(expected_px)[:, np.newaxis] - np.array(found_px), axis=2)
+    pairs = zip(*linear_sum_assignment(np.minimum(apart_px, within_px)), strict=True)
+    return [(int(t), int(r)) for t, r in pairs if apart_px[t, r] < within_px]
+
+
+def _apart_px(one: Array, other: Array) -> float:
+    return float(np.linalg.norm(one - other))
 
 
 def _smoothed(track: _Track, world: Mapping[str, Array], time_s: float) -> dict[str, Array]:

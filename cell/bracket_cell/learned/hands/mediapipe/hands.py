@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.hands.mediapipe.palms import Roi, find_palms, overlaps, square, wrapped
+from bracket_cell.learned.hands.mediapipe.palms import LEAST_SCORE, Roi, find_palms, overlaps, square, wrapped
 from bracket_cell.learned.hands.regions import Image
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.interfaces.pose import Array
@@ -109,38 +109,44 @@ class MediaPipeHands:
 
     Args:
         folder: where they were written to by `cell lab hands`.
+        least_score: of a palm that the landmark network is to look at.
 
     Raises:
         ModelError: they are not there.
     """
 
-    def __init__(self, folder: Path, size: Size, most_hands: int = MOST_HANDS) -> None:
+    def __init__(
+        self, folder: Path, size: Size, most_hands: int = MOST_HANDS, least_score: float = LEAST_SCORE
+    ) -> None:
         self._palms = OnnxModel.load(network_file(folder, "palm", size), PALM_KIND)
         self._landmarks = OnnxModel.load(network_file(folder, "landmark", size), LANDMARK_KIND)
-        self._most = most_hands
+        self._most, self._least_score = most_hands, least_score
         self._rois: list[Roi] = []
 
     def picture(self, image: Image) -> list[Landmarks]:
         """All hands of a single RGB image."""
-        rois = [palm.roi for palm in find_palms(self._palms, image)][: self._most]
-        return self._read(image, rois)
+        return self.within(image, self._found(image))
 
     def frame(self, image: Image) -> list[Landmarks]:
         """All hands of the next RGB image of a stream; palms are looked for only while hands are missing."""
         rois = self._rois
         if len(rois) < self._most:
-            found = [palm.roi for palm in find_palms(self._palms, image)][: self._most]
-            rois = apart([*rois, *found])[: self._most]
-        hands = self._read(image, rois)
+            rois = apart([*rois, *self._found(image)])[: self._most]
+        hands = self.within(image, rois)
         self._rois = apart([hand.roi for hand in hands])
         return hands
 
-    def forget(self) -> None:
-        """The next image is of another stream."""
-        self._rois = []
+    def landmarks(self, image: Image, roi: Roi) -> Landmarks:
+        """What a square shows; its presence says whether that is a hand."""
+        return read_landmarks(self._landmarks, image, roi)
 
-    def _read(self, image: Image, rois: Sequence[Roi]) -> list[Landmarks]:
-        hands = (read_landmarks(self._landmarks, image, roi) for roi in rois)
+    def _found(self, image: Image) -> list[Roi]:
+        """Squares about palms, the surest first."""
+        return [palm.roi for palm in find_palms(self._palms, image, self._least_score)][: self._most]
+
+    def within(self, image: Image, rois: Sequence[Roi]) -> list[Landmarks]:
+        """The hands of an RGB image that squares show."""
+        hands = (self.landmarks(image, roi) for roi in rois)
         return [hand for hand in hands if hand.presence >= LEAST_PRESENCE]
 
 

@@ -81,14 +81,14 @@ class Palm:
         return Roi(centre, SCALE * float(max(width, height)), turn)
 
 
-def find_palms(network: OnnxModel, image: Image) -> list[Palm]:
+def find_palms(network: OnnxModel, image: Image, least_score: float = LEAST_SCORE) -> list[Palm]:
     """All palms in an RGB image, surest first."""
     height, width = image.shape[:2]
     longest = max(width, height)
     answer = network.run({"image": letterbox(image)})
     raw, logits = answer["Identity"][0].astype(np.float64), answer["Identity_1"][0, :, 0]
     scores = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -LARGEST_LOGIT, LARGEST_LOGIT)))
-    likely = scores >= LEAST_SCORE
+    likely = scores >= least_score
     anchors = ANCHORS[likely]
     values = raw[likely] / INPUT_PX
     middles, sizes = values[:, :2] + anchors, values[:, 2:4]

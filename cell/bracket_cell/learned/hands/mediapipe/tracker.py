@@ -6,6 +6,7 @@ places, and tell it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from bracket_cell.learned.hands.mediapipe.hands import (
     INDEX_TIP,
     LITTLE_BASE,
     MIDDLE_BASE,
+    MOST_HANDS,
     ON_THE_BENCH,
     RING_BASE,
     THUMB_TIP,
@@ -28,7 +30,8 @@ from bracket_cell.learned.hands.mediapipe.hands import (
     network_file,
 )
 from bracket_cell.learned.hands.mediapipe.hands import Landmarks as Hand
-from bracket_cell.learned.hands.model import NEAR_PX, SlimReader, slim_files
+from bracket_cell.learned.hands.mediapipe.palms import LEAST_SCORE, Roi
+from bracket_cell.learned.hands.model import NEAR_PX, SURE, SlimReader, slim_files
 from bracket_cell.learned.hands.reading import Reading, RegionReader, over_table
 from bracket_cell.learned.hands.regions import Image
 from bracket_cell.learned.hands.tracking import HandTracks
@@ -45,7 +48,10 @@ PALM_TO_WRIST_M = 0.063
 USUAL_M, BELIEVED = 0.10, 0.25  # height over the table, and how much of its difference from that a hand's size proves:
 # hands differ in size by a tenth, as much as 14 cm of height, and work within some 8 cm of the usual height
 BOX_MARGIN = 0.12  # of the hand's extent
-ACTS, RESTS = 0.9, 0.1  # the hand that reaches farther into the view acts
+UNKNOWN = 0.5  # whether a hand acts, by MediaPipe
+# The square about a hand, by the small networks' points: its middle ahead of the wrist and its side, in lengths from
+# wrist to palm.
+ROI_AHEAD, ROI_SIDE = 1.45, 4.6
 
 
 def bench_points(points: Array) -> dict[str, Array]:
@@ -78,12 +84,22 @@ def mediapipe_tracker(bench: Bench, product: Product, files: Mapping[str, Path])
     Raises:
         ModelError: they were not fetched yet, or the small tracker's weights cannot be used.
     """
+    slim = SlimReader(bench.overhead, tuple(product.parts), files["hands.closer"])
+    return HandTracks(bench, MediaPipeReader(bench.overhead, mediapipe_hands(files), slim), slim.palm_length)
+
+
+def mediapipe_hands(
+    files: Mapping[str, Path], most_hands: int = MOST_HANDS, least_score: float = LEAST_SCORE
+) -> MediaPipeHands:
+    """MediaPipe's networks, of `mediapipe_files`.
+
+    Raises:
+        ModelError: they were not fetched yet.
+    """
     try:
-        hands = MediaPipeHands(files["hands"].parent, ON_THE_BENCH)
+        return MediaPipeHands(files["hands"].parent, ON_THE_BENCH, most_hands, least_score)
     except ModelError as error:
         raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
-    slim = SlimReader(bench.overhead, tuple(product.parts), files["hands.closer"])
-    return HandTracks(bench, MediaPipeReader(bench.overhead, hands, slim), slim.palm_length)
 
 
 class MediaPipeReader:
@@ -97,15 +113,20 @@ class MediaPipeReader:
         self._setup, self._hands, self._closer = setup, hands, closer
 
     def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
-        """All hands in the next RGB image; the networks follow hands by themselves, unless none is expected."""
-        if not len(expected_px):
-            self._hands.forget()
-        hands = self._hands.frame(image)
-        highest = min((float(hand.points_px[WRIST, 1]) for hand in hands), default=0.0)
-        found = [self._reading(hand, float(hand.points_px[WRIST, 1]) == highest) for hand in hands]
-        return found if self._closer is None else [_completed(one, self._closer, image) for one in found]
+        """All hands in the next RGB image; where none is expected, it stands alone, whatever came before it."""
+        hands = self._hands.frame(image) if len(expected_px) else self._hands.picture(image)
+        found = [self._reading(hand) for hand in hands]
+        return found if self._closer is None else [completed(one, self._closer, image) for one in found]
 
-    def _reading(self, hand: Hand, acts: bool) -> Reading:
+    def read_at(self, image: Image, where: Reading) -> Reading | None:
+        """What MediaPipe sees of a hand that another reader saw, however little it believes it; None of no size."""
+        ahead = where.points_px["palm"] - where.points_px["wrist"]
+        length_px = float(np.linalg.norm(ahead))
+        turn_rad = math.atan2(ahead[0], -ahead[1])
+        square = Roi(where.points_px["wrist"] + ROI_AHEAD * ahead, ROI_SIDE * length_px, turn_rad)
+        return self._reading(self._hands.landmarks(image, square)) if length_px > 0 else None
+
+    def _reading(self, hand: Hand) -> Reading:
         points = hand.points_px
         height = self._height_m(hand)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -114,7 +135,7 @@ class MediaPipeReader:
         return Reading(
             confidence=hand.presence,
             left=hand.left,
-            acting=ACTS if acts else RESTS,
+            acting=UNKNOWN,
             points_px=bench_points(points),
             box_px=(left, top, right, bottom),
             heights_m=(height, height),
@@ -130,11 +151,12 @@ class MediaPipeReader:
         return over_table(USUAL_M + BELIEVED * (by_size - USUAL_M))
 
 
-def _completed(found: Reading, closer: RegionReader, image: Image) -> Reading:
+def completed(found: Reading, closer: RegionReader, image: Image) -> Reading:
     """A hand with what a closer look at it tells; as it was where that sees none."""
     for seen in closer.read_at(image, [found.centre_px]):
         if float(np.linalg.norm(seen.centre_px - found.centre_px)) < NEAR_PX:
             held = {"held": seen.points_px["held"]} if "held" in seen.points_px else {}
             points = {**found.points_px, **held}
-            return replace(found, points_px=points, heights_m=seen.heights_m, held_part=seen.held_part, size=seen.size)
+            told = replace(found, points_px=points, heights_m=seen.heights_m, held_part=seen.held_part, size=seen.size)
+            return replace(told, acting=seen.acting) if seen.confidence >= SURE else told
     return found

@@ -1,0 +1,91 @@
+"""One tracker of two sources: MediaPipe's networks and the small ones look for hands, and both judge each of them.
+
+They miss different hands: MediaPipe's were taught by photographs of bare ones, the small ones by drawn benches, gloves
+and sleeves among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bracket_cell.learned.hands.mediapipe.hands import LEAST_PRESENCE
+from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader, completed, mediapipe_hands
+from bracket_cell.learned.hands.model import NEAR_PX, SURE, SlimReader
+from bracket_cell.learned.hands.reading import Reading
+from bracket_cell.learned.hands.refinement import DOUBTED
+from bracket_cell.learned.hands.regions import Image
+from bracket_cell.learned.hands.tracking import HandTracks, matched
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.product import Product
+
+# Of MediaPipe's palms; its landmark network has the last word. At .2 it finds 75 of 86 hands on a bench from above, at
+# its own .5 67, and in 190 pictures of tools and things no more that are none.
+LEAST_PALM, MOST_HANDS = 0.2, 4
+NEW_CONFIDENCE = 0.9  # of a hand that was not seen before, by both together
+SAME_PX = 50.0  # between the centres of one hand as both see it; two hands at one work are nearer to each other seldom
+# MediaPipe's presence of a hand in a square where the small networks alone see one: on photographs of tools and rooms
+# it was less than this for 66 of 70 things, and for 8 of 60 hands.
+REFUSED = 0.03
+
+
+def joint_tracker(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracks:
+    """A tracker with the networks of `mediapipe_files`.
+
+    Raises:
+        ModelError: MediaPipe's were not fetched yet, or the small ones cannot be used.
+    """
+    theirs = MediaPipeReader(bench.overhead, mediapipe_hands(files, MOST_HANDS, LEAST_PALM))
+    ours = SlimReader(bench.overhead, tuple(product.parts), files["hands.closer"])
+    return HandTracks(bench, JointReader(ours, theirs), ours.palm_length, NEW_CONFIDENCE, repeated=True)
+
+
+class JointReader:
+    """Reads the hands of a stream of images by two readers (HandReader)."""
+
+    def __init__(self, ours: SlimReader, theirs: MediaPipeReader) -> None:
+        self._ours, self._theirs = ours, theirs
+
+    def prepare(self, image: Image) -> None:
+        """Let the small networks do what follows from the image alone."""
+        self._ours.prepare(image)
+
+    def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
+        """All hands in an RGB image, surest first."""
+        ours, theirs = self._ours.read(image, expected_px), self._theirs.read(image, expected_px)
+        pairs = matched([one.centre_px for one in ours], [one.centre_px for one in theirs], SAME_PX)
+        paired, answered = {a for a, _ in pairs}, {b for _, b in pairs}
+        found = [agreed(ours[a], theirs[b]) for a, b in pairs]
+        found += [completed(one, self._ours, image) for b, one in enumerate(theirs) if b not in answered]
+        for one in (one for a, one in enumerate(ours) if a not in paired):
+            followed = any(float(np.linalg.norm(one.centre_px - at)) < NEAR_PX for at in expected_px)
+            found += [one] if followed else self._asked(image, one)
+        return _apart(sorted(found, key=lambda one: -one.confidence))
+
+    def _asked(self, image: Image, one: Reading) -> list[Reading]:
+        """What the small networks see alone, as far as MediaPipe believes it."""
+        seen = self._theirs.read_at(image, one)
+        if seen is None or seen.confidence < REFUSED:
+            return []
+        believed = seen.confidence >= LEAST_PRESENCE
+        return [agreed(one, seen) if believed else replace(one, confidence=min(one.confidence, DOUBTED))]
+
+
+def agreed(ours: Reading, theirs: Reading) -> Reading:
+    """A hand that both see: that neither is right is as likely as if they erred independently."""
+    confidence = 1 - (1 - ours.confidence) * (1 - theirs.confidence)
+    points = ours.points_px if ours.confidence >= SURE else {**ours.points_px, **theirs.points_px}
+    return replace(ours, confidence=confidence, points_px=points)
+
+
+def _apart(found: Sequence[Reading]) -> list[Reading]:
+    """Without those that lie where a surer one does."""
+    kept: list[Reading] = []
+    for one in found:
+        if all(float(np.linalg.norm(one.centre_px - other.centre_px)) >= NEAR_PX for other in kept):
+            kept.append(one)
+    return kept

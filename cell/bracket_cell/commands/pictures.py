@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from bracket_cell.commands.options import CONFIGURATION, ConfigOption
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.pictures import labels as folders
+from bracket_cell.pictures.foreign import LEGAL as LEGAL_LABELS
 from bracket_cell.pictures.labels import ROWS, LabelFolder
 from bracket_cell.pictures.sources import LEGAL, camera_pose, open_source
 from bracket_ground.errors import InputError
@@ -40,7 +42,11 @@ def record(
 
 def label(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of `cell record`.")],
-    import_from: Annotated[Path | None, typer.Option("--import", help="Take labels from a COCO file.")] = None,
+    import_from: Annotated[Path | None, typer.Option("--import", help=f"Take labels: {LEGAL_LABELS}.")] = None,
+    rename: Annotated[
+        list[str] | None,
+        typer.Option(help="With --import: THEIRS=OURS, another name of a category; THEIRS= leaves its boxes out."),
+    ] = None,
     export_to: Annotated[Path | None, typer.Option("--export", help="Write all labels as a COCO file.")] = None,
     port: Annotated[int, typer.Option(help="Port of the page.")] = PORT,
     config: ConfigOption = CONFIGURATION,
@@ -49,17 +55,19 @@ def label(
 
     Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
     """
-    from bracket_cell.pictures.coco import read_coco, write_coco
+    from bracket_cell.pictures.coco import read_labels, write_coco
     from bracket_cell.pictures.server import LabelServer
     from bracket_cell.pictures.suggestions import Suggester
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)
+    if rename and import_from is None:
+        raise InputError("--rename goes with --import")
     opened = LabelFolder(folder, product)
     suggester = Suggester(configuration.bench, product, configuration.perception)
     places = {row.file: suggester.holes_px(row) for row in opened.pictures} if opened.camera == "overhead" else {}
     if import_from is not None:
-        for file, labels in read_coco(opened, import_from, places).items():
+        for file, labels in read_labels(opened, import_from, places, _renamed(rename or ())).items():
             opened.save(file, labels)
     if export_to is not None:
         console().print(f"{write_coco(opened, export_to, places)} pictures in {export_to}", highlight=False)
@@ -70,3 +78,11 @@ def label(
         console().print(f"label at {server.address}; Ctrl-C ends it, what was saved stays", highlight=False)
         server.serve()
         console().print(f"{len(opened.labels)} of {len(opened.pictures)} pictures have labels", highlight=False)
+
+
+def _renamed(pairs: Sequence[str]) -> dict[str, str]:
+    """Names of this product by those of a file."""
+    split = [pair.rpartition("=") for pair in pairs]
+    if wrong := [pair for pair, (theirs, _, _) in zip(pairs, split, strict=True) if not theirs]:
+        raise InputError(f"--rename {wrong[0]}: must be THEIRS=OURS, as in --rename Hammer=hammer")
+    return {theirs: ours for theirs, _, ours in split}

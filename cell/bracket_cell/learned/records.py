@@ -213,11 +213,13 @@ class StillRow(Model):
     Attributes:
         log: the recording that it is of; images of one are learned from together or not at all.
         world_from_camera: where the camera was believed to be.
+        source_px: (width, height) of a picture of another shape than the camera's, before it got borders.
     """
 
     file: str
     log: str
     camera: str = ""
+    source_px: tuple[int, int] | None = None
     true_camera: CameraRow
     world_from_camera: PoseRow
 

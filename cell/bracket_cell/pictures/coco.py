@@ -1,67 +1,29 @@
-"""Labels as COCO has them: a category for each type of part, for hands, and for what a hole holds."""
+"""Labels of other programs, read and written: a category for each type of part, hands, and what a hole holds."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from pydantic import ConfigDict, ValidationError
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
 from bracket_cell.learned.holes.records import Hole
 from bracket_cell.learned.parts.records import UNKNOWN, PartRow
-from bracket_cell.learned.records import mistakes
-from bracket_cell.pictures.labels import LabelFolder, PictureLabels
-from bracket_ground.errors import InputError, Place, Problem
-from bracket_ground.files.files import read_text, write_whole
-from bracket_ground.files.model import Model
+from bracket_cell.learned.records import MOST_PROBLEMS, Box, mistakes
+from bracket_cell.pictures.foreign import SHARES, ForeignBox, read_foreign
+from bracket_cell.pictures.labels import LabelFolder, PictureLabels, Size, fit_of
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.product import Product
 
+SAME_SHAPE, OUTSIDE = 0.02, 0.005  # shares by which shapes of one picture may differ, and boxes reach over its edge
 HAND, HOLE, EMPTY, COVERED = "hand", "hole ", "empty", "covered"
 NEAREST_PX = 12.0  # from the middle of a box to the hole that it is of
 HOLE_PX = 12.0  # half the side of the box that stands for a hole
-
-
-class _Some(Model):
-    """Keys that COCO has besides are passed over."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class Picture(_Some):
-    """An image of the file."""
-
-    id: int
-    file_name: str
-
-
-class Category(_Some):
-    """A name for some boxes."""
-
-    id: int
-    name: str
-
-
-class Annotation(_Some):
-    """A box (left, top, width, height), and where there are any the key points of a hand."""
-
-    id: int = 0
-    image_id: int
-    category_id: int
-    bbox: tuple[float, float, float, float]
-    keypoints: tuple[float, ...] = ()
-
-
-class CocoFile(_Some):
-    """The file."""
-
-    images: tuple[Picture, ...]
-    categories: tuple[Category, ...]
-    annotations: tuple[Annotation, ...]
 
 
 def categories(product: Product) -> tuple[str, ...]:
@@ -96,40 +58,103 @@ def write_coco(folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[s
     return len(images)
 
 
-def read_coco(
-    folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[str, tuple[float, float]]]
+def read_labels(
+    folder: LabelFolder,
+    path: Path,
+    holes_px: Mapping[str, Mapping[str, tuple[float, float]]],
+    renamed: Mapping[str, str] | None = None,
 ) -> dict[str, PictureLabels]:
-    """The labels of a file, by picture of the folder; files are known by their names alone, wherever they lie.
+    """The labels of another program, by picture of the folder; pictures are known by their names, wherever they lie.
+
+    Args:
+        renamed: names of this product by those of the file; an empty one leaves boxes out.
 
     Raises:
-        InputError: it is no such file, or names pictures or categories that nobody knows.
+        InputError: the file cannot be read, or names pictures or categories that nobody knows, or boxes lie outside.
     """
-    try:
-        read = CocoFile.model_validate_json(read_text(path))
-    except ValidationError as error:
-        raise InputError(*(Problem(Place(path), what) for what in mistakes(error)[:20])) from None
-    files = {Path(row.file).name: row.file for row in folder.pictures}
-    image_of = {one.id: files.get(Path(one.file_name).name) for one in read.images}
-    name_of = {one.id: one.name for one in read.categories}
-    legal, problems = categories(folder.product), list[str]()
-    given: dict[str, list[tuple[str, Annotation]]] = {file: [] for file in image_of.values() if file is not None}
-    problems += [f"images: no picture {one.file_name} in {folder.path}" for one in read.images if not image_of[one.id]]
-    for one in read.annotations:
-        name, file = name_of.get(one.category_id, ""), image_of.get(one.image_id)
-        if name not in legal:
-            problems.append(f"annotation {one.id}: no category {name or one.category_id!r}; legal: {', '.join(legal)}")
-        elif file is not None:
-            given[file].append((name, one))
+    names, problems = _Names(folder.product, renamed or {}), list[str]()
+    rows = {name: row for row in folder.pictures for name in (Path(row.file).name, Path(row.file).stem)}
+    given: dict[str, list[tuple[str, Box, ForeignBox]]] = {}
+    for picture in read_foreign(path):
+        called = PurePosixPath(picture.name.replace("\\", "/"))
+        row = rows.get(called.name) or rows.get(called.stem)
+        if row is None:
+            problems.append(f"{path}: no picture {picture.name} in {folder.path}")
+            continue
+        boxes, size_px = given.setdefault(row.file, []), folder.size_px(row)
+        for one in picture.boxes:
+            if name := names.of(one.category, one.where):
+                try:
+                    boxes.append((name, _placed(one.box, picture.size_px, row.source_px or size_px, size_px), one))
+                except ValueError as error:
+                    problems.append(f"{one.where}: {error}")
     found = {}
     for file, some in given.items():
         try:
             found[file] = _labels(some, holes_px.get(file, {}))
             folder.check(found[file])
         except ValueError as error:
-            problems += [f"{file}: {what}" for what in mistakes(error)]
-    if problems:
-        raise InputError(*(Problem(Place(path), what) for what in problems[:20]))
+            problems += [f"{path}: {file}: {what}" for what in mistakes(error)]
+    if problems := [*names.unknown(), *problems]:
+        raise InputError(*problems[:MOST_PROBLEMS])
     return found
+
+
+class _Names:
+    """Categories of the product by those of a file; only in upper and lower case they may differ by themselves."""
+
+    def __init__(self, product: Product, renamed: Mapping[str, str]) -> None:
+        self._legal, self._renamed = categories(product), renamed
+        self._unknown: dict[str, list[str]] = {}
+        if wrong := [name for name in renamed.values() if name and name not in self._legal]:
+            raise InputError(f"--rename: no category {', '.join(wrong)}; legal: {', '.join(self._legal)}")
+
+    def of(self, name: str, where: str) -> str:
+        """The product's name; empty where the box is to be left out, or where there is none, which `unknown` says."""
+        if name in self._renamed or name in self._legal:
+            return self._renamed.get(name, name)
+        alike = [one for one in self._legal if one.casefold() == name.casefold()]
+        if len(alike) != 1:
+            self._unknown.setdefault(name, []).append(where)
+            return ""
+        return alike[0]
+
+    def unknown(self) -> list[str]:
+        """What to say of names that nobody knows."""
+        return [
+            f"{some[0]}: no category {name!r} ({len(some)} boxes); legal: {', '.join(self._legal)}; give it a name "
+            f"with --rename {name!r}=NAME, or leave its boxes out with --rename {name!r}="
+            for name, some in self._unknown.items()
+        ]
+
+
+def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size_px: Size) -> Box:
+    """A box in the folder's picture.
+
+    Args:
+        told_px: size of the picture that the box is told in.
+        source_px: that of the picture before it was fitted into the folder's size, `size_px`.
+
+    Raises:
+        ValueError: it lies outside, or was told in a picture of another shape.
+    """
+    width, height = told_px or source_px
+    if told_px not in (None, SHARES) and abs(width * source_px[1] / (height * source_px[0]) - 1) > SAME_SHAPE:
+        raise ValueError(
+            f"is told in a picture of {width:g} x {height:g}, and the picture here has {source_px[0]} x {source_px[1]}:"
+            " record the pictures that the labels were exported with"
+        )
+    shares = np.array(box) / (width, height, width, height)
+    if not (shares[2:] > shares[:2]).all() or shares.min() < -OUTSIDE or shares.max() > 1 + OUTSIDE:
+        left, top, right, bottom = box
+        where = f"within {width:g} x {height:g}"
+        raise ValueError(
+            f"a box of {left:g}, {top:g}, {right:g}, {bottom:g} (left, top, right, bottom): must lie {where}"
+        )
+    scale, shift = fit_of(source_px, size_px)
+    placed = shares.clip(0, 1).reshape(2, 2) * np.array(source_px) * scale + shift
+    left, top, right, bottom = (float(value) for value in placed.reshape(4))
+    return left, top, right, bottom
 
 
 def _boxes(
@@ -148,27 +173,26 @@ def _boxes(
         yield f"{HOLE}{name}", (x - HOLE_PX, y - HOLE_PX, x + HOLE_PX, y + HOLE_PX), []
 
 
-def _labels(given: Sequence[tuple[str, Annotation]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:
+def _labels(given: Sequence[tuple[str, Box, ForeignBox]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:
     holes, hands, parts = [], [], []
-    for name, one in given:
-        left, top, width, height = one.bbox
-        box = (left, top, left + width, top + height)
+    for name, box, one in given:
         if name == HAND:
             points = np.array(one.keypoints).reshape(-1, 3)[: len(POINTS)]
             known = {name: (x, y) for name, (x, y, shown) in zip(POINTS, points.tolist(), strict=False) if shown > 0}
             hands.append(HandRow(box_px=box, points_px=known, known=False))
         elif name.startswith(HOLE):
-            holes.append(_hole(name.removeprefix(HOLE), (left + width / 2, top + height / 2), holes_px, one.id))
+            middle = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+            holes.append(_hole(name.removeprefix(HOLE), middle, holes_px, one.where))
         else:
             parts.append(PartRow(part=name, whole_box_px=box))
     return PictureLabels(holes=tuple(holes), hands=tuple(hands), parts=tuple(parts))
 
 
-def _hole(what: str, middle: tuple[float, float], holes_px: Mapping[str, tuple[float, float]], number: int) -> Hole:
+def _hole(what: str, middle: tuple[float, float], holes_px: Mapping[str, tuple[float, float]], where: str) -> Hole:
     away = {name: float(np.hypot(x - middle[0], y - middle[1])) for name, (x, y) in holes_px.items()}
     nearest = min(away, key=lambda name: away[name])
     if away[nearest] > NEAREST_PX:
-        raise ValueError(f"annotation {number}: is {away[nearest]:.0f} px from the nearest hole, {nearest}")
+        raise ValueError(f"{where}: is {away[nearest]:.0f} px from the nearest hole, {nearest}")
     if what in (EMPTY, COVERED):
         return Hole(position=nearest, part=None, covered=float(what == COVERED))
     return Hole(position=nearest, part=what)

@@ -22,7 +22,7 @@ from bracket_ground.files.model import Model
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Image
-from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 
 FRAMES, IMAGES = "frames", "images"
@@ -30,7 +30,11 @@ ROWS: Mapping[str, Mapping[str, type[Any]]] = {
     "overhead": {"plates": PlateRow, "hands": FrameRow},
     "wrist": {"objects": TrayRow},
 }
+BORDER = (110, 110, 110)  # grey, as regions of hands have it beyond an image
 PIECE = 20  # pictures of a stream that are of one recording: kept for the scores together, or learned from together
+
+
+Size = tuple[int, int]  # (width, height) in pixels
 
 
 class PictureLabels(Model):
@@ -54,7 +58,7 @@ def record(source: Source, out: Path, camera: str, bench: Bench, every: int, mos
         most: of frames that are kept; None for all.
 
     Raises:
-        InputError: the folder is not new, or the frames have another shape than the camera's.
+        InputError: the folder is not new.
     """
     setup = bench.overhead if camera == "overhead" else bench.wrist
     pose, kept = camera_pose(bench, camera), 0
@@ -64,7 +68,9 @@ def record(source: Source, out: Path, camera: str, bench: Bench, every: int, mos
             title = source.title(frame.sequence)
             name = folder.image(f"{IMAGES}/{title}.png", fitted(frame.image, setup))
             log = title if source.files or source.single else f"{source.name}-{number // PIECE:03d}"
-            folder.row(FRAMES, {"file": name, "log": log, "camera": camera, **taken_by(setup, pose)})
+            size = frame.image.shape[1], frame.image.shape[0]
+            bordered = {} if same_shape(size, (setup.width_px, setup.height_px)) else {"source_px": size}
+            folder.row(FRAMES, {"file": name, "log": log, "camera": camera, **taken_by(setup, pose), **bordered})
             kept = number + 1
         folder.close({})
     return kept
@@ -77,22 +83,32 @@ def taken_by(setup: CameraSetup, pose: Pose) -> dict[str, Any]:
     return {"world_from_camera": told, "true_camera": {**told, **lens}}
 
 
-def fitted(image: Image, setup: CameraSetup) -> Image:
-    """The image in the size of the camera's.
+def fit_of(source_px: Size, wanted_px: Size) -> tuple[float, Array]:
+    """By how much a picture is scaled, and how far aside (2,) it lies then, whole and in the middle of another size."""
+    scale = min(wanted_px[0] / source_px[0], wanted_px[1] / source_px[1])
+    return scale, (np.array(wanted_px) - scale * np.array(source_px)) / 2
 
-    Raises:
-        InputError: it has another shape: the calibration would not hold.
-    """
+
+def fitted(image: Image, setup: CameraSetup) -> Image:
+    """The image in the size of the camera's; one of another shape has borders, and no calibration."""
     height, width = image.shape[:2]
     wanted = setup.width_px, setup.height_px
     if (width, height) == wanted:
         return image
-    if abs(width * wanted[1] / (height * wanted[0]) - 1) > 0.01:
-        raise InputError(
-            f"frames of {width} x {height} pixels; the camera of the configuration has {wanted[0]} x {wanted[1]}: "
-            "set bench.overhead or bench.wrist to the camera's own shape, and calibrate it"
-        )
-    return np.asarray(cv2.resize(image, wanted, interpolation=cv2.INTER_AREA), np.uint8)
+    if same_shape((width, height), wanted):
+        return np.asarray(cv2.resize(image, wanted, interpolation=cv2.INTER_AREA), np.uint8)
+    scale, shift = fit_of((width, height), wanted)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    left, top = (round(float(value)) for value in shift)
+    room = wanted[1] - size[1] - top, wanted[0] - size[0] - left
+    bordered = cv2.copyMakeBorder(small, top, room[0], left, room[1], cv2.BORDER_CONSTANT, value=BORDER)
+    return np.asarray(bordered, np.uint8)
+
+
+def same_shape(one_px: Size, other_px: Size) -> bool:
+    """Whether a camera may have taken both: one is only larger."""
+    return abs(one_px[0] * other_px[1] / (one_px[1] * other_px[0]) - 1) <= 0.01
 
 
 def _chosen(frames: Iterator[Frame], every: int, most: int | None) -> Iterator[Frame]:
@@ -138,6 +154,11 @@ class LabelFolder:
         """A picture, in RGB."""
         return read_image(self.path / row.file)
 
+    def size_px(self, row: StillRow) -> Size:
+        """(width, height) of a picture."""
+        height, width = self.image(row).shape[:2]
+        return width, height
+
     def check(self, labels: PictureLabels) -> None:
         """Raises ValueError where labels do not fit the product or the camera."""
         for name, given, camera in (("holes", labels.holes, "overhead"), ("hands", labels.hands, "overhead"),
@@ -167,6 +188,8 @@ class LabelFolder:
             InputError: a file cannot be written.
         """
         self.check(labels)
+        if labels.holes and any(one.file == file and one.source_px for one in self.pictures):
+            raise ValueError("holes: are known by the camera's calibration, and this picture is of another camera")
         self.labels[file] = labels
         for name in ROWS[self.camera]:
             rows = [self._row(name, one, self.labels[one.file]) for one in self.pictures if one.file in self.labels]

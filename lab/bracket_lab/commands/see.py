@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +19,7 @@ from bracket_cell.pictures.sources import LEGAL, Source, camera_pose, open_sourc
 from bracket_cell.pictures.suggestions import Often
 from bracket_cell.recording.schemas import plain
 from bracket_cell.settings import Perception
-from bracket_cell.wiring.detectors import Detectors, bench_watcher, fitted, part_finder
+from bracket_cell.wiring.detectors import Detectors, bench_watcher, fitted, for_camera, part_finder
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
@@ -48,7 +48,7 @@ def see(
     ] = None,
     camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
     hands: Annotated[
-        str | None, typer.Option(help="Tracker: slim, classical or mediapipe, else as configured.")
+        str | None, typer.Option(help="Tracker: both, slim, classical or mediapipe, else as configured.")
     ] = None,
     perception: Annotated[
         str | None, typer.Option(help="All detectors, whatever is configured: learned or classical.")
@@ -68,9 +68,11 @@ def see(
         raise InputError(f"--camera {camera}: unknown camera; legal: {', '.join(CAMERAS)}")
     configuration = _chosen(simulated(load_configuration(config), look), hands, perception)
     product = load_product(configuration, config)
-    configuration, said = fitted(configuration, product)
-    if said:
-        console().print(said, highlight=False)
+    drawn = source.startswith("sim:") or source.endswith(".mcap")
+    looking, of_hands = for_camera(configuration.perception, real=not drawn)
+    configuration, said = fitted(configuration.model_copy(update={"perception": looking}), product)
+    for line in filter(None, (of_hands, said)):
+        console().print(line, highlight=False)
     opened = open_source(source, camera, configuration, product, camera_pose(configuration.bench, camera))
     if look is not None and not source.startswith("sim:"):
         raise InputError("--look goes with sim:SEED; what is there already looks as it does")
@@ -84,9 +86,7 @@ def see(
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
         look_at = partial(_look, configuration, product, camera, opened.follows)
         told = _seen(opened, most, every, writer, look_at)
-    hands_in = sum(bool(one.get("hand")) for one in told)
-    rows = {"frames": len(told)} | ({"with a hand that works": hands_in} if camera == "overhead" else {})
-    console().print(table(str(target), rows))
+    console().print(table(str(target), {"frames": len(told)} | (_of_hands(told) if camera == "overhead" else {})))
     if as_json:
         print_json({"source": source, "written": [str(file) for file in writer.written], "frames": told})
 
@@ -112,6 +112,14 @@ def _seen(
         if frame.sequence % every == 0:
             writer.write(image, opened.title(frame.sequence))
     return told
+
+
+def _of_hands(told: list[dict[str, Any]]) -> dict[str, int]:
+    """In how many frames hands are seen, and how often the one that works was lost."""
+    there = [bool(one.get("hand")) for one in told]
+    lost = sum(before and not now for before, now in pairwise(there))
+    beside = sum(bool(one.get("other_hands")) for one in told)
+    return {"with a hand that works": sum(there), "times that it was lost": lost, "with other hands": beside}
 
 
 def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -> Configuration:

@@ -81,7 +81,7 @@ def drawn_bench(frame: Frame, view: BenchView, bench: Bench, product: Product) -
     canvas.words(f"{view.action} {view.action.confidence:.2f}", (8, 18), WHITE)
     trouble = view.health or view.hand_unknown
     if trouble:
-        canvas.words(trouble, (8, 38), RED)
+        canvas.words(trouble, (8, 38), GREY if view.unseen else RED)  # a picture of something else is no fault
     return beside_depth(canvas.image, frame)
 
 

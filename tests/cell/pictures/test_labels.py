@@ -43,11 +43,20 @@ def test_photographs_are_kept_in_the_camera_s_size_with_its_calibration(folder: 
     assert len({row.log for row in read.pictures}) == 4  # photographs are of recordings of their own
 
 
-def test_another_shape_is_refused_and_nothing_is_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cv2.imwrite(str(tmp_path / "tall.png"), np.zeros((400, 100, 3), np.uint8))
-    assert main(["record", str(tmp_path / "tall.png"), "--out", str(tmp_path / "own")]) == 2
-    assert "frames of 100 x 400 pixels" in capsys.readouterr().err
-    assert not (tmp_path / "own").exists()
+def test_a_photograph_of_another_shape_gets_borders_and_labels_no_holes(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "tall.png"), np.full((400, 100, 3), 200, np.uint8))
+    assert main(["record", str(tmp_path / "tall.png"), "--out", str(tmp_path / "own")]) == 0
+    read = LabelFolder(tmp_path / "own", PRODUCT)
+    (row,) = read.pictures
+    assert row.source_px == (100, 400)
+    wide, high = BENCH.overhead.width_px, BENCH.overhead.height_px
+    image = read.image(row)
+    assert image.shape == (high, wide, 3)
+    assert (image[:, wide // 2] == 200).all()  # all of its height shows, in the middle
+    assert (image == 200).all(axis=2)[0].sum() == pytest.approx(high / 4, abs=1)
+    read.save(row.file, PictureLabels(hands=(HAND,)))
+    with pytest.raises(ValueError, match="of another camera"):
+        read.save(row.file, PictureLabels(holes=HOLES))
 
 
 def test_a_video_is_kept_in_pieces(tmp_path: Path) -> None:
@@ -110,7 +119,7 @@ def test_coco_brings_back_what_it_was_given(folder: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"category_id": 99}, "annotation 1: no category 99; legal: o1"),
+        ({"category_id": 99}, "annotation 1: no category 'number 99' .1 boxes.; legal: o1"),
         ({"bbox": [1, 1, 4, 4]}, "annotation 1: is .* px from the nearest hole"),
         ({"bbox": [1, 1]}, r"annotations\.0\.bbox"),
     ],

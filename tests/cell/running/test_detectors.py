@@ -135,6 +135,7 @@ def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> 
     other = PRODUCT.model_copy(update={"parts": {"valve": first[1], **dict(others)}})
     found, told = fitting(learned, other)
     assert found.kind == "classical"
+    assert found.chosen("hands").kind == "slim"  # a hand has no part names
     assert "knows the parts o1, o2, o3, and this product has valve, o2, o3" in told
     assert "cell train --all" in told
     own = {task: {"kind": kind} for task, kind in TRAINED_DEFAULTS.items()}

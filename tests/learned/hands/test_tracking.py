@@ -281,3 +281,43 @@ def test_a_camera_that_sends_an_image_twice_while_a_hand_is_fast_begins_a_second
         assert tracks.track(frame(number)) is not None
     assert len(script.expected[3]) == 2
     assert len(script.expected[-1]) == 1
+
+
+def test_three_doubtful_readings_at_one_place_begin_a_track() -> None:
+    doubtful, elsewhere = reading((0.72, 0.1), confidence=0.6), reading((0.72, -0.3), confidence=0.6)
+    for frames, expected in (
+        ([[doubtful]] * 4, [0, 0, 1, 1]),
+        ([[doubtful], [elsewhere], [doubtful], [elsewhere]], [0] * 4),
+        ([[doubtful], [], [], [], [], [doubtful], [doubtful], [doubtful]], [0, 0, 0, 0, 0, 0, 0, 1]),
+    ):
+        tracks = HandTracks(BENCH, Script(frames), new_confidence=0.95, repeated=True)
+        found = [tracks.track(frame(number)) is not None for number in range(len(frames))]
+        assert [int(one) for one in found] == expected
+    tracks = HandTracks(BENCH, Script([[doubtful]] * 8), new_confidence=0.95)
+    assert [tracks.track(frame(number)) for number in range(8)] == [None] * 8
+
+
+def test_hands_that_cross_keep_their_names() -> None:
+    """Nearest first would give the reading between both to the wrong one, and begin a third."""
+    tracks = [(0.72, 0.0), (0.72, 0.09)]
+    moved = [(0.72, 0.07), (0.72, 0.16)]
+    script = Script([[reading(tips) for tips in places] for places in (tracks, moved)])
+    hands = HandTracks(BENCH, script)
+    for number in range(2):
+        hands.track(frame(number))
+    assert len(hands.others) == 1
+
+
+def test_a_hand_beside_the_one_that_is_lost_for_a_moment_does_not_become_it() -> None:
+    works, other = reading((0.72, 0.1), acting=0.9), reading((0.95, -0.3), acting=0.6)
+    samples, others = follow(Script([[works, other]] * 3 + [[other]] * 2 + [[works, other]] * 2), 7)
+    assert [sample is not None for sample in samples] == [True] * 3 + [False] * 2 + [True] * 2
+    assert all(sample is None or sample.fingertips_m[0] < 0.8 for sample in samples)
+    assert others == [1] * 7
+
+
+def test_of_hands_that_look_alike_the_one_works_that_is_where_one_worked() -> None:
+    near, far = reading((0.74, 0.12), acting=0.6), reading((0.72, -0.4), acting=0.62)
+    samples, _ = follow(Script([[reading((0.72, 0.1))], *[[]] * 6, [far, near]]), 8)
+    assert samples[-1] is not None
+    assert samples[-1].fingertips_m == pytest.approx((0.74, 0.12), abs=1e-6)

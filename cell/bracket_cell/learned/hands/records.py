@@ -58,6 +58,7 @@ class FrameRow(Model):
     """A frame and all hands in it; no hands say that there are none.
 
     Attributes:
+        source_px: as of `StillRow`.
         decoys_px: (column, row) of what looks like a hand and is none: shadows, things. Those on a hand do not count.
     """
 
@@ -66,6 +67,7 @@ class FrameRow(Model):
     frame: int = 0
     time_s: float = 0.0
     camera: str = ""
+    source_px: tuple[int, int] | None = None
     true_camera: CameraRow | None = None
     world_from_camera: PoseRow | None = None
     hands: tuple[HandRow, ...]

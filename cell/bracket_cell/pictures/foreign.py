@@ -1,0 +1,228 @@
+"""Boxes of other programs: COCO, YOLO, Pascal VOC and CVAT, read as one kind of labelled picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import yaml
+from pydantic import ConfigDict, Field, ValidationError
+
+from bracket_cell.learned.records import MOST_PROBLEMS, Box, mistakes
+from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.files.files import read_text
+from bracket_ground.files.model import Model
+
+LEGAL = "a COCO file (.json), a folder of YOLO (data.yaml or classes.txt), of Pascal VOC (.xml), or a CVAT file (.xml)"
+CLASSES = ("classes.txt", "obj.names")  # names by number, one a line, where YOLO has no data.yaml
+SHARES = (1.0, 1.0)  # the size of a picture whose boxes are told as shares of it
+
+
+@dataclass(frozen=True)
+class ForeignBox:
+    """A box in a picture.
+
+    Attributes:
+        box: (left, top, right, bottom) in the picture's size.
+        keypoints: of COCO, (x, y, visible) each.
+        where: file, and line or number.
+    """
+
+    category: str
+    box: Box
+    where: str
+    keypoints: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class ForeignPicture:
+    """A picture with its boxes; none say that nothing is there.
+
+    Attributes:
+        name: of its file, with or without folder and suffix.
+        size_px: (width, height) in which its boxes are told; None where nobody says it.
+    """
+
+    name: str
+    size_px: tuple[float, float] | None
+    boxes: tuple[ForeignBox, ...]
+
+
+def read_foreign(path: Path) -> list[ForeignPicture]:
+    """The labelled pictures of a file or folder.
+
+    Raises:
+        InputError: it is of no known format, or wrong, with file and line where they are known.
+    """
+    if path.name in ("data.yaml", "data.yml", *CLASSES):
+        path = path.parent
+    if path.is_dir():
+        if names := next((file for file in _of_names(path) if file.is_file()), None):
+            return list(_yolo(path, names))
+        if files := sorted(path.rglob("*.xml")):
+            return [picture for file in files for picture in _xml(file)]
+        raise InputError(f"{path}: holds no labels; legal: {LEGAL}")
+    if path.suffix.lower() == ".xml":
+        return _xml(path)
+    if path.suffix.lower() == ".json":
+        return _coco(path)
+    raise InputError(f"{path}: is of no known format; legal: {LEGAL}")
+
+
+class _Some(Model):
+    """Keys that COCO has besides are passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Picture(_Some):
+    id: int
+    file_name: str
+    width: int | None = Field(default=None, gt=0)
+    height: int | None = Field(default=None, gt=0)
+
+
+class _Category(_Some):
+    id: int
+    name: str
+
+
+class _Annotation(_Some):
+    id: int = 0
+    image_id: int
+    category_id: int
+    bbox: tuple[float, float, float, float]
+    keypoints: tuple[float, ...] = ()
+
+
+class _CocoFile(_Some):
+    images: tuple[_Picture, ...]
+    categories: tuple[_Category, ...]
+    annotations: tuple[_Annotation, ...]
+
+
+def _coco(path: Path) -> list[ForeignPicture]:
+    try:
+        read = _CocoFile.model_validate_json(read_text(path))
+    except ValidationError as error:
+        raise InputError(*(Problem(Place(path), what) for what in mistakes(error)[:MOST_PROBLEMS])) from None
+    name_of = {one.id: one.name for one in read.categories}
+    boxes: dict[int, list[ForeignBox]] = {one.id: [] for one in read.images}
+    for one in read.annotations:
+        if one.image_id not in boxes:
+            raise InputError(Problem(Place(path), f"annotation {one.id}: there is no image {one.image_id}"))
+        left, top, width, height = one.bbox
+        name, at = name_of.get(one.category_id, f"number {one.category_id}"), f"{path}: annotation {one.id}"
+        boxes[one.image_id].append(ForeignBox(name, (left, top, left + width, top + height), at, one.keypoints))
+    return [
+        ForeignPicture(
+            one.file_name, (one.width, one.height) if one.width and one.height else None, tuple(boxes[one.id])
+        )
+        for one in read.images
+    ]
+
+
+def _of_names(folder: Path) -> Iterator[Path]:
+    """Where YOLO may say what its numbers mean; in the folder, or in the one that its labels are in."""
+    for there in (folder, folder.parent, folder.parent.parent):
+        yield from (there / name for name in ("data.yaml", "data.yml", *CLASSES))
+        if there == folder and any(folder.rglob("*.xml")):
+            return
+
+
+def _yolo(folder: Path, names_file: Path) -> Iterator[ForeignPicture]:
+    text, names = read_text(names_file), dict[int, str]()
+    if names_file.name in CLASSES:
+        names = dict(enumerate(line.strip() for line in text.splitlines() if line.strip()))
+    else:
+        try:
+            told = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"{names_file}: is not YAML: {error}") from None
+        told = told.get("names") if isinstance(told, dict) else None
+        pairs = told.items() if isinstance(told, dict) else enumerate(told) if isinstance(told, list) else ()
+        names = {int(number): str(name) for number, name in pairs if str(number).isdecimal()}
+    if not names:
+        raise InputError(f"{names_file}: names no classes: `names` must be a list, or names by number")
+    files = [file for file in sorted(folder.rglob("*.txt")) if file.name not in CLASSES]
+    problems: list[Problem] = []
+    found = [_yolo_picture(file, names, problems) for file in files if not file.name.lower().startswith("readme")]
+    if problems or not found:
+        raise InputError(*(problems or [Problem(Place(folder), "holds no .txt files with boxes")])[:MOST_PROBLEMS])
+    yield from found
+
+
+def _yolo_picture(file: Path, names: dict[int, str], problems: list[Problem]) -> ForeignPicture:
+    boxes = []
+    for number, line in enumerate(read_text(file).splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            kind, values = int(words[0]), [float(word) for word in words[1:]]
+            category = names[kind]
+            if len(values) < 4 or not all(math.isfinite(value) for value in values):
+                raise ValueError
+        except KeyError:
+            problems.append(Problem(Place(file, number), f"class {kind}: legal are {', '.join(map(str, names))}"))
+        except ValueError:
+            problems.append(Problem(Place(file, number), "must be: class, then middle x, middle y, width, height"))
+        else:
+            boxes.append(ForeignBox(category, _from_shares(values), f"{file}:{number}"))
+    return ForeignPicture(file.name, SHARES, tuple(boxes))
+
+
+def _from_shares(values: Sequence[float]) -> Box:
+    """A box of its middle and size, or around a polygon."""
+    if len(values) in (4, 5):  # a confidence may follow
+        x, y, width, height = values[:4]
+        return x - width / 2, y - height / 2, x + width / 2, y + height / 2
+    return min(values[::2]), min(values[1::2]), max(values[::2]), max(values[1::2])
+
+
+def _xml(file: Path) -> list[ForeignPicture]:
+    """Pictures of a file of Pascal VOC (one) or of CVAT (all of a task)."""
+    try:
+        root = ElementTree.fromstring(read_text(file))
+    except ElementTree.ParseError as error:
+        raise InputError(Problem(Place(file, error.position[0]), f"is not XML: {error}")) from None
+    if root.tag not in ("annotation", "annotations"):
+        raise InputError(f"{file}: is neither Pascal VOC (<annotation>) nor CVAT for images (<annotations>)")
+    try:
+        return [_voc(file, root)] if root.tag == "annotation" else [_cvat(file, one) for one in root.iter("image")]
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{file}: a box or size is missing or no number: {error}") from None
+
+
+def _voc(file: Path, root: ElementTree.Element) -> ForeignPicture:
+    size = root.find("size")
+    told = None if size is None else (float(size.findtext("width") or 0), float(size.findtext("height") or 0))
+    boxes = []
+    for number, one in enumerate(root.iter("object"), 1):
+        left, top, right, bottom = (
+            float(one.findtext(f"bndbox/{side}") or "") for side in ("xmin", "ymin", "xmax", "ymax")
+        )
+        name = (one.findtext("name") or "").strip()
+        boxes.append(ForeignBox(name, (left, top, right, bottom), f"{file}: object {number}"))
+    return ForeignPicture(root.findtext("filename") or file.stem, told if told and all(told) else None, tuple(boxes))
+
+
+def _cvat(file: Path, image: ElementTree.Element) -> ForeignPicture:
+    boxes = [
+        ForeignBox(
+            one.get("label") or "",
+            (
+                float(one.get("xtl", "")),
+                float(one.get("ytl", "")),
+                float(one.get("xbr", "")),
+                float(one.get("ybr", "")),
+            ),
+            f"{file}: {image.get('name')}, box {number}",
+        )
+        for number, one in enumerate(image.iter("box"), 1)
+    ]
+    size = float(image.get("width", "")), float(image.get("height", ""))
+    return ForeignPicture(image.get("name") or "", size, tuple(boxes))

@@ -1,0 +1,125 @@
+"""Labels of other programs: every format gives the same boxes, and what is wrong is told with its place."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from bracket_cell.commands.main import main
+from bracket_cell.pictures.labels import LabelFolder
+from tests.cell.pictures.drawn import BENCH, PRODUCT
+
+SOURCE_PX = (1000, 500)  # of a photograph; the camera's pictures have another shape
+BOX = (100.0, 200.0, 300.0, 260.0)
+SCALE = BENCH.wrist.width_px / 1000
+TOP = (BENCH.wrist.height_px - 500 * SCALE) / 2
+PLACED = [100 * SCALE, 200 * SCALE + TOP, 300 * SCALE, 260 * SCALE + TOP]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("photos").mkdir()
+    cv2.imwrite("photos/a.jpg", np.full((SOURCE_PX[1], SOURCE_PX[0], 3), 120, np.uint8))
+    assert main(["record", "photos", "--camera", "wrist", "--out", "own"]) == 0
+    return tmp_path / "own"
+
+
+def coco(category: str = "o1", size: tuple[int, int] = SOURCE_PX, times: float = 1.0, file: str = "a.jpg") -> Path:
+    left, top, right, bottom = (times * side for side in BOX)
+    image = {"id": 0, "file_name": file, "width": size[0], "height": size[1]}
+    box = {"id": 7, "image_id": 0, "category_id": 3, "bbox": [left, top, right - left, bottom - top]}
+    content = {"images": [image], "categories": [{"id": 3, "name": category}], "annotations": [box]}
+    Path("c.json").write_text(json.dumps(content))
+    return Path("c.json")
+
+
+def yolo(line: str = "1 0.2 0.46 0.2 0.12", names: str = "names: [o2, o1]") -> Path:
+    Path("y/labels").mkdir(parents=True)
+    Path("y/data.yaml").write_text(names)
+    Path("y/labels/a.txt").write_text(f"{line}\n")
+    return Path("y")
+
+
+def voc() -> Path:
+    Path("v").mkdir()
+    sides = "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), BOX, strict=True))
+    size = "<size><width>1000</width><height>500</height><depth>3</depth></size>"
+    text = f"<annotation><filename>a.jpg</filename>{size}<object><name>o1</name><bndbox>{sides}</bndbox></object>"
+    Path("v/a.xml").write_text(f"{text}</annotation>")
+    return Path("v")
+
+
+def cvat() -> Path:
+    sides = " ".join(f'{n}="{v}"' for n, v in zip(("xtl", "ytl", "xbr", "ybr"), BOX, strict=True))
+    image = f'<image id="0" name="set/a.jpg" width="1000" height="500"><box label="o1" {sides}/></image>'
+    Path("cvat.xml").write_text(f"<annotations><version>1.1</version>{image}</annotations>")
+    return Path("cvat.xml")
+
+
+def yolo_polygon() -> Path:
+    return yolo("1 0.1 0.4 0.3 0.4 0.3 0.52 0.1 0.52")
+
+
+def half_as_large() -> Path:
+    return coco(size=(500, 250), times=0.5)
+
+
+def named_by_case() -> Path:
+    return coco(category="O1")
+
+
+def of_a_store() -> Path:
+    return coco(file="../../upload/1/a.jpg")
+
+
+@pytest.mark.parametrize(
+    "made",
+    [coco, yolo, voc, cvat, yolo_polygon, half_as_large, named_by_case, of_a_store],
+    ids=lambda one: one.__name__,
+)
+def test_every_format_gives_the_same_box_in_the_picture_with_borders(folder: Path, made: Callable[[], Path]) -> None:
+    assert main(["label", str(folder), "--import", str(made())]) == 0
+    read = LabelFolder(folder, PRODUCT)
+    ((part,),) = [labels.parts for labels in read.labels.values()]
+    assert part.part == "o1"
+    assert part.whole_box_px == pytest.approx(PLACED)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: coco(size=(1000, 500), times=4.0), "c.json: annotation 7: a box of 400, 800, 1200, 1040"),
+        (lambda: coco(size=(640, 640)), "annotation 7: is told in a picture of 640 x 640, and the picture here has"),
+        (lambda: coco(category="Hammer"), "--rename 'Hammer'=NAME"),
+        (lambda: coco(file="b.jpg"), "no picture b.jpg"),
+        (lambda: yolo("5 0.2 0.46 0.2 0.12"), "y/labels/a.txt:1: class 5: legal are 0, 1"),
+        (lambda: yolo("1 0.2 0.46 0.2"), "y/labels/a.txt:1: must be: class, then middle x"),
+        (lambda: yolo("1 0.2 0.46 0.9 0.12"), "y/labels/a.txt:1: a box of"),
+        (lambda: yolo(names="nc: 2"), "data.yaml: names no classes"),
+        (lambda: Path("photos"), "holds no labels; legal: a COCO file"),
+        (lambda: Path("own/frames.jsonl"), "is of no known format; legal: a COCO file"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place_and_nothing_is_written(
+    folder: Path, made: Callable[[], Path], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = made()
+    capsys.readouterr()
+    assert main(["label", str(folder), "--import", str(path)]) == 2
+    assert said in capsys.readouterr().err
+    assert not (folder / "objects.jsonl").exists()
+
+
+def test_names_may_be_given_by_hand_and_others_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["label", str(folder), "--import", str(coco(category="Hammer"))]
+    assert main([*words, "--rename", "Hammer=o3"]) == 0
+    assert [part.part for labels in LabelFolder(folder, PRODUCT).labels.values() for part in labels.parts] == ["o3"]
+    assert main([*words, "--rename", "Hammer="]) == 0
+    assert [labels.parts for labels in LabelFolder(folder, PRODUCT).labels.values()] == [()]
+    capsys.readouterr()
+    assert main([*words, "--rename", "Hammer=o9"]) == 2
+    assert "--rename: no category o9" in capsys.readouterr().err

@@ -75,6 +75,9 @@ DETECTORS: Table = {
             "bracket_cell.learned.parts.model:centre_files",
             card=True,
         ),
+        "onnx": Kind(
+            "bracket_cell.learned.parts.yolo:YoloPartDetector.load", "bracket_cell.learned.parts.yolo:onnx_files"
+        ),
         "classical": lambda classical: classical.parts(),
     },
 }

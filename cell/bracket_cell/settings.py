@@ -41,11 +41,11 @@ class Perception(Model):
 
     Attributes:
         kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
-        hands: what finds the hand, if another kind than that: classical, slim, mediapipe, or your own (`cell docs
-            drivers`), likewise below.
+        hands: what finds the hand, if another kind than that: both, slim, mediapipe, classical, or your own (`cell docs
+            drivers`), likewise below. With a real overhead camera both is the default, where MediaPipe was fetched.
         actions: what recognises the hand's action: classical, slim, paper.
         holes: what reads the holes: classical, plate, none (with `guard.holes: graph`).
-        parts: what finds parts in the wrist camera's view: classical, centre, rcnn.
+        parts: what finds parts in the wrist camera's view: classical, centre, rcnn, or onnx: your own YOLO's file.
         folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights

@@ -201,6 +201,52 @@ class OnnxModel:
         return dict(zip(self.outputs, values, strict=True))
 
 
+class ForeignModel:
+    """An ONNX file of another program: one image in, and its first output.
+
+    Attributes:
+        metadata: what its exporter wrote, as text.
+    """
+
+    def __init__(self, path: Path, session: onnxruntime.InferenceSession) -> None:
+        self.path, self._session = path, session
+        self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+        self._input, self._output = session.get_inputs()[0], session.get_outputs()[0].name
+
+    @staticmethod
+    def load(path: Path) -> ForeignModel:
+        """Read a file.
+
+        Raises:
+            ModelError: it is missing, damaged, or takes no single image of 32-bit numbers.
+        """
+        session = _opened(path).session
+        inputs = session.get_inputs()
+        if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].type != "tensor(float)":
+            raise ModelError(f"{path}: must take one image (1, 3, height, width) of 32-bit numbers")
+        return ForeignModel(path, session)
+
+    def input_px(self, usual: int) -> tuple[int, int]:
+        """(width, height) of the image that it takes; where the file leaves a side open, the usual one."""
+        height, width = (side if isinstance(side, int) else usual for side in self._input.shape[2:])
+        return width, height
+
+    def run(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The first output.
+
+        Raises:
+            ModelError: no answer follows from this image, or it is not finite.
+        """
+        try:
+            (answer,) = self._session.run([self._output], {self._input.name: image})
+        except (ValueError, *LOAD_ERRORS) as error:
+            raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
+        found: NDArray[np.float32] = np.asarray(answer, np.float32)
+        if not np.isfinite(found).all():
+            raise ModelError(f"{self.path}: output {self._output!r} is not finite")
+        return found
+
+
 class _Opened(NamedTuple):
     """A file as it was when it was opened."""
 

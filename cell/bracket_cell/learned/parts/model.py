@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.learned.inference.exposure import levelled
-from bracket_cell.learned.inference.onnx_model import Network, OnnxModel
+from bracket_cell.learned.inference.onnx_model import ModelCard, Network, OnnxModel
 from bracket_cell.learned.parts.maps import (
     INPUT_PX,
     Peak,
@@ -35,6 +35,7 @@ from bracket_ground.interfaces.product import PartType, Product
 from bracket_ground.interfaces.resting_pose import over_floor_m
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
+POSES = "poses"  # on the card of a centre net: false where boxes alone were learned from, so that no pose net is there
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
 LEAST_LIKELY = 0.05  # the same at first sight; what is likelier is looked at once more, from both sides
@@ -58,7 +59,13 @@ def centre_files(weights: Path | None, folder: Path) -> dict[str, Path]:
     """All files of the detector by the centre net; by default those of a folder."""
     centre = weights or folder / weights_file("parts", "centre")
     stacked = {"parts.stacked": file} if (file := stacked_file(centre)).is_file() else {}
-    return {"parts": centre, "parts.pose": pose_file(centre), **stacked}
+    posed = {"parts.pose": pose_file(centre)} if not centre.is_file() or tells_poses(OnnxModel.card_of(centre)) else {}
+    return {"parts": centre, **posed, **stacked}
+
+
+def tells_poses(card: ModelCard) -> bool:
+    """Whether a pose net belongs to a centre net."""
+    return card.config.get(POSES, True) is not False
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,20 +98,22 @@ class PosedPartDetector(ABC):
     """Finds all that lies in the tray; what stands gets an exact pose (PartDetector).
 
     Args:
-        networks: all that are asked, the pose net last.
+        networks: all that are asked, the pose net last; where that is None, nothing is known to stand.
         stacks: tells what lies on what, and how; without, nobody does.
 
     Raises:
         ModelError: one was trained for other parts.
     """
 
-    def __init__(self, bench: Bench, product: Product, *networks: Network, stacks: StackReader | None = None) -> None:
+    def __init__(
+        self, bench: Bench, product: Product, *networks: Network | None, stacks: StackReader | None = None
+    ) -> None:
         self._bench, self._product, self._stacks = bench, product, stacks
         self._types = tuple(product.parts)
         self._pose = networks[-1]
         self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
         self._surfaces = {name: surface_of(kind) for name, kind in product.parts.items()}
-        for network in networks:
+        for network in filter(None, networks):
             network.card.require_vocabulary(network.path, {"parts": self._types})
 
     @abstractmethod
@@ -237,7 +246,7 @@ class PosedPartDetector(ABC):
         Args:
             both_ways: the mean of what it says of a crop and of the same turned round, where a part's ends are alike.
         """
-        if not supposed:
+        if not supposed or self._pose is None:
             return []
         places, yaws = [one.place_m for one in supposed], [one.yaw_rad for one in supposed]
         crops = crops_of(frame.image, self._bench.wrist.model, frame.world_from_camera, places, yaws)
@@ -282,7 +291,7 @@ class CentrePartDetector(PosedPartDetector):
     """By the centre net, which tells the axis of a part, but not which way it heads."""
 
     def __init__(
-        self, bench: Bench, product: Product, centre: Network, pose: Network, stacks: StackReader | None = None
+        self, bench: Bench, product: Product, centre: Network, pose: Network | None, stacks: StackReader | None = None
     ) -> None:
         super().__init__(bench, product, centre, pose, stacks=stacks)
         self._centre = centre
@@ -294,7 +303,8 @@ class CentrePartDetector(PosedPartDetector):
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        centre, pose = OnnxModel.load(weights, CENTRE_KIND), OnnxModel.load(pose_file(weights), POSE_KIND)
+        centre = OnnxModel.load(weights, CENTRE_KIND)
+        pose = OnnxModel.load(pose_file(weights), POSE_KIND) if tells_poses(centre.card) else None
         stacked = stacked_file(weights)
         stacks = StackReader.load(product.parts, stacked) if stacked.is_file() else None
         return CentrePartDetector(bench, product, centre, pose, stacks)

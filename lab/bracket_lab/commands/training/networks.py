@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ from bracket_cell.kinds import WEIGHTS
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes
 from bracket_cell.learned.hands.mediapipe.hands import FETCH, ON_THE_BENCH, model_folder, network_file
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_cell.learned.parts.model import pose_file
 from bracket_cell.learned.parts.stacked import stacked_file
 from bracket_cell.learned.semantic.confusions import Confusions, Reported
 from bracket_cell.learned.semantic.graph import Layout
@@ -39,6 +39,11 @@ PART_EPOCHS, STACK_EPOCHS, STACK_TIME = 20, 30, 0.35  # at most; of the time to 
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
 OWN_SHARE, OWN_FOLDS = 0.2, 5  # of a user's own recordings, kept for the scores
 MOST_COMPARED = 60  # pictures on which new weights stand beside the classical detector
+BOX_STEPS, BOX_BATCH = 500, 8  # of a network that knows pictures, on own boxes: 12 minutes of one core
+NO_POSES = (
+    "boxes teach no poses: parts are seen and named, and none is grasped; with --simulated, poses of the drawn parts "
+    "are learned beside them"
+)
 ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
 
@@ -107,7 +112,7 @@ def holes(asked: Training, weights: Path) -> Scores:
 def parts(asked: Training, weights: Path) -> Scores:
     """Train the networks of the part detector, that of stacks alone (kind stacked), or Faster R-CNN."""
     from bracket_lab.learned.parts.data import load_scenes
-    from bracket_lab.learned.parts.train import train_parts
+    from bracket_lab.learned.parts.train import posed_things, train_parts
     from bracket_lab.learned.training.still_dataset import split
 
     budget_s = seconds(asked.budget)
@@ -123,6 +128,8 @@ def parts(asked: Training, weights: Path) -> Scores:
     if asked.kind == "rcnn":
         return faster_rcnn(asked, scenes, product, weights)
     floor_m = configuration.bench.tray.centre_m[2]
+    if asked.kind == "centre" and not posed_things(scenes):
+        return boxed_parts(asked, scenes, product, floor_m, weights, kept)
     epochs, of_stacks = part_epochs(budget_s, len(scenes), sum(len(scene.labels) for scene in scenes))
     epochs, of_stacks = asked.epochs or epochs, asked.epochs or of_stacks
     if asked.kind == "stacked":
@@ -130,8 +137,6 @@ def parts(asked: Training, weights: Path) -> Scores:
             asked, scenes, product, floor_m, centre_net(weights), weights, epochs=asked.epochs or STACK_EPOCHS
         )
     command = asked.command("parts", epochs=epochs)
-    if not any(scene.labels for scene in scenes):
-        raise InputError("--data: no part is labelled in any picture")
     facts = train_parts(
         scenes,
         product,
@@ -140,11 +145,31 @@ def parts(asked: Training, weights: Path) -> Scores:
         asked.seed,
         epochs=epochs,
         command=command,
-        pose_net=WEIGHTS / pose_file(Path(weights_file("parts", "centre"))),
         quiet=False,
     )
     told = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
     return {**facts, **told, **beside(asked, "parts", weights, kept, scenes)}
+
+
+def boxed_parts(
+    asked: Training, scenes: Sequence[Scene], product: Product, floor_m: float, weights: Path, kept: Sequence[Scene]
+) -> Scores:
+    """Train the part detector on boxes alone, as people give them."""
+    from bracket_lab.learned.parts.train import train_parts
+
+    seen = Counter(label.part for scene in scenes for label in scene.labels)
+    if unseen := [part for part in product.parts if not seen[part]]:
+        named = f"only {', '.join(sorted(seen))}" if seen else "no part"
+        raise InputError(f"--data: {named} labelled in {len(scenes)} pictures; none shows {', '.join(unseen)}")
+    epochs = asked.epochs or max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // len(scenes)))
+    command = asked.command("parts", epochs=epochs)
+    facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
+    console().print(NO_POSES, highlight=False)
+    return {
+        **facts,
+        **{f"boxes of {part}": seen[part] for part in seen},
+        **beside(asked, "parts", weights, kept, scenes),
+    }
 
 
 def faster_rcnn(asked: Training, scenes: Sequence[Scene], product: Product, weights: Path) -> Scores:

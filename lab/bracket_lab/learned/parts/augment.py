@@ -27,6 +27,7 @@ from bracket_cell.learned.parts.records import UNKNOWN
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.parts.data import Label, Scene
 
+SCALES = (0.92, 1.08)  # by which training images differ
 NEAREST = 1  # cells around a middle that learn to point at it
 LEAST_SHOWN = 0.03  # share of its box; less of a thing is neither right nor wrong
 SPREAD_OF_BOX, LEAST_SPREAD = 0.09, 0.9  # of the heat around a middle, in boxes and in cells
@@ -49,13 +50,20 @@ class Sample:
     weights: NDArray[np.float32]
 
 
-def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.Generator | None) -> Sample:
+def sample(
+    scene: Scene,
+    types: tuple[str, ...],
+    floor_m: float,
+    rng: np.random.Generator | None,
+    scales: tuple[float, float] = SCALES,
+) -> Sample:
     """A training image; without a generator the image as it is, levelled.
 
     Args:
         floor_m: height of the tray's floor.
+        scales: of a random turn, the least and the greatest.
     """
-    turn, image = turned(scene, rng)
+    turn, image = turned(scene, rng, scales)
     columns, rows = CELLS
     heat = np.zeros((len(types) + 1, rows, columns), np.float32)
     further, weights = np.zeros((2, FURTHER, rows, columns), np.float32)
@@ -65,21 +73,23 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
     return Sample(planes.astype(np.float32), heat, further, weights)
 
 
-def turned(scene: Scene, rng: np.random.Generator | None) -> tuple[Array, NDArray[np.uint8]]:
+def turned(
+    scene: Scene, rng: np.random.Generator | None, scales: tuple[float, float] = SCALES
+) -> tuple[Array, NDArray[np.uint8]]:
     """(2, 3) from pixels of a scene to those of the network's input, and the input; turned at random by a generator."""
     height, width = scene.image.shape[:2]
     turn = np.array([[INPUT_PX[0] / width, 0.0, 0.0], [0.0, INPUT_PX[1] / height, 0.0]])
     turn[:, 2] = (np.diag(turn[:, :2]) - 1) / 2  # pixels count from their middles
     if rng is not None:
-        turn = _random_turn(turn, rng)
+        turn = _random_turn(turn, rng, scales)
     seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     image = np.asarray(seen, np.uint8)
     return turn, levelled(image) if rng is None else spoiled(image, rng, camera=POOR)
 
 
-def _random_turn(turn: Array, rng: np.random.Generator) -> Array:
+def _random_turn(turn: Array, rng: np.random.Generator, scales: tuple[float, float]) -> Array:
     """About the image's middle: any angle, mirrored or not, a little larger or smaller, a little aside."""
-    angle, scale = rng.uniform(-math.pi, math.pi), rng.uniform(0.92, 1.08)
+    angle, scale = rng.uniform(-math.pi, math.pi), rng.uniform(*scales)
     mirror = 1 if rng.random() < 0.5 else -1
     cosine, sine = scale * math.cos(angle), scale * math.sin(angle)
     spin = np.array([[cosine * mirror, -sine], [sine * mirror, cosine]])

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from bracket_cell.learned.parts.maps import FURTHER, PLANES
+from bracket_lab.learned.training.pretrained import GREY, PYRAMID, SPREAD, efficient_body
 
 LYING = 9  # x axis and y axis in the crop's frame, and its middle along, across and up in centimetres
 CORRECTIONS = 3  # along and across in centimetres, heading in radians
@@ -69,10 +70,28 @@ class CentreNet(nn.Module):
         return self.heat(features), self.further(features), features
 
 
+class TaughtCentreNet(nn.Module):
+    """The same answers by a backbone that knows everyday pictures: a few of one's own are enough for it."""
+
+    def __init__(self, types: int, features: int) -> None:
+        super().__init__()
+        self.body = efficient_body("learning parts from few pictures")
+        self.features = _conv(PYRAMID, features)
+        self.heat = nn.Conv2d(features, types + 1, 1)
+        self.further = nn.Conv2d(features, FURTHER, 1)
+        assert self.heat.bias is not None
+        nn.init.constant_(self.heat.bias, -4.0)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """As `CentreNet.forward`."""
+        features = self.features(self.body((image + 0.5 - GREY) / SPREAD)["0"])
+        return self.heat(features), self.further(features), features
+
+
 class CentreAnswer(nn.Module):
     """A centre net whose heat maps are probabilities, for export."""
 
-    def __init__(self, network: CentreNet) -> None:
+    def __init__(self, network: CentreNet | TaughtCentreNet) -> None:
         super().__init__()
         self.network = network
 

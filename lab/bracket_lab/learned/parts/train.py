@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bracket_cell.learned.inference.exposure import POOR, mean_level, spoiled
-from bracket_cell.learned.inference.onnx_model import Inputs, OnnxModel
+from bracket_cell.learned.inference.onnx_model import Inputs
 from bracket_cell.learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
-from bracket_cell.learned.parts.model import CENTRE_KIND, POSE_KIND, pose_file
+from bracket_cell.learned.parts.model import CENTRE_KIND, POSE_KIND, POSES, pose_file
 from bracket_cell.learned.parts.records import UNKNOWN
-from bracket_ground.errors import InputError
-from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.product import Product
-from bracket_lab.learned.parts.augment import sample
+from bracket_lab.learned.parts.augment import SCALES, sample
 from bracket_lab.learned.parts.data import Label, Scene
-from bracket_lab.learned.parts.network import CentreAnswer, CentreNet, PoseNet
+from bracket_lab.learned.parts.network import CentreAnswer, CentreNet, PoseNet, TaughtCentreNet
 from bracket_lab.learned.parts.settings import CentreTraining, PoseTraining
 from bracket_lab.learned.training.recipe import Recipe, Task, checkpoint_of, on_examples
 from bracket_lab.learned.training.still_dataset import data_hash
@@ -30,6 +28,8 @@ from bracket_lab.learned.training.training_loop import short_numbers
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0
 LEAST_AXIS_PX = 1.0  # an axis that is seen shorter points at the camera
+TAUGHT_RATE = 1e-3  # peak of the learning rate of a network that knows pictures
+PHOTOGRAPHS = (0.7, 1.4)  # scales by which training images differ, as nobody knows how far away they were taken
 SHOWN = 64  # scenes that tell the range of every layer's 8-bit numbers
 WRONG_WAY_SHARE = 0.3  # of parts whose ends differ, seen the wrong way round
 
@@ -53,13 +53,15 @@ def centre_loss(answer: tuple[Tensor, Tensor, Tensor], heat: Tensor, further: Te
 def centre_recipe(
     scenes: Sequence[Scene], product: Product, floor_m: float, seed: int, settings: CentreTraining
 ) -> Recipe:
-    """The centre net, untrained."""
+    """The centre net, untrained, but where no pose is known: pictures of a person's own are few."""
     torch.manual_seed(seed)
-    rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
-    network = CentreNet(len(types), settings.widths, settings.features).to(memory_format=torch.channels_last)
+    rng, types, poses = np.random.default_rng([seed, 1]), tuple(product.parts), bool(posed_things(scenes))
+    plain = CentreNet(len(types), settings.widths, settings.features) if poses else None
+    network = (plain or TaughtCentreNet(len(types), settings.features)).to(memory_format=torch.channels_last)
+    settings = settings if poses else settings.model_copy(update={"peak_rate": TAUGHT_RATE})
 
     def loss(chosen: list[Scene]) -> Tensor:
-        samples = [sample(scene, types, floor_m, rng) for scene in chosen]
+        samples = [sample(scene, types, floor_m, rng, SCALES if poses else PHOTOGRAPHS) for scene in chosen]
         image, heat, further, weights = (
             torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
             for name in ("image", "heat", "further", "weights")
@@ -75,6 +77,7 @@ def centre_recipe(
         vocabulary={"parts": types},
         data_sha256=data_hash(scenes),
         stays=True,
+        more={POSES: poses},
         **on_examples(scenes, loss, settings, rng),
     )
 
@@ -185,13 +188,11 @@ def train_parts(
     *,
     epochs: int | None = None,
     command: str = "",
-    pose_net: Path | None = None,
     quiet: bool = True,
 ) -> dict[str, float]:
     """Train both networks, and write the centre net to `out` and the pose net beside it.
 
-    Args:
-        pose_net: taken as it is where no pose is known, as of a person's own pictures: boxes teach none.
+    Boxes teach no poses: where none is known, there is no pose net, and nothing that is seen can be grasped.
 
     Returns:
         What was learned from; `cell lab eval parts` scores detectors, as that takes images.
@@ -200,26 +201,21 @@ def train_parts(
     if epochs is not None:
         centre, pose = CentreTraining(epochs=epochs), PoseTraining(epochs=epochs)
     facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
-    shown, rng = scenes[:: max(1, len(scenes) // SHOWN)], np.random.default_rng(0)
+    shown, rng, poses = scenes[:: max(1, len(scenes) // SHOWN)], np.random.default_rng(0), posed_things(scenes)
     task = Task(out=out, seed=seed, command=command, quiet=quiet)
     first = centre_recipe(scenes, product, floor_m, seed, centre)
     first.fit(task)
     images = [{"image": rng.uniform(-0.5, 0.5, (1, 3, *reversed(INPUT_PX))).astype(np.float32)} for _ in range(2)]
     answer = CentreAnswer(cast(CentreNet, first.network))
-    met_with = seen_by_centre(shown, product, floor_m)
+    met_with = seen_by_centre(shown, product, floor_m) if poses else ()
     first.write(task, CENTRE_OUTPUTS, images, lambda: facts, answer=answer, met_with=met_with)
     beside = task.beside(pose_file(out))
-    if posed_things(scenes):
+    if poses:
         second, rng = pose_recipe(scenes, product, floor_m, seed, pose), np.random.default_rng(0)
         second.fit(beside)
         shapes = [(count, PLANES, *reversed(CROP_PX)) for count in (2, 1, 5)]
         crops = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
         seen = seen_by_pose(shown, product, floor_m, pose)
         second.write(beside, POSE_OUTPUTS, crops, lambda: facts, any_rows=True, met_with=seen)
-    elif pose_net is None:
-        raise InputError("no pose of any part is known: learn from simulated trays, too (--simulated)")
-    else:
-        OnnxModel.load(pose_net, POSE_KIND).require_vocabulary("parts", tuple(product.parts))
-        write_whole(pose_file(out), pose_net.read_bytes())
     checkpoint_of(out).unlink(missing_ok=True)
     return facts

@@ -11,11 +11,11 @@ from typer import Argument, Option
 from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, takes
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import Configuration, load_configuration, load_product
-from bracket_cell.learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_folder
+from bracket_cell.learned.hands.mediapipe.hands import MediaPipeHands, model_folder
 from bracket_cell.learned.hands.model import SlimReader
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_cell.wiring.detectors import Detectors
-from bracket_ground.errors import InputError, ModelError
+from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.files.files import whole_folder
 from bracket_ground.interfaces.bench import Bench
@@ -24,7 +24,6 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.commands.shared import Shared
 from bracket_lab.evaluations.hands import ONLY, evaluate_hands
 from bracket_lab.experiments.mediapipe_fetch import fetch as fetch_networks
-from bracket_lab.experiments.photographs import compare_photographs, load_truth
 from bracket_lab.learned.hands.data import frames_of
 from bracket_lab.pictures.compositor import Compositor
 from bracket_lab.pictures.handless import write_handless
@@ -88,21 +87,13 @@ def evaluate(
     stretches: Annotated[
         int | None, Option(min=1, help="Number of 24-frame clips per assembly; all frames by default.")
     ] = None,
-    photos: Annotated[Path | None, Option(help="Score MediaPipe's networks on this folder of photographs.")] = None,
-    truth: Annotated[
-        Path | None, Option(help=r"JSON for --photos: file in the folder -> hands, each 21 x \[x_px, y_px].")
-    ] = None,
-    size: Annotated[str, Option(help="MediaPipe's networks for --photos: full or lite.")] = "full",
 ) -> None:
-    """Score hand trackers on simulated assemblies, or MediaPipe's networks on photographs.
+    """Score hand trackers on simulated assemblies, or with --data on labelled pictures.
 
-    Kinds: slim, classical, mediapipe. --only, of the persons: bare-right, left, second or gloves.
+    Kinds: slim, both, mediapipe, classical. --only, of the persons: bare-right, left, second or gloves.
     """
-    if photos is not None or truth is not None:
-        _photographs(photos, truth, size, shared.as_json)
-        return
     if shared.data:
-        shared.score_pictures("hands", shared.one_kind(("slim", "classical", "mediapipe")), shared.data)
+        shared.score_pictures("hands", shared.one_kind(("slim", "both", "classical", "mediapipe")), shared.data)
         return
     shared.refuse_only(tuple(ONLY))
     persons = (shared.only or ["all"])[0]
@@ -162,22 +153,6 @@ def _rows(scores: dict[str, object]) -> dict[str, object]:
         for name, value in scores.items()
         if not name.endswith(hidden)
     }
-
-
-def _photographs(photos: Path | None, truth: Path | None, size: str, as_json: bool) -> None:
-    if photos is None or truth is None:
-        raise InputError("--photos DIR and --truth FILE belong together")
-    if size not in SIZES:
-        raise InputError(f"--size {size}: unknown size; legal: {', '.join(SIZES)}")
-    given = load_truth(truth, photos)
-    try:
-        networks = MediaPipeHands(model_folder(), "full" if size == "full" else "lite")
-    except ModelError as error:
-        raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
-    scores = compare_photographs(networks, photos, given)
-    console().print(table(f"MediaPipe's networks, {size}, on {photos}", scores))
-    if as_json:
-        print_json(scores)
 
 
 def fetch(

@@ -101,12 +101,10 @@ def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
     assert f"{tmp_path}/mine.onnx" in "".join(capsys.readouterr().err.split())
 
 
-def test_photographs_without_networks_say_how_to_get_them(
+def test_trackers_without_mediapipes_networks_say_how_to_get_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((36, 48, 3), np.uint8))
-    truth = tmp_path / "truth.json"
-    truth.write_text('{"a.png": []}')
-    assert main(["lab", "eval", "hands", "--photos", str(tmp_path), "--truth", str(truth)]) == 2
-    assert "cell lab hands" in capsys.readouterr().err
+    for kind in ("both", "mediapipe"):
+        assert main(["lab", "eval", "hands", "--kind", kind]) == 2
+        assert "cell lab hands" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """MediaPipe's networks without MediaPipe: what is computed around them, and what is said where they are missing."""
 
-import json
 import math
 import zipfile
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.kinds import WEIGHTS
-from bracket_cell.learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
+from bracket_cell.learned.hands.mediapipe.hands import Landmarks, apart, model_folder, network_file
 from bracket_cell.learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
 from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker
 from bracket_cell.learned.hands.reading import ApparentSize, Reading
@@ -20,7 +19,6 @@ from bracket_cell.learned.hands.regions import Image
 from bracket_ground.errors import InputError, ModelError
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.experiments.mediapipe_fetch import fetch
-from bracket_lab.experiments.photographs import compare_photographs, load_truth, pair_errors
 
 HAND = np.array([[0.0, 0.0], *([[10.0 * finger, -40.0 - 15 * joint] for finger in range(-2, 3) for joint in range(4)])])
 
@@ -83,75 +81,6 @@ def test_a_square_shows_what_its_shares_say() -> None:
 def test_one_hand_is_looked_at_once() -> None:
     first, near, far = (Roi(np.array([x, 50.0]), 40.0, 0.0) for x in (50.0, 55.0, 120.0))
     assert apart([first, near, far]) == [first, far]
-
-
-def test_errors_are_shares_of_the_palm_and_hands_are_paired_once() -> None:
-    length = float(np.linalg.norm(HAND[9] - HAND[0]))
-    assert pair_errors([HAND + 500, HAND], [HAND, HAND + 500]) == [0.0, 0.0]
-    assert pair_errors([HAND + np.array([0.1 * length, 0.0])], [HAND, HAND + 500]) == [pytest.approx(0.1)]
-    assert pair_errors([], [HAND]) == []
-
-
-class OneHand(MediaPipeHands):
-    """Sees one hand in each picture that is not black."""
-
-    def __init__(self) -> None:
-        pass
-
-    def picture(self, image: Image) -> list[Landmarks]:
-        return [landmarks(HAND + 100)] if image.any() else []
-
-
-def test_photographs_are_compared_with_what_is_given(tmp_path: Path) -> None:
-    (tmp_path / "sub").mkdir()
-    for name, level in (("bright.png", 200), ("sub/dark.png", 0)):
-        cv2.imwrite(str(tmp_path / name), np.full((50, 60, 3), level, np.uint8))
-    truth = tmp_path / "truth.json"
-    truth.write_text(json.dumps({"bright.png": [(HAND + 100).tolist()], "sub/dark.png": [HAND.tolist()]}))
-    answer = compare_photographs(OneHand(), tmp_path, load_truth(truth, tmp_path))
-    assert answer == {"photos": 2, "same_number": 1, "hands": 1, "error_p50": 0.0, "error_p90": 0.0}
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("[]", "must be an object"),
-        ("{}", r"truth\.json: names no photograph; .*path of a photograph -> list of hands"),
-        ("{", "is not JSON"),
-        ('{"none.png": []}', "no such file"),
-        ('{"a.png": [[[1, 2]]]}', "21 x"),
-        ('{"a.png": "x"}', "21 x"),
-        (json.dumps({"a.png": [[[1, True]] * 21]}), "21 x"),
-        (json.dumps({"a.png": [[[1, float("nan")]] * 21]}), "21 x"),
-        (json.dumps({"a.png": [[[1, 2]] * 21, [[1, float("inf")]] * 21]}), r"'a\.png': hand 2 .* landmark 1 .* 21 x"),
-        (f'{{"a.png": [[{", ".join(["[1, " + "9" * 400 + "]"] * 21)}]]}}', r"'a\.png': hand 1 .* within .* pixels"),
-        (f'{{"a.png": [[{", ".join(["[1, " + "9" * 5000 + "]"] * 21)}]]}}', r"'a\.png': hand 1 .* within .* pixels"),
-        ('{"a.png": {}}', r"'a\.png': must be a list"),
-        ('{"a.png": [], "a.png": []}', r"truth\.json: 'a\.png': the photograph stands 2 times"),
-        ('{"./a.png": [], "a.png": []}', r"'\./a\.png' and 'a\.png': the photograph stands 2 times; legal is once"),
-        ('{"../b.png": []}', r"'\.\./b\.png': names no photograph in .*; legal is"),
-        ('{"/etc/hostname": []}', "'/etc/hostname': names no photograph"),
-        ('{"a\\u0000.png": [], "a\\ud800.png": []}', r"'a\\x00.png': there is no such file(.|\n)*a\\ud800.png': there"),
-        (json.dumps({"x" * 5000: []}), "no such file"),
-        ('{"a.png": ' + "[" * 200_000, "nested too deep"),
-    ],
-)
-def test_a_wrong_file_of_landmarks_is_refused(tmp_path: Path, content: str, said: str) -> None:
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    for file in (photos / "a.png", tmp_path / "b.png"):
-        cv2.imwrite(str(file), np.zeros((9, 9, 3), np.uint8))
-    (tmp_path / "truth.json").write_text(content)
-    with pytest.raises(InputError, match=said):
-        load_truth(tmp_path / "truth.json", photos)
-
-
-def test_landmarks_may_lie_outside_their_photograph(tmp_path: Path) -> None:
-    (tmp_path / "sub").mkdir()
-    cv2.imwrite(str(tmp_path / "sub" / "a.png"), np.zeros((9, 9, 3), np.uint8))
-    hands = [[[-20, 9.5], *[[30, -1.5e1]] * 20], (HAND - 500).tolist()]
-    (tmp_path / "truth.json").write_text(json.dumps({"sub/a.png": hands}))
-    assert np.allclose(load_truth(tmp_path / "truth.json", tmp_path)["sub/a.png"], hands)
 
 
 def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

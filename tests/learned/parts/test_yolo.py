@@ -33,7 +33,7 @@ def model(path: Path, answer: NDArray[np.float32], names: str | None = NAMES) ->
     nothing = helper.make_node("ReduceSum", ["images"], ["sum"], keepdims=0)
     zero = helper.make_node("Mul", ["sum", "zero"], ["none"])
     add = helper.make_node("Add", ["answer", "none"], ["output0"])
-    fixed = [numpy_helper.from_array(answer, "answer"), numpy_helper.from_array(np.float32(0).reshape(()), "zero")]
+    fixed = [numpy_helper.from_array(answer, "answer"), numpy_helper.from_array(np.zeros((), np.float32), "zero")]
     graph = helper.make_graph([nothing, zero, add], "boxes", [image], [out], fixed)
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     if names is not None:

@@ -16,7 +16,6 @@ from bracket_cell.learned.hands.mediapipe.hands import LEAST_PRESENCE
 from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader, completed, mediapipe_hands
 from bracket_cell.learned.hands.model import NEAR_PX, SURE, SlimReader
 from bracket_cell.learned.hands.reading import Reading
-from bracket_cell.learned.hands.refinement import DOUBTED
 from bracket_cell.learned.hands.regions import Image
 from bracket_cell.learned.hands.tracking import HandTracks, matched
 from bracket_ground.interfaces.bench import Bench
@@ -31,6 +30,7 @@ SAME_PX = 50.0  # between the centres of one hand as both see it; two hands at o
 # MediaPipe's presence of a hand in a square where the small networks alone see one: on photographs of tools and rooms
 # it was less than this for 66 of 70 things, and for 8 of 60 hands.
 REFUSED = 0.03
+UNSURE = 0.8  # confidence at most of what the small networks see and MediaPipe neither refuses nor sees
 
 
 def joint_tracker(bench: Bench, product: Product, files: Mapping[str, Path]) -> HandTracks:
@@ -72,7 +72,7 @@ class JointReader:
         if seen is None or seen.confidence < REFUSED:
             return []
         believed = seen.confidence >= LEAST_PRESENCE
-        return [agreed(one, seen) if believed else replace(one, confidence=min(one.confidence, DOUBTED))]
+        return [agreed(one, seen) if believed else replace(one, confidence=min(one.confidence, UNSURE))]
 
 
 def agreed(ours: Reading, theirs: Reading) -> Reading:

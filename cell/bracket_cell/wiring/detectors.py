@@ -115,13 +115,13 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
         return perception, ""
     wanted = {"parts": tuple(product.parts), "positions": product.positions}
     for task in DETECTORS:
-        if getattr(perception, task) is not None or task == "hands":
+        if getattr(perception, task) is not None:
             continue
         try:
             card, path = card_of(perception, task), perception.weights(task)
         except ModelError as error:
             raise SettingError((("perception", "kind"), str(error))) from error
-        known = {} if card is None else card.vocabulary
+        known = {} if card is None or task == "hands" else card.vocabulary
         for use, words in wanted.items():
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"

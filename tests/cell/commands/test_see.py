@@ -262,7 +262,7 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
         (["sim:1", "--camera", "wrist"], "overhead camera only"),
         (["bench.png", "--camera", "side"], "legal: overhead, wrist"),
         (["bench.png", "--perception", "best"], "legal: learned, classical"),
-        (["bench.png", "--hands", "best"], "legal: slim, classical, mediapipe"),
+        (["bench.png", "--hands", "best"], "legal: slim, classical, both, mediapipe"),
         (["bench.png", "--out", "seen.gif"], "must end in"),
         (["bench.png", "--look", "hard"], "--look goes with sim:SEED"),
         (["small.png", "--camera", "wrist"], "8 x 8"),

@@ -156,7 +156,7 @@ def test_weights_are_what_a_class_asks_for(home: Path) -> None:
         ('holes: {kind: "own_kinds:Reader", weights: x.onnx}', "unknown key 'weights'"),
         ('holes: {kind: "own_kinds:Weighty"}', "needs a file of weights"),
         ("holes: {kind: plates}", "no kind 'plates' of holes; legal: plate, classical, none, or MODULE:CLASS"),
-        ("parts: {kind: rcnm}", "legal: centre, classical, rcnn, or MODULE:CLASS"),
+        ("parts: {kind: rcnm}", "legal: centre, onnx, classical, rcnn, or MODULE:CLASS"),
         ("holes: {kind: plate, wieghts: x}", "unknown key 'wieghts'; did you mean 'weights'"),
     ],
 )

@@ -10,6 +10,7 @@ import numpy as np
 
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.solid import span_m
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
 from bracket_sim.scene.person import HandOvers, Person, drawn, happens
@@ -157,10 +158,7 @@ class HandPrimitives:
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
         grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
         ahead_m = float((grip_m - self._sight.tool()[0]) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
-        along_m = float((grip_m - np.array(seen.pose.position_m)) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
-        room_m = self._product.parts[seen.part].size_m[0] / 2 - TIP_M - along_m  # farther ahead there is no part
-        beside_m = max(min(BESIDE_FINGERS_M - ahead_m, room_m), 0.0)
-        grip_m = grip_m + turn(yaw_rad, np.array([beside_m, 0.0, 0.0]))
+        grip_m = grip_m + turn(yaw_rad, np.array([self._beside_m(seen, grip_m, BESIDE_FINGERS_M - ahead_m), 0.0, 0.0]))
         back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
         yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._gripping.style.open_m, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
@@ -169,6 +167,17 @@ class HandPrimitives:
         if happens(habits.pulls, self._chance) and (yield from self._pulled(back_m, habits)):
             yield from self.reach(self.position_m + back_m, haste=STEADY)
             yield from self._draw_back(habits.stands_back_s)
+
+    def _beside_m(self, seen: SeenPart, grip_m: Array, wanted_m: float) -> float:
+        """How far ahead of a grip (3,) to pinch, to be beside the robot's fingers: as far as there is part."""
+        x, _, z = seen.pose.inverse().transform(grip_m)
+        solids = self._product.parts[seen.part].solids
+        for beside_m in np.arange(max(wanted_m, 0.0), 0.0, -TIP_M):
+            ahead = x + beside_m if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else x - beside_m
+            low_m, high_m = span_m(solids, 1, {0: (ahead - TIP_M, ahead + TIP_M), 2: (z, z)}) or (0.0, 0.0)
+            if high_m - low_m > self._gripping.closed_m(seen.part):
+                return float(beside_m)
+        return 0.0
 
     def _draw_back(self, longest_s: float) -> Script:
         """Out of the way of an arm that is held out, until it has gone."""

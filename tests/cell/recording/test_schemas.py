@@ -16,7 +16,7 @@ from bracket_cell.recording.schemas import TOPICS, plain, schema
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView
 
 UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
-LISTS_OF_LISTS = {"finished", "lies_on"}  # of a memory: no viewer reads a schema with them
+LISTS_OF_LISTS = {"finished", "lies_on", "causes"}  # of a memory: no viewer reads a schema with them
 
 PLAIN = {"boolean", "string", "number", "integer"}
 

@@ -171,7 +171,7 @@ def test_a_log_without_records_has_no_cause(kept: Log, tmp_path: Path) -> None:
             replace(tick, notes=tuple(note for note in tick.notes if note[0] != "cause")) for tick in kept.ticks
         ),
     )
-    change, *_ = WHAT_IFS["threshold of a cost"]
+    change, *_ = WHAT_IFS["distance"]
     assert explained(older, change(tmp_path))[1] == [
         "no record: the log holds no comparisons, as a release before 0.14 wrote none"
     ]

@@ -29,6 +29,7 @@ ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those 
 SQL = {bool: "boolean", int: "bigint", float: "double", str: "varchar"}
 Answer = tuple[list[str], list[tuple[Any, ...]]]
 TABLE, SEEN = "all.parquet", "seen_ns"  # and when a row's log was changed that it was made of
+KEPT_NS = 1000  # the table keeps numbers of 53 bits: 256 ns of today's time
 FAILURES = (
     'select log, state, failed_s, failed_leaf, cause, otherwise, "end", reason, condition, seed, pixels, perception, '
     "commit, limits from runs where \"end\" <> 'finished' or correct = false order by started_utc, log"
@@ -99,7 +100,7 @@ def refresh(folder: Path) -> list[str]:
     seen_ns = {row["log"]: row[SEEN] for row in known}
     logs = _logs(folder)
     for log, changed_ns in logs.items():
-        if seen_ns.get(str(log), -1) < changed_ns:
+        if seen_ns.get(str(log), -1) < changed_ns - KEPT_NS:
             try:
                 new[str(log)] = {**run_row(log), SEEN: changed_ns}
             except LogError as error:

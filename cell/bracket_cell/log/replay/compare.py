@@ -243,6 +243,7 @@ def differences(
     ]
     topics = dict.fromkeys(topic for topic, _ in (*was.notes, *now.notes) if memory or topic != MEMORY)
     pairs: list[tuple[str, Any, Any]] = [(topic, _about(was, topic), _about(now, topic)) for topic in topics]
+    pairs = [(topic, a, _as_then(a, b) if topic == MEMORY else b) for topic, a, b in pairs]
     status = f"{now.status}: {now.error}" if now.error else now.status
     # Where the recorded tick raised, a device may have: nodes, notes and command tell whether this one is the same.
     pairs.append(("status", was.status, was.status if was.status == "ERROR" else status))
@@ -251,6 +252,16 @@ def differences(
         pairs.append(("judgement", was.judgement, now.judgement))
     found += [Difference(number, time_s, aspect, *_narrowed(a, b)) for aspect, a, b in pairs if a != b]
     return found
+
+
+def _as_then(was: list[Any], now: list[Any]) -> list[Any]:
+    """What is remembered now, without what is empty and had no name in the log's release."""
+    if len(was) != len(now):
+        return now
+    return [
+        {key: value for key, value in after.items() if key in before or value not in ({}, [], "")}
+        for before, after in zip(was, now, strict=True)
+    ]
 
 
 def input_differences(one: LoggedTick, other: LoggedTick) -> list[Difference]:

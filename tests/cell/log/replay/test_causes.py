@@ -59,7 +59,14 @@ def tree(*edits: tuple[str, str]) -> Change:
 
 
 def configured(old: str, new: str) -> Change:
-    return lambda folder: Changes(configuration=changed_configuration(folder, old, new), nodes=(str(NODE),))
+    """The shipped configuration, changed, with the prior that the kept logs were made with."""
+
+    def change(folder: Path) -> Changes:
+        made = changed_configuration(folder, old, new)
+        made.write_text(made.read_text().replace("none_probability: 0.1", "none_probability: 0.02"))
+        return Changes(configuration=made, nodes=(str(NODE),))
+
+    return change
 
 
 def weights(planner: str, file: str, names: str, change_of: Callable[[Any], Any]) -> Change:
@@ -171,7 +178,7 @@ def test_a_log_without_records_has_no_cause(kept: Log, tmp_path: Path) -> None:
             replace(tick, notes=tuple(note for note in tick.notes if note[0] != "cause")) for tick in kept.ticks
         ),
     )
-    change, *_ = WHAT_IFS["distance"]
+    change, *_ = WHAT_IFS["threshold of a cost"]
     assert explained(older, change(tmp_path))[1] == [
         "no record: the log holds no comparisons, as a release before 0.14 wrote none"
     ]

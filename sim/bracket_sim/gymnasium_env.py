@@ -46,7 +46,7 @@ FARTHEST_M = 2.0
 IMAGES = ("overhead", "wrist")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moment:
     """What a task is judged by: tool, part and target in the world [m], whether the fingers hold, how far they are."""
 
@@ -60,7 +60,7 @@ class Moment:
         return float(np.linalg.norm(first - second))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Task:
     """One task.
 

@@ -221,8 +221,8 @@ def test_logs_are_judged_tick_by_tick(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "tick 57 at 2.28 s: opens low: command.opens = True, tool.z_m = 0.4" in told
     assert "is active first: " not in told
     assert [line.split()[-6:] for line in told.splitlines() if line.startswith(("is active", "nobody"))] == [
-        ["1", "(874)", "0", "(0)", "0", "(0)"],
-        ["0", "(0)", "0", "(0)", "1", "(874)"],
+        ["1", "(984)", "0", "(0)", "0", "(0)"],
+        ["0", "(0)", "0", "(0)", "1", "(984)"],
     ]
 
 

@@ -106,6 +106,7 @@ def compared(
     limit: float,
     source: str = "",
     of: str = "",
+    /,
     **given: float,
 ) -> bool:
     """Whether `measured relation limit`; noted where somebody collects.

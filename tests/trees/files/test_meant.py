@@ -34,7 +34,9 @@ DOUBTFUL = {
     ),
     '<LookAtTray parts="{t}"/>': (2, "port 'parts' of LookAtTray writes {t}, and nothing reads it; remove it"),
     "<ActivateGripper/>\n<ReturnToTray/>": (
-        3, "ReturnToTray needs a part in the gripper, and nothing before it sees to that; PickLying or PickPart does",
+        3,
+        "ReturnToTray needs a part in the gripper, and nothing before it sees to that; "
+        "TakeFromHand or PickLying or PickPart or Pick does",
     ),
     '<Parallel success_count="2"><Script code="a:=1"/>\n<Script code="a:=2"/></Parallel>'
     '<ScriptCondition code="a==1"/>': (

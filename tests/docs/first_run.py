@@ -74,11 +74,17 @@ def printed(text: str) -> Iterator[Line]:
 
 
 def sample(lines: Sequence[Line]) -> str:
-    """The lines that tell the story up to the robot's first part, and the last one."""
+    """The lines that tell the story up to the robot's first part, and the last one; goals only where another leads."""
     story: list[Line] = []
+    leader = ""
     for line in lines:
-        if STORY.match(f"{line.kind} {line.text}") and line.text not in [known.text for known in story]:
-            story.append(line)
+        if not STORY.match(f"{line.kind} {line.text}") or line.text in [known.text for known in story]:
+            continue
+        if line.kind == "goal":
+            before, leader = leader, line.text.split()[0]
+            if leader == before:
+                continue
+        story.append(line)
     first = next(number for number, line in enumerate(story) if line.text.startswith("placed"))
     return "\n".join([*map(str, story[: first + 1]), "     ...", str(story[-1])]) + "\n"
 

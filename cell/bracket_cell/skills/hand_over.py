@@ -31,6 +31,7 @@ from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.pick_and_place import Place
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Pose
@@ -39,7 +40,8 @@ from bracket_ground.interfaces.skill import Progress, SkillStatus
 AT_PART_M = 0.18  # a hand of which something is seen so near to the tool may hold what is between its fingers
 FELT_S = 0.12  # a pull that lasts shorter is a knock
 RESTS_S = 0.12  # for so long without a hand the force of the part alone is measured
-STEADY_S, STEADY_M_S = 0.4, 0.05  # a hand that gives a part holds it still for so long
+BETWEEN_M = 0.10  # and one so near may hold something between open fingers
+STEADY_S, STEADY_M_S = 0.6, 0.05  # a hand that gives a part holds it still for so long
 LEFT_S = 0.3  # for so long no hand is seen at the part before it counts as gone
 LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the fingers beside a hand
 
@@ -123,20 +125,26 @@ class Offer:
             return failed(Message("{name} was pulled out of the closed fingers", name=self.name))
         if observation.arm.force_n is None:
             return failed(Message("cannot hand {name} over: the arm does not tell what pulls at it", name=self.name))
-        felt = self._pull.feel(observation, away_m)
+        pulled = self.pulled(observation)
         if self._pull.force_n > self.limit_n:
             return failed(self._words("{name} is kept: {force} N at it is more than a pull, {limit} N"))
-        if felt and away_m < AT_PART_M and self._pull.force_n >= self.pull_n:
-            self._pulled_since_s = now_s if self._pulled_since_s is None else self._pulled_since_s
-            if now_s - self._pulled_since_s >= FELT_S:
-                return self._let_go(observation, command)
-        else:
-            self._pulled_since_s = None
+        if pulled:
+            return self._let_go(observation, command)
         if now_s - self._begun_s > self.wait_s:
             return failed(self._words("nobody took {name} in {wait_s} s"))
-        if felt and self._pull.force_n >= self.pull_n and not away_m < AT_PART_M:
+        if self._pull.force_n >= self.pull_n and not away_m < AT_PART_M:
             return Progress(SkillStatus.RUNNING, Message("{name} is kept: no hand is seen at it", name=self.name))
         return Progress(SkillStatus.RUNNING, Message("please take {name}", name=self.name))
+
+    def pulled(self, observation: Observation) -> bool:
+        """Whether a hand that is seen at the part has pulled at it for long enough; asked in every tick."""
+        now_s, away_m = observation.time_s, hand_away_m(self.planner, observation)
+        felt = self._pull.feel(observation, away_m)
+        if not (felt and away_m < AT_PART_M and self.pull_n <= self._pull.force_n <= self.limit_n):
+            self._pulled_since_s = None
+        elif self._pulled_since_s is None:
+            self._pulled_since_s = now_s
+        return self._pulled_since_s is not None and now_s - self._pulled_since_s >= FELT_S
 
     def _let_go(self, observation: Observation, command: Command) -> Progress:
         doing = Message("letting go of {name}", name=self.name)
@@ -147,6 +155,26 @@ class Offer:
     def _words(self, words: str) -> str:
         force, limit, wait_s = (f"{value:.0f}" for value in (self._pull.force_n, self.limit_n, self.wait_s))
         return Message(words, name=self.name, force=force, limit=limit, wait_s=wait_s)
+
+
+@dataclass(eq=False)
+class Bring:
+    """A phase: the way out, which ends early where a hand has stopped the arm and pulls already.
+
+    Attributes:
+        offer: the phase after it, which then lets go.
+    """
+
+    move: Move
+    offer: Offer
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Go on, and feel."""
+        held = observation.arm.stands and observation.held_by == (HAND_TOO_NEAR,)
+        if self.offer.pulled(observation) and held and observation.gripper.holding:
+            command.follow, command.stop_arm = None, True
+            return ended(self.move.doing)
+        return self.move.poll(observation, command)
 
 
 @dataclass(eq=False)
@@ -231,7 +259,11 @@ class HandOver(_HeldOut):
             return way
         opening_m = min(STROKE_M, observation.gripper.opening_m + 2 * STROKE_M / 5)
         offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, opening_m)
-        return [way, offer, HandLeaves(Message("{part} is taken", part=self.part), self.planner, self.wait_s)]
+        return [
+            Bring(way, offer),
+            offer,
+            HandLeaves(Message("{part} is taken", part=self.part), self.planner, self.wait_s),
+        ]
 
     @property
     def done(self) -> str:
@@ -290,7 +322,7 @@ class CloseOnGiven:
     def _steady(self, observation: Observation) -> bool:
         """Whether a hand has held something still at the tool for a while."""
         now_s, view = observation.time_s, observation.bench
-        near = hand_away_m(self.planner, observation) < AT_PART_M and view is not None
+        near = hand_away_m(self.planner, observation) < BETWEEN_M and view is not None
         speeds = [hand.speed_m_s for hand in view.hands] if near and view is not None else []
         if not speeds or not all(speed is not None and speed < STEADY_M_S for speed in speeds):
             self._steady_since_s = None

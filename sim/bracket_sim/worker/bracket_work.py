@@ -146,8 +146,8 @@ class Screwing:
         self._unscrewed = 0 if wants else self._unscrewed
         return wants
 
-    def screw(self, position: str) -> Script:
-        """Screw the part in a hole, if there is one."""
+    def screw(self, position: str, *, held: bool = False) -> Script:
+        """Screw the part in a hole, if there is one; one that the robot holds, beside its fingers."""
         seen = self._sight.in_hole(position)
         if seen is None:
             return
@@ -158,12 +158,15 @@ class Screwing:
             radius_m=drawn(habits.radius_m, self._rng),
             yaw_rad=drawn(habits.yaw_rad, self._rng),
         )
-        tool = happens(habits.tool, self._chance)
+        tool = not held and happens(habits.tool, self._chance)
         if tool:
             motion = replace(motion, radius_m=min(motion.radius_m, TOOL_RADIUS_M))
             self._events.note("tool", position=position)
-        polite = happens(self._waits, self._chance)
-        yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
+        polite = not held and happens(self._waits, self._chance)
+        if held:
+            yield from self._work.reach_beside(seen)
+        else:
+            yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
         self._events.begin("screw")
         yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
         self._events.begin("transit")

@@ -24,6 +24,7 @@ HOVER_M = 0.03  # of the fingertips over a part before they close around it
 RELAXED_GAP_M = 0.025
 BEFORE_PART_M = 0.06  # in front of a part that is held out
 BESIDE_FINGERS_M = 0.0275  # of the fingertips from the tool: half its fingers' width, and what is ahead of the pinch
+ROOM_M = 0.03  # of fingertips that work beside the robot's fingers, and do not touch them
 DRAWN_BACK_M = (0.16, 0.10, 0.0)  # from an arm that gave a part
 COMES_M = 0.012  # farther than an arm that holds on gives way to a pull
 TIP_M = 0.004  # of a part that must lie between fingertips
@@ -155,12 +156,15 @@ class HandPrimitives:
     def take_over(self, seen: SeenPart, habits: HandOvers) -> Script:
         """Take a part that the robot holds out: from the front, and pull until it comes, but not for ever."""
         self._gripping.another()
-        yaw_rad = fold_yaw(seen.pose.yaw_rad)
-        grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
-        ahead_m = float((grip_m - self._sight.tool()[0]) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
-        grip_m = grip_m + turn(yaw_rad, np.array([self._beside_m(seen, grip_m, BESIDE_FINGERS_M - ahead_m), 0.0, 0.0]))
+        grip_m, yaw_rad, across_m = self._beside_fingers(seen)
         back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
         yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._gripping.style.open_m, arch_m=ARCH_M)
+        waited_s = 0.0
+        while self._sight.arm_moving and waited_s < habits.holds_on_s:
+            waited_s += self.dt_s
+            yield
+        grip_m, yaw_rad, _ = self._beside_fingers(self._sight.part(seen.body))
+        yield from self.reach(grip_m + back_m, yaw_rad, haste=STEADY)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(self._gripping.closed_m(seen.part))
         yield from self.wait(drawn(habits.waits_s, self._chance))
@@ -168,16 +172,20 @@ class HandPrimitives:
             yield from self.reach(self.position_m + back_m, haste=STEADY)
             yield from self._draw_back(habits.stands_back_s)
 
-    def _beside_m(self, seen: SeenPart, grip_m: Array, wanted_m: float) -> float:
-        """How far ahead of a grip (3,) to pinch, to be beside the robot's fingers: as far as there is part."""
-        x, _, z = seen.pose.inverse().transform(grip_m)
-        solids = self._product.parts[seen.part].solids
-        for beside_m in np.arange(max(wanted_m, 0.0), 0.0, -TIP_M):
-            ahead = x + beside_m if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else x - beside_m
-            low_m, high_m = span_m(solids, 1, {0: (ahead - TIP_M, ahead + TIP_M), 2: (z, z)}) or (0.0, 0.0)
-            if high_m - low_m > self._gripping.closed_m(seen.part):
-                return float(beside_m)
-        return 0.0
+    def _beside_fingers(self, seen: SeenPart) -> tuple[Array, float, float]:
+        """Where to pinch a part beside the robot's fingers, how the hand is turned then, how wide the part is there."""
+        yaw_rad = fold_yaw(seen.pose.yaw_rad)
+        grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
+        ahead_m = float((grip_m - self._sight.tool()[0]) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
+        beside_m = self._beside_m(seen, grip_m, BESIDE_FINGERS_M - ahead_m)
+        return grip_m + turn(yaw_rad, np.array([beside_m, 0.0, 0.0])), yaw_rad, across_m
+
+    def reach_beside(self, seen: SeenPart) -> Script:
+        """Bring the fingertips to the front of a part that the robot holds in its hole, where they have room."""
+        grip_m, yaw_rad, _ = self._beside_fingers(seen)
+        ahead_m = turn(yaw_rad, np.array([ROOM_M, 0.0, 0.0]))
+        yield from self.reach(grip_m + 3 * ahead_m, yaw_rad, RELAXED_GAP_M, arch_m=ARCH_M)
+        yield from self.reach(grip_m + ahead_m, haste=STEADY)
 
     def _draw_back(self, longest_s: float) -> Script:
         """Out of the way of an arm that is held out, until it has gone."""

@@ -167,7 +167,7 @@ class Placing:
         given = False
         if self._work.holds(seen.body):
             given = yield from self._work.give(
-                seen.body, tool_m, lambda: self._sight.gripped(seen.part), self._person.handing.holds_on_s
+                seen.body, tool_m, lambda: self._sight.gripped(seen.part), self._person.handing.stands_back_s
             )
         if not given and self._work.holds(seen.body):
             yield from self._work.carry(seen.body, home_m)

@@ -246,7 +246,7 @@ class Worker:
         self._wished, habits = self._message, self._person.handing
         if wish in self._product.positions:
             if happens(habits.fastens, self._chance):
-                yield from self._screwing.screw(wish)
+                yield from self._screwing.screw(wish, held=True)
         elif happens(habits.gives, self._chance):
             yield from self._job.placing.give(wish)
         yield from self._go_to_rest()

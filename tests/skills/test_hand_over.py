@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from bracket_cell.running.device_writer import with_hand, withhold
+from bracket_cell.running.device_writer import withhold
+from bracket_cell.running.gripper_checks import GripperMemory, with_hand
 from bracket_cell.skills.hand_over import HandOver, HoldForPerson, TakeFromHand
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.skills.pick_and_place import Pick
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR, Action, Judgement
-from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.operator import OperatorOrder, OperatorState
 from bracket_ground.interfaces.perception import Action as HandAction
 from bracket_ground.interfaces.perception import ActionKind, HandSample
@@ -272,3 +273,29 @@ def test_fingers_move_beside_a_hand_only_to_give_or_to_take_gently(
     withhold(command, robot.observe(), judgement)
     assert (command.gripper is goal) == moves
     assert with_hand(goal, robot.observe().gripper, Judgement(Action.STOP, 0.0)) is False
+
+
+@pytest.mark.parametrize(("goal", "contradicts"), [(OPEN, False), (GripperCommand(0.06, 0.15, 20.0), True)])
+def test_the_supervisor_knows_of_fingers_that_opened_to_a_hand(goal: GripperCommand, contradicts: bool) -> None:
+    """What was withheld did not go out: fingers that stand open then say what they cannot."""
+    memory, taken = GripperMemory(), GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.034, 0.1, 0)
+    memory.see(taken, 0.0)
+    memory.command(Command(gripper=GripperCommand(0.0)), Judgement(), 0.0)
+    found = []
+    for tick in range(1, 100):
+        now_s = tick * TICK_S
+        opening_m = min(0.06, 0.034 + 0.15 * max(0.0, now_s - 2.04))
+        status = ObjectStatus.AT_POSITION if opening_m == 0.06 else ObjectStatus.MOVING
+        told = (
+            replace(taken, time_s=now_s)
+            if now_s < 2.04
+            else replace(taken, time_s=now_s, opening_m=opening_m, object_status=status)
+        )
+        memory.see(told, now_s)
+        found.append(memory.contradicts)
+        command = Command(gripper=goal if tick == 50 else None)
+        sent = command.gripper
+        if sent is not None and not with_hand(sent, told, HELD):
+            command.gripper = None
+        memory.command(command, HELD if now_s < 2.6 else Judgement(), now_s)
+    assert any(found) == contradicts

@@ -7,16 +7,16 @@ from dataclasses import replace
 from functools import partial
 from typing import Literal, TypeVar
 
+from bracket_cell.running.gripper_checks import with_hand
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.watching.observer import SentCommand
-from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
+from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.devices import Devices, Gripper, Loaded
 from bracket_ground.interfaces.faults import Action, Judgement
-from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.observation import ObjectStatus, Observation
 
 Answer = TypeVar("Answer")
 RESTARTED = "gripper_restarted_empty"
-LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the 2F-85: under the 140 N of ISO/TS 15066 for fingers
 KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
 
 
@@ -173,10 +173,3 @@ def withhold(command: Command, seen: Observation, judgement: Judgement) -> None:
     command.activate_gripper, command.signals = False, {}
     if not judgement.new_path:
         command.follow = None
-
-
-def with_hand(goal: GripperCommand, gripper: GripperState, judgement: Judgement) -> bool:
-    """Whether fingers may move though a near hand, and nothing else, holds the arm: open, or close at their least."""
-    gentle = goal.speed_m_s <= LEAST_SPEED_M_S and goal.force_n <= LEAST_FORCE_N
-    opens = goal.opening_m >= gripper.opening_m
-    return isinstance(goal, HandCommand) and judgement.new_path and gripper.activated and (opens or gentle)

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass, field
 
 from bracket_ground.files.words.message import Message
-from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+
+LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the 2F-85: under the 140 N of ISO/TS 15066 for fingers
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,10 @@ class GripperMemory:
         self._before = gripper
 
     def command(self, command: Command, judgement: Judgement, now_s: float) -> None:
-        """A tick ends with what goes out; while the cell is held, fingers stand where they are."""
-        held = judgement.action >= Action.HOLD
+        """A tick ends with what goes out; held fingers stand, but for those that a hand gives or takes with."""
+        goal = command.gripper or self._goal
+        moves = goal is not None and self._before is not None and with_hand(goal, self._before, judgement)
+        held = judgement.action >= Action.HOLD and not moves
         if command.gripper is not None and not held:
             self._goal, before = command.gripper, self._before
             rests = before is not None and before.object_status is ObjectStatus.AT_POSITION
@@ -192,3 +196,10 @@ def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
         return "the gripper's node is stopped"
     refused = memory.ever_active and gripper.activated and gripper.fault > 0
     return Message("the gripper takes no command, gFLT 0x{fault}", fault=f"{gripper.fault:02X}") if refused else ""
+
+
+def with_hand(goal: GripperCommand, gripper: GripperState, judgement: Judgement) -> bool:
+    """Whether fingers may move though a near hand, and nothing else, holds the arm: open, or close at their least."""
+    gentle = goal.speed_m_s <= LEAST_SPEED_M_S and goal.force_n <= LEAST_FORCE_N
+    opens = goal.opening_m >= gripper.opening_m
+    return isinstance(goal, HandCommand) and judgement.new_path and gripper.activated and (opens or gentle)

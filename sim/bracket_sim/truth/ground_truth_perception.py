@@ -33,7 +33,7 @@ ABOVE_M = 0.004
 SHIFTS_PX = 64  # of the noise, along both axes, then of its negative: a live camera never sends the same image twice
 STANDS_M = 0.05  # a part that stands in the tray begins no higher above its floor
 KEPT = 64  # frames that may still be asked about
-NOISE = 2.0  # grey levels
+NOISE, MARK_LEVELS = 2.0, 128  # grey levels, of the noise and by which a part differs from the tray
 
 
 class GroundTruthPerception:
@@ -70,6 +70,8 @@ class GroundTruthPerception:
             self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
         image = self._image(exposure.sequence)
+        if exposure.camera == "wrist":
+            _mark(image, self._parts[exposure.sequence])
         told = exposure.camera, exposure.sequence, exposure.time_s
         depth_mm = self._depth_mm if exposure.camera == "overhead" else None
         return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
@@ -187,6 +189,14 @@ def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *,
     still = photographer.take(exposure)
     photographer.close()
     return GroundTruthPerception(world, hand=hand, still=still)
+
+
+def _mark(image: NDArray[np.uint8], parts: tuple[PartDetection, ...]) -> None:
+    """Show where parts are: an image that stays as it was when one is taken is a stuck one."""
+    for part in parts:
+        left, top, right, bottom = part.box_px
+        box = image[max(top, 0) : bottom, max(left, 0) : right]
+        box[...] = np.where(box < MARK_LEVELS, box + MARK_LEVELS, box - MARK_LEVELS)
 
 
 def _in_hole(offset_m: Array) -> bool:

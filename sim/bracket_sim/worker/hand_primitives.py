@@ -171,6 +171,9 @@ class HandPrimitives:
         if happens(habits.pulls, self._chance) and (yield from self._pulled(back_m, habits)):
             yield from self.reach(self.position_m + back_m, haste=STEADY)
             yield from self._draw_back(habits.stands_back_s)
+        else:
+            yield from self.let_go(seen.part)
+            yield from self.reach(self.position_m + 2 * back_m, haste=STEADY)
 
     def _beside_fingers(self, seen: SeenPart) -> tuple[Array, float, float]:
         """Where to pinch a part beside the robot's fingers, how the hand is turned then, how wide the part is there."""

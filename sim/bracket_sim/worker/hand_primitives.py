@@ -175,6 +175,17 @@ class HandPrimitives:
             yield from self.let_go(seen.part)
             yield from self.reach(self.position_m + 2 * back_m, haste=STEADY)
 
+    def _beside_m(self, seen: SeenPart, grip_m: Array, wanted_m: float) -> float:
+        """How far ahead of a grip (3,) to pinch, to be beside the robot's fingers: as far as there is part."""
+        x, _, z = seen.pose.inverse().transform(grip_m)
+        solids = self._product.parts[seen.part].solids
+        for beside_m in np.arange(max(wanted_m, 0.0), 0.0, -TIP_M):
+            ahead = x + beside_m if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else x - beside_m
+            low_m, high_m = span_m(solids, 1, {0: (ahead - TIP_M, ahead + TIP_M), 2: (z, z)}) or (0.0, 0.0)
+            if high_m - low_m > self._gripping.closed_m(seen.part):
+                return float(beside_m)
+        return 0.0
+
     def _beside_fingers(self, seen: SeenPart) -> tuple[Array, float, float]:
         """Where to pinch a part beside the robot's fingers, how the hand is turned then, how wide the part is there."""
         yaw_rad = fold_yaw(seen.pose.yaw_rad)

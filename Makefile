@@ -157,7 +157,8 @@ readers: .venv/tests
 constraints: .venv/uv
 	{ echo '# All packages, pinned, with the hashes of their files. Made by: make constraints'; \
 	  $(uv_settings) $(BIN)/uv pip compile --quiet --all-extras --no-header --no-annotate --no-emit-index-url \
-	  --generate-hashes --python-version 3.11 --group docs --group dev --no-emit-workspace $(MEMBERS); } > constraints.new
+	  --generate-hashes --python-version 3.11 --group docs --group dev \
+	  $$(sed -n 's/^name = "\(.*\)"/--no-emit-package \1/p' $(MEMBERS)) $(MEMBERS); } > constraints.new
 	{ echo '# All packages, pinned. Made by: make constraints'; sed -n 's/^\([a-z0-9-]*==[^ ]*\).*/\1/p' constraints.new; } > constraints.txt
 	mv constraints.new constraints-hashed.txt
 

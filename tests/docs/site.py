@@ -27,7 +27,25 @@ def on_files(files: Files, config: Any) -> Files:
             name = _outside(page, link)
             if name is not None and files.get_file_from_path(_place(name)) is None:
                 files.append(File.generated(config, _place(name), abs_src_path=str(ROOT / name)))
+    files.append(File.generated(config, "llms.txt", content=overview(config)))
     return files
+
+
+def overview(config: Any) -> str:
+    """All pages with their titles for a language model, as llmstxt.org has it."""
+    lines = [f"# {config.site_name}", "", f"> {config.site_description}"]
+    for section in config.nav:
+        for title, entries in section.items():
+            lines += ["", f"## {title}", "", *_listed(entries)]
+    return "\n".join(lines) + "\n"
+
+
+def _listed(entries: list[Any]) -> list[str]:
+    lines: list[str] = []
+    for entry in entries:
+        title, inner = next(iter(entry.items())) if isinstance(entry, dict) else (Path(entry).stem, entry)
+        lines += _listed(inner) if isinstance(inner, list) else [f"- [{title}]({_address(inner)})"]
+    return lines
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:  # noqa: ARG001
@@ -41,6 +59,10 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         return link[0] if name is None else f"]({up}{_place(name)}{link[2] or ''})"
 
     return LINK.sub(led, markdown)
+
+
+def _address(page: str) -> str:
+    return "index.html" if page == "README.md" else f"{page.removesuffix('.md')}.html"
 
 
 def _outside(page: File, link: str) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -66,3 +67,15 @@ def test_what_leaves_this_machine_names_every_key_and_target_that_reaches_beyond
     assert [target for target in fetching if f"`make {target}`" not in page] == []
     options = re.findall(r"^\| `cell run (--\w+)`", (DOCS / "SECURITY.md").read_text(), re.M)
     assert [option for option in options if f"`{option}`" not in page] == []
+
+
+def test_the_site_lists_its_pages_for_language_models() -> None:
+    site = pytest.importorskip("tests.docs.site", reason="mkdocs comes by `make site`")
+    nav = [{"Start": [{"Home": "README.md"}, {"More": [{"Logs": "logs.md"}, "reference/btxml.md"]}]}]
+    text = site.overview(SimpleNamespace(site_name="Cell", site_description="A controller", nav=nav))
+    assert text.splitlines()[:3] == ["# Cell", "", "> A controller"]
+    assert text.splitlines()[6:] == [
+        "- [Home](index.html)",
+        "- [Logs](logs.html)",
+        "- [btxml](reference/btxml.html)",
+    ]

@@ -17,7 +17,7 @@ SHIPPED = {
     "config": ("cell.yaml", "sim.yaml", "products.yaml", "products_steel.yaml"),
     "trees": ("ahead.xml", "algorithm1.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
-OWN = ("README.md", "tests/test_assemble.py")
+OWN = ("README.md", "AGENTS.md", "tests/test_assemble.py")
 NODES = "nodes: [nodes] # nodes of your own, which every command loads; `cell new leaf NAME` writes the first\n"
 # For the XML language server of Visual Studio Code, which then completes nodes and ports in tree files.
 EDITOR = """{

@@ -31,12 +31,21 @@ def serve(
     entries: SetOption = None,
     own: WithOption = None,
     begin: Annotated[bool, typer.Option("--begin", help="Begin a run at once.")] = False,
+    assistant: Annotated[
+        bool,
+        typer.Option("--assistant", help="Serve no page, but an assistant that writes trees, over stdin and stdout."),
+    ] = False,
 ) -> None:
     """Serve the page of a cell, and begin runs below it: with these options, each in a process of its own.
 
     The page outlives runs, and a run outlives the server: however that ends, the run goes on, and the next `cell serve`
-    finds it.
+    finds it. An assistant lists nodes, checks trees, simulates and explains, by the Model Context Protocol.
     """
+    if assistant:
+        from bracket_cell.serving.assistant import assistant_server
+
+        assistant_server().run("stdio")
+        return
     from bracket_cell.configuration import load_configuration, load_product
     from bracket_cell.production.book import NAME, Book
     from bracket_cell.serving.launcher import Launcher

@@ -13,6 +13,7 @@ from tests.processes import finished
 
 FILES = {
     ".vscode/settings.json",
+    "AGENTS.md",
     "README.md",
     "config/cell.yaml",
     "config/products.yaml",

@@ -42,6 +42,10 @@ def system(
     by_hand: Annotated[
         bool, Option("--by-hand", help="Read no holes: the hand alone tells what is placed, as in the paper.")
     ] = False,
+    pixels: Annotated[
+        bool,
+        Option("--pixels/--no-pixels", help="Render what cameras see; else only planners, tree and arm are scored."),
+    ] = True,
 ) -> int:
     """Score whole assemblies by number of goals: shares of detected actions, right guidance and right products.
 
@@ -55,7 +59,12 @@ def system(
         controller = configuration.controller.model_copy(update={"max_duration_s": at_most})
         configuration = configuration.model_copy(update={"controller": controller})
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
-    told |= {"cameras": cameras, "tree": tree.name, "at_most_s": f"{configuration.controller.max_duration_s:g}"}
+    told |= {
+        "cameras": cameras,
+        "tree": tree.name,
+        "at_most_s": f"{configuration.controller.max_duration_s:g}",
+        "pixels": pixels,
+    }
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
@@ -64,7 +73,9 @@ def system(
     status = 0
     try:
         calibrated = shared.cameras is Cameras.calibrated
-        work = partial(scoring.evaluate_system, configuration, shared.config, tree, calibrated=calibrated)
+        work = partial(
+            scoring.evaluate_system, configuration, shared.config, tree, calibrated=calibrated, pixels=pixels
+        )
         for row in mapped(work, left, shared.workers, shared.scheduler):
             if row["end"] == "interrupted":  # the controller heard the signal; the seed is run again another time
                 raise KeyboardInterrupt

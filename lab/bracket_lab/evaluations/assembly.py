@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bracket_cell.configuration import load_configuration, load_faults, load_product, simulated
+from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
 from bracket_cell.faults.injection import Injection, Injections, attended
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
@@ -22,9 +22,10 @@ from bracket_cell.wiring.services import load_planners
 from bracket_ground.files.files import shipped
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.product import Product
 from bracket_sim.cell import SimCell
 from bracket_sim.process.no_render_host import without_pixels
-from bracket_sim.scene.settings import settings_of
+from bracket_sim.process.opening import open_simulation
 
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 
@@ -108,16 +109,26 @@ def assembly(
         configuration = configuration.model_copy(update={"bench": bench})
     product = load_product(configuration, path)
     configuration, _ = fitted(configuration, product)
+    with opened(configuration, product, tree, seed, table, rendered=rendered, supervised=supervised) as found:
+        yield found
+
+
+@contextmanager
+def opened(
+    configuration: Configuration,
+    product: Product,
+    tree: Path,
+    seed: int,
+    table: FaultTable | None = None,
+    *,
+    rendered: bool,
+    supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
+) -> Iterator[Assembly]:
+    """The same in a cell of this configuration as it is; the seed draws the goal."""
+    loaded, planners = load_tree(tree, node_registry(product)), load_planners(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    faults = table or load_faults(configuration)
-    files = Files(
-        configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
-    )
-    bus = configuration.devices.gripper_bus
-    settings = settings_of(configuration.devices.simulation)
-    cell = SimCell(
-        product, configuration.bench, settings, *bus, seed, "random", rendered=rendered, robot=configuration.robot
-    )
+    files = Files(configuration, product, loaded, planners, table or load_faults(configuration))
+    cell = open_simulation(configuration, product, seed, rendered=rendered)
 
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
         with attached(

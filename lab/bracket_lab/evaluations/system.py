@@ -13,25 +13,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bracket_cell.configuration import Configuration, load_faults, load_product
-from bracket_cell.faults.injection import attended
-from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
-from bracket_cell.skills.motion.planner import MotionPlanner
-from bracket_cell.trees.loading import load_tree
-from bracket_cell.trees.node_library import node_registry
+from bracket_cell.configuration import Configuration, load_product
 from bracket_cell.watching.observer import Observer, TickRecord
-from bracket_cell.wiring.devices import attached
-from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import Action
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.actions import Told, matched, share
+from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
 from bracket_lab.evaluations.paper import paper
 from bracket_sim.cell import SimCell
-from bracket_sim.scene.settings import settings_of
 
 
 @dataclass
@@ -71,7 +63,14 @@ def with_goals(product: Product, count: int) -> Product:
 
 
 def evaluate_system(
-    configuration: Configuration, path: Path, tree: Path, count: int, seed: int, *, calibrated: bool = True
+    configuration: Configuration,
+    path: Path,
+    tree: Path,
+    count: int,
+    seed: int,
+    *,
+    calibrated: bool = True,
+    pixels: bool = True,
 ) -> dict[str, Any]:
     """The row of one assembly.
 
@@ -81,11 +80,14 @@ def evaluate_system(
         count: how many goals are possible.
         calibrated: the cameras were calibrated in it, as `cell setup calibrate` does; else they hang elsewhere
             than the bench file says, as the look has it.
+        pixels: cameras are rendered; else hands, holes and parts are told from the truth, and the classical detector
+            names actions from these.
     """
     product = load_product(configuration, path)
-    if calibrated:
+    if calibrated and pixels:
         configuration = configuration.model_copy(update={"bench": _calibrated(configuration, product, seed)})
-    return {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), tree, seed)}
+    found = assemble(configuration, with_goals(product, count), tree, seed, pixels=pixels)
+    return {"goals": count, "seed": seed, **found}
 
 
 _last: tuple[Configuration, Product, int, Bench] | None = None
@@ -99,26 +101,18 @@ def _calibrated(configuration: Configuration, product: Product, seed: int) -> Be
     return _last[3]
 
 
-def assemble(configuration: Configuration, product: Product, tree_file: Path, seed: int) -> dict[str, Any]:
+def assemble(
+    configuration: Configuration, product: Product, tree_file: Path, seed: int, *, pixels: bool = True
+) -> dict[str, Any]:
     """One assembly, of a goal that the seed draws."""
-    tree = load_tree(tree_file, node_registry(product))
-    motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    faults = load_faults(configuration)
-    files = Files(configuration, product, tree, load_planners(configuration, product), faults)
-    bus, simulation, listener = (
-        configuration.devices.gripper_bus,
-        settings_of(configuration.devices.simulation),
-        Listener(),
-    )
-    cell = SimCell(product, configuration.bench.drawn, simulation, *bus, seed, "random", robot=configuration.robot)
-    try:
-        with attached(configuration, product, cell.devices) as devices:
-            outcome = drive(files, attended(devices), motion, [listener])
-        end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
-    except DeviceFault as error:
-        end, reason, sim_time_s = "fault", str(error), 0.0
-    finally:
-        cell.close()
+    listener = Listener()
+    with opened(configuration, product, tree_file, seed, rendered=pixels) as found:
+        cell = found.cell
+        try:
+            outcome = found.run([listener], None)
+            end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
+        except DeviceFault as error:
+            end, reason, sim_time_s = "fault", str(error), 0.0
     goal = {f"{part} at {position}" for position, part in product.goal_placements(cell.score.goal).items()}
     placed = _placed(cell)
     right = len(matched(placed, listener.told))

@@ -19,6 +19,7 @@ EVALUATIONS = {
         ("knobs", "knobs:knobs", "Score a detector for several values of the look."),
         ("latency", "system:latency", "Measure the detectors' processor time for a frame."),
         ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
+        ("reaches", "reaches:evaluate", "Score what a robot spares the person."),
         (
             "semantic",
             "planners:evaluate_semantic_planner",
@@ -45,6 +46,7 @@ COMMANDS = {
     ),
     "hands": Command("bracket_lab.commands.hands:fetch", "Fetch MediaPipe's hand networks."),
     "files": Command("bracket_lab.commands.logs:files", "Write the files that a run was made with."),
+    "reaches": Command("bracket_lab.commands.reaches:of_logs", "Tell what the person of a run reached for."),
     "sheet": Command("bracket_lab.commands.logs:sheet", "Draw the contact sheet of a run."),
     "snapshots": Command("bracket_lab.commands.logs:snapshots", "Write the pictures that a tree took."),
 }

@@ -19,7 +19,7 @@ from bracket_ground.files.files import MANIFEST, whole_folder, write_whole
 from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
 from bracket_lab.commands.planners import KEPT
 from bracket_lab.experiments.stacks.files import read_stacks
-from bracket_lab.experiments.stacks.settings import LEARNED, PAPER_IA, RULES, StackTraining
+from bracket_lab.experiments.stacks.settings import LEARNED, RULES, StackTraining
 from bracket_lab.experiments.stacks.vmrd import write_scene, write_splits
 from bracket_lab.stacks.draw import draw_stack
 from bracket_sim.stacks.settings import StackSettings
@@ -121,7 +121,15 @@ def evaluate_stacks(
         raise InputError(f"--detector-of {detector_of}: its classes are not those of {data}")
     counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)
     from bracket_lab.experiments.experiments import kept, measured, write_sections
-    from bracket_lab.experiments.stacks.experiment import FIGURE, TITLE, Study, draw_figure18, figure18, table4
+    from bracket_lab.experiments.stacks.experiment import (
+        FIGURE,
+        TITLE,
+        Study,
+        draw_figure18,
+        figure18,
+        printed_ia,
+        table4,
+    )
 
     settings = StackTraining(classes=read.classes, share=share)
     study = Study(read, KEPT / "stacks", settings, seed, other)
@@ -139,7 +147,7 @@ def evaluate_stacks(
             draw_figure18(cells, page.with_name(FIGURE))
     if as_json:
         rows = [{name: key[name] for name in ("planner", "boxes", "classes")} | values for key, values in cells]
-        print_json({"data": str(data), "paper": dict(PAPER_IA), "rows": rows})
+        print_json({"data": str(data), "paper": printed_ia(), "rows": rows})
 
 
 def _kinds(asked: list[str] | None) -> list[str]:

@@ -49,6 +49,3 @@ class StackTraining(Model):
             for name, schedule in (("detector", self.detector), ("heads", self.heads))
         }
         return self.model_copy(update=longer)
-
-
-PAPER_IA = {"vmrn": 0.658, "gvmrn_rf": 0.688, "paper": 0.62}  # Table 4 of the paper, on VMRD's photographs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from rich.console import Console
@@ -16,6 +16,8 @@ from bracket_cell.learned.grasp.candidates import touching
 from bracket_cell.learned.grasp.settings import PAPER_SCENES, GripperOutline
 from bracket_cell.learned.grasp.solution import nearest_first, solve
 from bracket_cell.learned.inference.scores import wilson
+from bracket_ground.files.row_store import RowStore
+from bracket_lab.evaluations.actions import share
 from bracket_lab.evaluations.paper import paper
 from bracket_lab.learned.grasp.scenes import draw_scenes, standing_boxes
 from bracket_sim.cell import SimCell
@@ -94,12 +96,13 @@ def in_tray(boxes: Boxes) -> tuple[ScenePart, ...]:
     return tuple(standing(PRODUCT, BENCH.tray, name, centre, float(yaw)) for name, centre, yaw in rows)
 
 
-def run_scenes(draw: Draw, scenes: int, first_seed: int, configuration: Configuration) -> list[Case]:
-    """As many scenes of every size, one after the other."""
-    cases = []
-    for number in track(range(scenes), description="clutter", console=Console(stderr=True)):
-        cases += [fetch(draw, size, first_seed + number, configuration) for size in SIZES]
-    return cases
+def run_scenes(draw: Draw, seeds: Sequence[int], configuration: Configuration, store: RowStore) -> list[Case]:
+    """A scene of every size for each seed; those that are in the store are not run again."""
+    wanted = [(size, seed) for seed in seeds for size in SIZES]
+    for size, seed in track(wanted, description="clutter", console=Console(stderr=True)):
+        if (size, seed) not in store:
+            store.add(asdict(fetch(draw, size, seed, configuration)))
+    return [Case(**row) for row in store.rows_of(wanted)]
 
 
 def fetch(draw: Draw, size: int, seed: int, configuration: Configuration) -> Case:
@@ -145,6 +148,12 @@ def report(title: str, cases: Sequence[Case]) -> None:
         if not case.fetched:
             told = "justified" if case.fewest is None else f"{case.fewest} moves would do"
             console.print(f"{case.size} parts, seed {case.seed}, {told}: {case.words}", highlight=False, soft_wrap=True)
+
+
+def shares(cases: Sequence[Case]) -> dict[str, dict[str, float | int]]:
+    """What was solved, with its interval, by number of parts; and of all of them."""
+    by_size = {str(size or "all"): [case for case in cases if size in (case.size, None)] for size in (*SIZES, None)}
+    return {size: share(sum(case.solved for case in some), len(some)) for size, some in by_size.items()}
 
 
 def _cells(cases: Sequence[Case], size: int | None) -> list[str]:

@@ -123,11 +123,11 @@ def outside(cell: SimCell) -> tuple[str, ...]:
     return tuple(name for name, place in places.items() if (np.abs(place[:2] - tray.centre_m[:2]) > half).any())
 
 
-def run_scenes(scenes: int, first_seed: int, configuration: Configuration) -> list[Case]:
-    """So many scenes, one after the other; each is told at once."""
+def run_scenes(seeds: Sequence[int], configuration: Configuration) -> list[Case]:
+    """A scene for each seed, one after the other; what went wrong is told at once."""
     cases = []
-    for number in track(range(scenes), description="stacks", console=Console(stderr=True)):
-        cases.append(fetch(first_seed + number, configuration))
+    for seed in track(seeds, description="stacks", console=Console(stderr=True)):
+        cases.append(fetch(seed, configuration))
         if not cases[-1].fetched or cases[-1].drop_m > DROP_M or cases[-1].off:
             print(cases[-1], flush=True)
     return cases

@@ -1,14 +1,15 @@
 """How well the robot works alone, from pixels: pick and place of lone parts, and fetching out of clutter and stacks.
 
-python -m tests.benchmarks.robot_alone pick_and_place --poses 50
-python -m tests.benchmarks.robot_alone clutter --scenes 100 --planner pairwise --from tray
-python -m tests.benchmarks.robot_alone clutter --scenes 10 --config config/paper.yaml --from blocked
-python -m tests.benchmarks.robot_alone stacks --scenes 60
+python -m tests.benchmarks.robot_alone pick_and_place --seeds 1000:1050
+python -m tests.benchmarks.robot_alone clutter --seeds 1000:1100 --planner pairwise --from tray
+python -m tests.benchmarks.robot_alone clutter --seeds 1000:1010 --config config/paper.yaml --from blocked --out FILE
+python -m tests.benchmarks.robot_alone stacks --seeds 1000:1060
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,15 +18,16 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from bracket_cell.commands.options import seeds_of
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from bracket_cell.kinds import WEIGHTS
 from bracket_cell.learned.inference.scores import wilson
+from bracket_ground.files.row_store import RowStore
 from bracket_ground.interfaces.planning import crops_file
 from bracket_sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing, clearing_stacks
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree
 
-FIRST_SEED = 1000
 SCENES = {
     "tray": clearing.tray_scene,
     "paper": clearing.paper_scene,
@@ -37,40 +39,44 @@ SCENES = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["pick_and_place", "clutter", "stacks"])
-    parser.add_argument("--poses", type=int, default=50, help="poses for each part type")
-    parser.add_argument("--scenes", type=int, default=25, help="scenes; of clutter, of each size from 3 to 6 parts")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument(
+        "--seeds", type=seeds_of, default="1000:1025", help="a scene each; of clutter, one of each size"
+    )
+    parser.add_argument("--out", type=Path, help="file that keeps scenes of clutter; interrupted, it goes on there")
+    parser.add_argument("--json", action="store_true", help="of clutter, print the shares as JSON, too")
     parser.add_argument("--config", type=Path, default=DEFAULT_CONFIGURATION, help="of the cell that fetches")
     parser.add_argument("--planner", help="kind of grasp planner; as configured by default")
     parser.add_argument("--from", dest="source", choices=SCENES, default="tray", help=" / ".join(SCENES))
     options = parser.parse_args()
     if options.what == "pick_and_place":
-        pick_and_place(options.poses, options.first_seed)
-    else:
-        configuration = load_configuration(options.config)
-        if options.planner is not None:
-            configuration = with_planner(configuration, options.planner)
-        who = f"{configuration.planners.grasp.kind}, {configuration.perception.words}"
-        if options.what == "stacks":
-            stacks = clearing_stacks.run_scenes(options.scenes, options.first_seed, configuration)
-            clearing_stacks.report(f"Stacks: {who}", stacks)
-            return
-        cases = clearing.run_scenes(SCENES[options.source], options.scenes, options.first_seed, configuration)
-        clearing.report(f"Algorithm 2 executed: {who}, {options.source} scenes", cases)
+        pick_and_place(options.seeds)
+        return
+    configuration = load_configuration(options.config)
+    if options.planner is not None:
+        configuration = with_planner(configuration, options.planner)
+    who = f"{configuration.planners.grasp.kind}, {configuration.perception.words}"
+    if options.what == "stacks":
+        clearing_stacks.report(f"Stacks: {who}", clearing_stacks.run_scenes(options.seeds, configuration))
+        return
+    store = RowStore(options.out, ["size", "seed"], {"who": who, "from": options.source})
+    cases = clearing.run_scenes(SCENES[options.source], options.seeds, configuration, store)
+    clearing.report(f"Algorithm 2 executed: {who}, {options.source} scenes", cases)
+    if options.json:
+        print(json.dumps({"who": who, "sizes": clearing.shares(cases)}))
 
 
-def pick_and_place(poses: int, first_seed: int) -> None:
+def pick_and_place(seeds: Sequence[int]) -> None:
     """Each part type alone in the tray at random poses, put into a random hole; judged by the simulator."""
     rows, failures = [], []
     for part in PRODUCT.parts:
         done = 0
-        for number in track(range(poses), description=part, console=Console(stderr=True)):
-            reason = place_one(part, first_seed + number)
+        for seed in track(seeds, description=part, console=Console(stderr=True)):
+            reason = place_one(part, seed)
             done += reason is None
             if reason is not None:
-                failures.append(f"{part}, seed {first_seed + number}: {reason}")
-        rows.append((part, done, poses))
-    rows.append(("all", sum(row[1] for row in rows), poses * len(PRODUCT.parts)))
+                failures.append(f"{part}, seed {seed}: {reason}")
+        rows.append((part, done, len(seeds)))
+    rows.append(("all", sum(row[1] for row in rows), len(seeds) * len(PRODUCT.parts)))
     report("Pick and place of lone parts, poses from the wrist camera", rows, failures)
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +31,7 @@ from bracket_ground.files.yaml_file import load_yaml, write_values
 from bracket_lab.evaluations.figures import Row, write_rows
 
 BARS = Path(__file__).parents[1] / "evaluations" / "bars.yaml"
+EVALUATE = "bracket_cell lab eval"
 FIRST_SEED, LAST_SEED = 900_000, 1_000_000  # of the test split
 
 
@@ -83,25 +85,38 @@ class Measured(Model):
     """A command below `cell lab eval`, and its figures.
 
     Attributes:
+        module: of a clone that is run instead of `cell lab eval`.
         page, table: of docs/figures, where its figures stand.
-        minutes: what it costs, on one core.
+        minutes: what it costs, on one core; with `gpu`, beside a GPU.
         seeds: on how many it runs; None for its own draw, by --seed.
+        out: it keeps what it has measured in --out, and goes on there.
         settings: of the configuration, by dotted names, where they are others than the shipped ones.
     """
 
     command: str
+    module: str = ""
     page: str
     table: str
     minutes: float = Field(gt=0)
+    gpu: bool = False
     seeds: int | None = Field(default=None, ge=1)
+    out: bool = False
     settings: Mapping[str, JsonValue] = Field(default_factory=dict)
     figures: tuple[Figure, ...]
 
     def words(self, first_seed: int) -> list[str]:
-        """What is typed."""
+        """What is typed after `python -m`."""
+        asked = [self.module] if self.module else [*EVALUATE.split()]
         if self.seeds is None:
-            return [*self.command.split(), "--seed", str(first_seed), "--json"]
-        return [*self.command.split(), "--seeds", f"{first_seed}:{first_seed + self.seeds}", "--json"]
+            return [*asked, *self.command.split(), "--seed", str(first_seed), "--json"]
+        return [*asked, *self.command.split(), "--seeds", f"{first_seed}:{first_seed + self.seeds}", "--json"]
+
+    def told(self, first_seed: int) -> str:
+        """The same as a page names it."""
+        words = " ".join(self.words(first_seed)).replace(EVALUATE, "cell lab eval") + " --out FILE" * self.out
+        settings = ", ".join(f"{name}: {json.dumps(value)}" for name, value in self.settings.items())
+        typed = f"python -m {words}" if self.module else words
+        return typed + (f" --config FILE with {settings}" if settings else "")
 
 
 class Bars(Model):
@@ -132,7 +147,8 @@ def bars(
         return 0
     weights = {path.name: digest_of(path.read_bytes())[:16] for path in sorted(WEIGHTS.glob("*.onnx"))}
     store = RowStore(out, ["command"], {"first_seed": first_seed, "weights": weights})
-    rows = list(measured(chosen, first_seed, store, ask))
+    with parts_of(out) as folder:
+        rows = list(measured(chosen, first_seed, store, ask, folder))
     if write:
         _write(chosen, rows)
     console().print(_table(rows))
@@ -155,35 +171,53 @@ def chosen_bars(only: Sequence[str] | None = None, path: Path = BARS) -> list[Me
     return chosen
 
 
+@contextmanager
+def parts_of(out: Path | None) -> Iterator[Path]:
+    """The folder beside --out in which commands keep their own parts; one that is gone afterwards without it."""
+    if out is not None:
+        folder = out.with_suffix(".parts")
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+        return
+    with tempfile.TemporaryDirectory() as made:
+        yield Path(made)
+
+
 def measured(
     chosen: Sequence[Measured],
     first_seed: int,
     store: RowStore,
     ask: Callable[[list[str], Mapping[str, JsonValue]], Any],
+    parts: Path,
 ) -> Iterator[dict[str, Any]]:
-    """A row for each figure; commands whose answers are kept are not asked again."""
+    """A row for each figure; commands whose answers are kept are not asked again.
+
+    Args:
+        parts: folder for what commands keep of an interrupted measurement.
+    """
     for one in chosen:
-        words = one.words(first_seed)
-        settings = ", ".join(f"{name}: {json.dumps(value)}" for name, value in one.settings.items())
-        command = f"cell lab eval {' '.join(words)}" + (f" --config FILE with {settings}" if settings else "")
+        command = one.told(first_seed)
         if command not in store:
             console().print(command, highlight=False)
+            part = parts / f"{digest_of(command.encode())[:16]}.jsonl"
+            words = one.words(first_seed) + (["--out", str(part)] if one.out else [])
             store.add({"command": command, "told": ask(words, one.settings)})
         (kept,) = (row for row in store.rows if row["command"] == command)
         yield from ({**figure.of(kept["told"]), "command": command} for figure in one.figures)
 
 
 def ask(words: list[str], settings: Mapping[str, JsonValue]) -> Any:
-    """The JSON that a command below `cell lab eval` prints.
+    """The JSON that a command prints.
 
     Args:
+        words: after `python -m`.
         settings: of the shipped configuration, by dotted names, that are others.
 
     Raises:
         InputError: it failed; with its last line.
     """
     with tempfile.TemporaryDirectory() as folder:
-        program = [sys.executable, "-m", "bracket_cell", "lab", "eval", *words]
+        program = [sys.executable, "-m", *words]
         if settings:
             copied = shutil.copytree(DEFAULT_CONFIGURATION.parent, Path(folder) / "config")
             configuration = copied / DEFAULT_CONFIGURATION.name
@@ -193,7 +227,7 @@ def ask(words: list[str], settings: Mapping[str, JsonValue]) -> Any:
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
         said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        raise InputError(f"cell lab eval {' '.join(words)}: ended with status {done.returncode}: {said}")
+        raise InputError(f"{' '.join(words)}: ended with status {done.returncode}: {said}")
     return json.loads(lines[-1])
 
 
@@ -211,11 +245,11 @@ def _write(chosen: Sequence[Measured], rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _cost(chosen: Sequence[Measured], first_seed: int) -> Table:
-    drawn = Table(
-        "command", "page", "minutes of a core", title=f"{sum(one.minutes for one in chosen) / 60:.1f} h in all"
-    )
+    on_core, with_gpu = (sum(one.minutes for one in chosen if one.gpu is gpu) / 60 for gpu in (False, True))
+    title = f"{on_core:.1f} h of one core, {with_gpu:.1f} h of a GPU in all"
+    drawn = Table("command", "page", "minutes", title=title)
     for one in chosen:
-        drawn.add_row(f"cell lab eval {' '.join(one.words(first_seed))}", one.page, f"{one.minutes:g}")
+        drawn.add_row(one.told(first_seed), one.page, f"{one.minutes:g}" + ", GPU" * one.gpu)
     return drawn
 
 

@@ -27,7 +27,7 @@ def figure10(
     """
     from bracket_cell.learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from bracket_lab.experiments.paper import actions
-    from bracket_lab.experiments.paper.actions import FOLDS, KINDS, measure_folds, page, summary
+    from bracket_lab.experiments.paper.actions import FOLDS, KINDS, measure_folds, page, shares
     from bracket_lab.learned.actions.data import load_segments
     from bracket_lab.learned.actions.train import Task
 
@@ -57,5 +57,5 @@ def figure10(
             status = 1
     console().print(page(kept.rows), highlight=False, soft_wrap=True)
     if shared.as_json:
-        print_json({**told, "rows": summary(kept.rows)})
+        print_json({**told, "kinds": shares(kept.rows)})
     return status

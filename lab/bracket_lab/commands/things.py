@@ -8,10 +8,11 @@ from typing import Annotated
 from typer import Option
 
 from bracket_cell.commands.options import takes
-from bracket_cell.commands.terminal import report_scores
+from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_ground.errors import InputError
-from bracket_lab.commands.shared import Shared
+from bracket_lab.commands.shared import Shared, share_words
 from bracket_lab.evaluations.holes_and_parts import Task, score_calibration, score_holes, score_parts
+from bracket_lab.evaluations.tilted_parts import score_tilted
 
 _OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
 
@@ -34,6 +35,9 @@ def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Im
 def evaluate_parts(
     shared: Shared,
     mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,
+    tilt: Annotated[
+        float | None, Option(min=0, max=180, help="Score parts tilted by so many degrees, in the look nominal.")
+    ] = None,
 ) -> None:
     """Score a part detector on images of trays. Kinds: centre, classical, rcnn."""
     kind = _kind(shared, ("centre", "classical", "rcnn"))
@@ -43,6 +47,12 @@ def evaluate_parts(
     _, wanted = shared.split()
     task = _task(shared, kind)
     task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
+    if tilt is not None:
+        found = score_tilted(task, wanted, tilt)
+        console().print(table(f"parts, {kind}, tilted by {tilt:g}", {k: share_words(v) for k, v in found.items()}))
+        if shared.as_json:
+            print_json(found)
+        return
     scores = score_parts(task, wanted, mixed)
     report_scores(f"parts, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
 

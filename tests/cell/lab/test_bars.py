@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +14,10 @@ from bracket_cell.commands.main import main
 from bracket_cell.configuration import Configuration, load_configuration
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import RowStore
-from bracket_lab.commands.bars import BARS, Figure, Measured, ask, chosen_bars, measured
+from bracket_lab.commands.bars import BARS, Figure, Measured, ask, chosen_bars, measured, parts_of
 from bracket_lab.evaluations.figures import FIGURES, topics, write_rows
 from bracket_lab.evaluations.paper import paper
+from tests import ROOT
 
 FOUND = Figure(claim="found", key="trackers.slim.found", least=0.9)
 ONE = Measured(command="hands --look hard", page="seeing", table="Hands", minutes=1, seeds=10, figures=(FOUND,))
@@ -44,7 +46,7 @@ def test_measured_rows_take_the_places_of_those_before(tmp_path: Path) -> None:
 
 def test_the_cost_is_told_before_anything_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "eval", "bars", "--first-seed", "982000", "--only", "holes", "--plan"]) == 0
-    assert "h in all" in capsys.readouterr().err
+    assert "h of a GPU in all" in capsys.readouterr().err
 
 
 def test_every_shipped_bar_names_a_command_and_one_bar() -> None:
@@ -84,9 +86,35 @@ def test_what_was_asked_is_not_asked_again(tmp_path: Path) -> None:
 
     for _ in range(2):
         store = RowStore(tmp_path / "bars.jsonl", ["command"], {"first_seed": 900_000})
-        (row,) = measured([ONE], 900_000, store, ask)
-    assert asked == [["hands", "--look", "hard", "--seeds", "900000:900010", "--json"]]
+        (row,) = measured([ONE], 900_000, store, ask, tmp_path)
+    assert asked == [["bracket_cell", "lab", "eval", "hands", "--look", "hard", "--seeds", "900000:900010", "--json"]]
     assert row["command"] == "cell lab eval hands --look hard --seeds 900000:900010 --json"
+
+
+def test_a_command_goes_on_in_its_own_part_and_a_benchmark_is_a_module(tmp_path: Path) -> None:
+    asked: list[list[str]] = []
+
+    def ask(words: list[str], settings: Mapping[str, object]) -> Any:  # noqa: ARG001
+        asked.append(words)
+        if len(asked) == 1:
+            raise KeyboardInterrupt
+        return {"trackers": {"slim": {"found": 1.0}}}
+
+    one = ONE.model_copy(update={"module": "tests.benchmarks.robot_alone", "command": "clutter", "out": True})
+    out = tmp_path / "bars.jsonl"
+    for ends in (pytest.raises(KeyboardInterrupt), contextlib.nullcontext()):
+        with ends, parts_of(out) as folder:
+            (row,) = measured([one], 900_000, RowStore(out, ["command"], {}), ask, folder)
+    assert asked[0] == asked[1]
+    assert asked[0][:2] == ["tests.benchmarks.robot_alone", "clutter"]
+    assert Path(asked[0][-1]).parent == folder
+    command = "python -m tests.benchmarks.robot_alone clutter --seeds 900000:900010 --json --out FILE"
+    assert row["command"] == command
+
+
+def test_modules_of_shipped_bars_exist() -> None:
+    for one in chosen_bars():
+        assert not one.module or (ROOT / f"{one.module.replace('.', '/')}.py").is_file()
 
 
 def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:
@@ -97,7 +125,7 @@ def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match=r"bars\.yaml:7:5: .*must not have both `least` and `most`"):
         chosen_bars(path=wrong)
-    with pytest.raises(InputError, match="--only feet: no such command; legal: actions, grasp, hands"):
+    with pytest.raises(InputError, match="--only feet: no such command; legal: actions, clutter, figure10"):
         chosen_bars(["feet"])
     assert BARS.is_file()
 
@@ -113,7 +141,7 @@ def test_what_is_set_otherwise_is_set_for_the_command_alone(tmp_path: Path, monk
     settings: dict[str, Any] = {"bench.overhead.depth": True, "perception.hands": {"kind": "mediapipe"}}
     figures = (Figure(claim="f", key="found", least=1),)
     one = ONE.model_copy(update={"command": "hands", "seeds": 2, "settings": settings, "figures": figures})
-    (row,) = measured([one], 900_000, RowStore(tmp_path / "bars.jsonl", ["command"], {}), ask)
+    (row,) = measured([one], 900_000, RowStore(tmp_path / "bars.jsonl", ["command"], {}), ask, tmp_path)
     assert given[0].bench.overhead.depth
     assert given[0].perception.hands is not None
     assert not load_configuration().bench.overhead.depth

@@ -93,6 +93,19 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
+def shares(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Means over the splits with their intervals, by kind and measure; without the controls."""
+    return {
+        one["kind"]: {
+            name: {"share": mean, "low": mean - half, "high": mean + half, "n": f"{one['splits']} splits"}
+            for name in MEASURES
+            for mean, half in [one[name]]
+        }
+        for one in summary(rows)
+        if not one["control"]
+    }
+
+
 def page(rows: Sequence[Mapping[str, Any]]) -> str:
     """The table in Markdown."""
     lines = [

@@ -88,7 +88,7 @@ def test_a_run_has_few_options_and_the_labs_six_more() -> None:
 def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
-    assert len(evaluations) == 16
+    assert len(evaluations) == 17
     assert len(names) <= 59
 
 

@@ -7,7 +7,7 @@ not seen: the shoulder is taken to be where it is in somebody who sits upright w
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,7 +117,7 @@ def pair(configuration: Configuration, product: Product, seed: int) -> dict[str,
     return {"seed": seed, **found}
 
 
-def summary(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Means of both ways to build a bracket, and of what the robot spares, with Student's interval over pairs."""
     found: dict[str, Any] = {"n": len(rows)}
     for name in ("time_s", "reaches", "reach_m", "farthest_m", "way_m", "above_shoulder"):

@@ -63,7 +63,7 @@ def system(
         "cameras": cameras,
         "tree": tree.name,
         "at_most_s": f"{configuration.controller.max_duration_s:g}",
-        "pixels": pixels,
+        "pixels": "rendered" if pixels else "none",
     }
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]

@@ -61,7 +61,7 @@ const COMMANDS = {
   "cell.show": show,
   "cell.check": (uri) => terminal("cell check", ["check", chosen(uri)]),
   "cell.run": (uri) => terminal("cell run", ["run", chosen(uri), ...settings().get("runArguments")]),
-  "cell.monitor": () => terminal("cell monitor", ["monitor"], true),
+  "cell.monitor": () => terminal("cell show --running", ["show", "--running"], true),
   "cell.replay": (uri) => terminal("cell replay", ["replay", chosen(uri)]),
   "cell.restart": async () => {
     await client?.stop();

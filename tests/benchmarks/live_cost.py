@@ -1,4 +1,4 @@
-"""What `--live` costs a tick: off, without a viewer, and with one that takes all.
+"""What `--open live` costs a tick: off, without a viewer, and with one that takes all.
 
 Counted is the processor time of the loop's own thread in recorder and server, as wall times depend on what else runs;
 the server's threads work beside it.

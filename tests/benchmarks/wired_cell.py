@@ -27,7 +27,7 @@ class WiredCell:
 
     def run(self, limit_s: float) -> Told:
         """What `cell run --json` tells of a run by the wires; log and screen stay in the folder."""
-        words = ["run", "--config", str(self._config), "--slower", f"{self._slower:g}", "--json"]
+        words = ["run", "--config", str(self._config), "--real-time", f"{self._slower:g}", "--json"]
         log = self._folder / "run.mcap"
         log.unlink(missing_ok=True)
         words += ["--log", str(log)]

@@ -82,7 +82,7 @@ def test_a_run_opens_no_socket_and_leaves_no_file_outside_its_folder(tmp_path: P
 
 def test_a_run_with_doors_opens_those_alone(tmp_path: Path) -> None:
     ports = [free_port() for _ in range(2)]
-    seen, left = watched_run(tmp_path, "--page", str(ports[0]), "--monitor", str(ports[1]))
+    seen, left = watched_run(tmp_path, "--page", str(ports[0]), "--open", f"monitor={ports[1]}")
     named = {f"{LOOPBACK}:{port:04X}" for port in (*ports, ports[1] + 1)}
     assert (seen, left) == (named, [])
 

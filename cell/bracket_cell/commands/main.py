@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.options import with_ports
+from bracket_cell.commands.options import with_usual
 from bracket_cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
 from bracket_cell.packages import LABORATORY, SIMULATOR, offers
 from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
@@ -43,8 +43,9 @@ COMMANDS: Table = {
     ),
     "schema": Command("bracket_cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
     "lsp": Command("bracket_cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
-    "show": Command("bracket_cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
-    "monitor": Command("bracket_cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),
+    "show": Command(
+        "bracket_cell.commands.show:show", "Print or draw the tree of a file or a log, or watch that of a run.", PROGRAM
+    ),
     "replay": Command(
         "bracket_cell.commands.replay:replay", "Run the tree again on a log's inputs and compare every decision.", TEST
     ),
@@ -117,8 +118,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         words = _typed(arguments)
-        if {"run", "serve"} & set(words[:2]):
-            words = with_ports(words)
+        if {"run", "serve", "show"} & set(words[:2]):
+            words = with_usual(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)
     except (InputError, LogError, ModelError, TreeError) as error:
         return _complain(str(error), BAD_INPUT)

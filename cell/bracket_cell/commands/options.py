@@ -26,8 +26,9 @@ CONFIGURATION = own_or_shipped("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
 MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
-_ADDRESS = re.compile(r"(\S*:)?\d+\Z")
-PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT, "--opcua": OPCUA_PORT}
+_ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
+USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
+DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "live": LIVE_PORT, "opcua": OPCUA_PORT}
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
 NamesOption = Annotated[
@@ -42,7 +43,16 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
 SlowerOption = Annotated[
     float,
-    typer.Option("--slower", min=1, max=50, help="Times slower than the wall, as the twin goes."),
+    typer.Option("--slower", min=1, max=50, help="Run N times slower than real time; `cell twin` takes the same N."),
+]
+OpenOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--open",
+        metavar="DOOR[=PORT]",
+        help=r"Let others watch; may be repeated. monitor: Groot2, `cell show --running`; breakpoints: these may stop "
+        r"nodes and override them, too; live: Foxglove; opcua: the run's numbers, also =HOST:PORT, needs cell\[opcua].",
+    ),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 WorkersOption = Annotated[
@@ -81,9 +91,6 @@ SetOption = Annotated[
         metavar="NAME=VALUE",
         help="Set an entry of the main tree's blackboard, or name a YAML file with several.",
     ),
-]
-PortOption = Annotated[
-    int, typer.Option("--port", min=1, max=65534, help="Port of the monitor, which also uses the next one.")
 ]
 
 
@@ -151,14 +158,37 @@ def seeds_of(text: str) -> range:
     return range(int(first), int(end) if sign else int(first) + 1)
 
 
-def with_ports(words: Iterable[str]) -> list[str]:
-    """The words of a command, with the usual port where an option has none: `--page` is `--page=8780`."""
+def with_usual(words: Iterable[str]) -> list[str]:
+    """The words of a command, with the usual value where an option has none: `--page` is `--page=8780`."""
     given = list(words)
     following = [*given[1:], ""]
     return [
-        f"{word}={PORTS[word]}" if word in PORTS and not _ADDRESS.match(after) else word
+        f"{word}={USUAL[word]}" if word in USUAL and not _ADDRESS.match(after) else word
         for word, after in zip(given, following, strict=True)
     ]
+
+
+def doors_of(given: Iterable[str] | None) -> dict[str, Any]:
+    """Fields of a run's options for what `--open` names.
+
+    Raises:
+        InputError: there is no such door, or what follows it is no port.
+    """
+    opened: dict[str, Any] = {}
+    for each in given or ():
+        door, _, at = each.partition("=")
+        if door not in DOORS:
+            raise InputError(f"--open {each}: there is no door {door!r}; legal: {', '.join(DOORS)}")
+        at = at or str(DOORS[door])
+        if door == "opcua":
+            opened["opcua"] = at
+            continue
+        if not (at.isdecimal() and 0 <= int(at) < 65535):
+            raise InputError(f"--open {each}: {at!r} is no port; legal: 0 to 65534")
+        opened["live_port" if door == "live" else "monitor_port"] = int(at)
+        if door == "breakpoints":
+            opened["monitor_hooks"] = True
+    return opened
 
 
 def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:

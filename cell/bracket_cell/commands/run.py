@@ -12,10 +12,11 @@ import typer
 
 from bracket_cell.commands.options import (
     CONFIGURATION,
-    MONITOR_PORT,
     JsonOption,
+    OpenOption,
     SetOption,
     WithOption,
+    doors_of,
     entries_of,
     own_files,
     takes,
@@ -28,8 +29,8 @@ TREE = own_or_shipped("bracket_cell.trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("bracket_cell.trees", "shift_ahead.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
-    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share", "slower"),
-    *("pixels", "page", "work_orders", "book", "operator", "opcua", "monitor_port", "monitor_hooks", "live_port"),
+    *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share"),
+    *("page", "work_orders", "book", "operator"),
 )
 
 TreeArgument = Annotated[
@@ -37,37 +38,54 @@ TreeArgument = Annotated[
     typer.Argument(metavar="TREE", help="Tree file; trees/ahead.xml by default, trees/shift_ahead.xml for a shift."),
 ]
 RealTimeOption = Annotated[
-    bool, typer.Option("--real-time", help="Keep pace with the wall clock; without it, as fast as possible.")
+    float | None,
+    typer.Option(
+        "--real-time",
+        metavar="[N]",
+        min=1,
+        max=50,
+        help="Keep pace with the wall clock, or run N times slower, as `cell twin --slower N`; without it, as fast as "
+        "possible.",
+    ),
 ]
+NO_LOOK = "none"  # nothing is rendered
 
 
 @takes(RunOptions, *OPTIONS, configuration=CONFIGURATION)
 def run(
     options: RunOptions,
     tree: TreeArgument = None,
-    real_time: RealTimeOption = False,
+    real_time: RealTimeOption = None,
     entries: SetOption = None,
     own: WithOption = None,
+    doors: OpenOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run the cell: assemble one bracket, or a shift of them."""
-    return assemble(chosen(options, tree, real_time, entries, own), as_json)
+    return assemble(chosen(options, tree, real_time, entries, own, doors), as_json)
 
 
 def chosen(
-    options: RunOptions, tree: Path | None, real_time: bool, entries: Iterable[str] | None, own: Iterable[str] | None
+    options: RunOptions,
+    tree: Path | None,
+    real_time: float | None,
+    entries: Iterable[str] | None,
+    own: Iterable[str] | None,
+    doors: Iterable[str] | None,
 ) -> RunOptions:
     """The options of a run with what is typed in another form than they have."""
     nodes, beside = own_files(own)
-    hooks = options.monitor_hooks and options.monitor_port is None
     return replace(
         options,
         tree=tree or (TREE if options.brackets is None else SHIFT_TREE),
-        pace="real" if real_time else "fast",
+        pace="fast" if real_time is None else "real",
+        slower=real_time or 1.0,
+        look=None if options.look == NO_LOOK else options.look,
+        pixels=options.look != NO_LOOK,
         nodes=nodes,
         beside=beside,
         entries=entries_of(entries),
-        monitor_port=MONITOR_PORT if hooks else options.monitor_port,
+        **doors_of(doors),
     )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, PAGE_PORT, SetOption, WithOption, takes, words_of
+from bracket_cell.commands.options import CONFIGURATION, PAGE_PORT, OpenOption, SetOption, WithOption, takes, words_of
 from bracket_cell.commands.run import RealTimeOption, TreeArgument, chosen
 from bracket_cell.commands.terminal import console
 from bracket_cell.runs.options import RunOptions
@@ -18,7 +18,7 @@ from bracket_cell.runs.options import RunOptions
 if TYPE_CHECKING:
     from bracket_cell.production.book import Book
 
-TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "slower", "work_orders", "opcua")
+TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
 SERVED = "served"  # folder beside the logs
 BROWSERS = "browsers.jsonl"
 
@@ -27,9 +27,10 @@ BROWSERS = "browsers.jsonl"
 def serve(
     options: RunOptions,
     tree: TreeArgument = None,
-    real_time: RealTimeOption = False,
+    real_time: RealTimeOption = None,
     entries: SetOption = None,
     own: WithOption = None,
+    doors: OpenOption = None,
     begin: Annotated[bool, typer.Option("--begin", help="Begin a run at once.")] = False,
     assistant: Annotated[
         bool,
@@ -53,7 +54,7 @@ def serve(
     from bracket_cell.serving.server import CellServer
     from bracket_cell.viewing.gate import Address
 
-    asked = chosen(options, tree, real_time, entries, own)
+    asked = chosen(options, tree, real_time, entries, own, doors)
     configuration = load_configuration(asked.configuration)
     asked.refuse_simulated(configuration)
     product = load_product(configuration, asked.configuration)
@@ -61,7 +62,7 @@ def serve(
     where, say = Address.parse(asked.page or str(PAGE_PORT), "--page"), console().print
     folder = configuration.log.folder / SERVED
     book = Book(folder.parent / NAME)
-    words = [*words_of(options, TYPED), *_again(tree, real_time, entries, own)]
+    words = [*words_of(options, TYPED), *_again(tree, real_time, {"--set": entries, "--with": own, "--open": doors})]
     launcher = Launcher(folder, book.path or Path(NAME), words)
 
     def news() -> None:
@@ -84,12 +85,11 @@ def serve(
             say("the run goes on; `cell serve` finds it again", highlight=False)
 
 
-def _again(tree: Path | None, real_time: bool, entries: Iterable[str] | None, own: Iterable[str] | None) -> list[str]:
+def _again(tree: Path | None, real_time: float | None, repeated: Mapping[str, Iterable[str] | None]) -> list[str]:
     """What is typed in another form than a record has."""
     words = [] if tree is None else [str(tree)]
-    words += ["--real-time"] if real_time else []
-    words += [word for entry in entries or () for word in ("--set", entry)]
-    return words + [word for path in own or () for word in ("--with", path)]
+    words += [] if real_time is None else [f"--real-time={real_time:g}"]
+    return words + [word for option, given in repeated.items() for each in given or () for word in (option, each)]
 
 
 def _seeded(book: Book, seed: int) -> Callable[[], list[str]]:

@@ -1,4 +1,4 @@
-"""`cell show` and `cell monitor`: trees as they stand in a file, as they ran in a log, or as they run now."""
+"""`cell show`: trees as they stand in a file, as they ran in a log, or as they run now."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ import typer
 
 from bracket_cell.commands.log_terminal import a_time, spared
 from bracket_cell.commands.options import (
-    MONITOR_PORT,
     OverwriteOption,
-    PortOption,
     WithOption,
     always_loaded,
     own_files,
@@ -47,9 +45,15 @@ def show(
         typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
     ] = math.inf,
     running: Annotated[
-        bool, typer.Option("--running", help="Show the tree of a running `cell run --monitor` on this machine.")
-    ] = (False),
-    port: PortOption = MONITOR_PORT,
+        int | None,
+        typer.Option(
+            "--running",
+            metavar="[PORT]",
+            min=1,
+            max=65534,
+            help="Watch a `cell run --open monitor` of this machine; once, where no terminal shows it or it is drawn.",
+        ),
+    ] = None,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
     html: Annotated[
@@ -58,18 +62,19 @@ def show(
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does.
+    """Print or draw the tree of a file or a log, or watch that of a run: what every node does, and why.
 
-    `show product FILE` prints or draws a product: its goals, their steps, and what comes before what.
+    `show product FILE` prints or draws a product: its goals, their steps, and what comes before what. Keys of a run
+    that is watched: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
     """
     if product is not None:
         if source != Path("product"):
             raise InputError(f"one FILE is shown, or a product: cell show product {product}")
         _show_product(product, svg, png, overwrite)
         return
-    if (source is None) != running:
+    if (source is None) != (running is not None):
         raise InputError("name a tree file or a log, or say --running")
-    if html is not None and (running or not math.isinf(at_s)):
+    if html is not None and (running is not None or not math.isinf(at_s)):
         raise InputError("--html goes with a tree file or a whole log, without --running and --at")
     for drawing in filter(None, (svg, png, html)):
         spared(drawing, filter(None, [source]), overwrite)
@@ -85,26 +90,19 @@ def show(
     if source is not None and not of_log:
         _show_file(source, svg, png, nodes, trees)
         return
-    shown = _monitored(port) if source is None else _logged(source, at_s, nodes)
-    if svg is None and png is None:
+    drawn = svg is not None or png is not None
+    if running is not None and not drawn and (screen := console()).is_terminal:
+        from bracket_cell.viewing.live_view import live_view
+
+        live_view(running, screen)
+        return
+    shown = _logged(source, at_s, nodes) if source is not None else _monitored(running or 0)
+    if not drawn:
         _tell(shown)
         return
     from btxml.views.picture import running_picture
 
     _draw(running_picture(shown.xml, shown.statuses, shown.said), svg, png)
-
-
-def monitor(
-    port: PortOption = MONITOR_PORT,
-    wait_s: Annotated[float, typer.Option("--wait", min=0, help="Seconds to wait for a run to begin.")] = 600.0,
-) -> None:
-    """Watch the tree of a run in the terminal: what runs, and why. `cell run --monitor` lets it be watched.
-
-    Keys: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
-    """
-    from bracket_cell.viewing.live_view import live_view
-
-    live_view(port, console(), wait_s)
 
 
 def _show_file(

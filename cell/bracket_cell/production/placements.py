@@ -27,9 +27,8 @@ class Placements:
         """Take one note."""
         if topic == "bracket" and fields["edge"] == "begin" and not fields.get("resumed"):
             self.parts, self.by, self._fetched = {}, {}, {}
-        elif topic == "verdict" and fields.get("decision") == "act":
-            part, _, position = str(fields.get("subject")).partition(" at ")
-            self._fetched[position] = part
+        elif topic == "verdict" and fields.get("decision") == "act" and fields.get("part"):
+            self._fetched[str(fields["position"])] = str(fields["part"])
         elif topic == "belief" and fields.get("edge"):
             part, position = fields["edge"]
             self._edge(part, position, str(fields.get("source", "")))

@@ -58,7 +58,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
         **TICK, "guidance": OBJECT, "any_part": TEXTS, "next": TEXTS, "required": INTEGER, "graspable": NUMBER,
         "solution": TEXT,
     },
-    "/note/verdict": {**TICK, "subject": TEXT, "decision": TEXT, "reason": TEXT},
+    "/note/verdict": {**TICK, "subject": TEXT, "part": TEXT, "position": TEXT, "decision": TEXT, "reason": TEXT},
     "/note/help": {**TICK, "text": TEXT},
     "/note/file": {**TICK, "path": TEXT, "done": TEXT},
     "/note/outside": {

@@ -265,17 +265,18 @@ class Controller:
         notes = (*self.journal.take(), *causes)
         self._observers.tick(
             TickRecord(
-                seen,
-                status,
-                tuple(changes),
-                notes,
-                command,
-                sent,
-                wall_s,
-                overrun,
-                joints,
-                self._judgement,
-                observers_s,
+                observation=seen,
+                status=status,
+                changes=tuple(changes),
+                notes=notes,
+                command=command,
+                sent=sent,
+                wall_s=wall_s,
+                overrun=overrun,
+                joints=joints,
+                judgement=self._judgement,
+                observers_s=observers_s,
+                unacknowledged=self._supervisor.unacknowledged,
             )
         )
 

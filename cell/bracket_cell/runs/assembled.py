@@ -25,6 +25,7 @@ from bracket_cell.runs.viewers import Viewers, open_viewers
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.nodes.services import Services
+from bracket_cell.viewing.instruction import Instructor
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.progress import LiveProgress
 from bracket_cell.watching.brackets import FinishedBrackets
@@ -75,7 +76,9 @@ class Assembled:
         missing = keeper.missing(len(self.devices.finished()))
         self.counts = Counts(RunStatistics(), lateness, Fluency(self._tool_on_bench_m), keeper, missing)
         self.moments, why_now, words = Moments(), WhyNow(self._tree), catalogue(configuration.page.language)
-        self._progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz, product, words, why_now)
+        self._progress = LiveProgress(
+            console, 1.0 / configuration.controller.tick_hz, Instructor(product, self._tree), words, why_now
+        )
         titles = {goal: product.goal_title(goal) for goal in product.goals}
         jobs = WorkOrders(titles, options.work_orders, keeper.book)
         self.operator = _operator(options, product, jobs, console)

@@ -28,6 +28,7 @@ from btxml.engine.tree import Tree
 from btxml.files.loader import unused_entries
 
 Pace = Literal["fast", "real"]
+SHARE_HELP = "The arm never exceeds this share of its speed."
 Orders = Callable[[Callable[[OperatorOrder], None], Callable[[], Sequence[Question]], Callable[[str], None]], object]
 
 
@@ -43,6 +44,9 @@ class RunOptions:
         orders: begins to pass on an operator's orders, with what takes one, the questions that stand and what answers.
         max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
+        slower: the wall's clock goes so many times slower, as a twin's does.
+        monitor_port, live_port, opcua: where others may watch, each None where nobody may.
+        monitor_hooks: they may set breakpoints and overrides.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
     """
@@ -53,28 +57,10 @@ class RunOptions:
     seed: Annotated[int, Option(min=0, help="Random seed: the same seed gives the same run.")] = 0
     pace: Pace = "fast"
     log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
-    monitor_port: Annotated[
-        int | None,
-        Option(
-            "--monitor",
-            metavar="[PORT]",
-            min=1,
-            max=65534,
-            help="Let Groot2 and `cell monitor` watch; port 1667.",
-        ),
-    ] = None
-    monitor_hooks: Annotated[bool, Option("--breakpoints", help="Let monitors set breakpoints and overrides.")] = False
+    monitor_port: int | None = None
+    monitor_hooks: bool = False
     watch: Annotated[bool, Option("--watch", help="Apply edits of the tree file during the run.")] = False
-    live_port: Annotated[
-        int | None,
-        Option(
-            "--live",
-            metavar="[PORT]",
-            min=0,
-            max=65535,
-            help="Serve a live view for Foxglove; port 8765.",
-        ),
-    ] = None
+    live_port: int | None = None
     overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
     person: Annotated[
         str | None,
@@ -82,7 +68,11 @@ class RunOptions:
     ] = None
     inject: Annotated[str | None, Option(help="FAULT@STATE: inject a fault when the work reaches a state.")] = None
     look: Annotated[
-        str | None, Option(help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
+        str | None,
+        Option(
+            help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file; none renders nothing, "
+            "and the simulation says what is there: faster."
+        ),
     ] = None
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
@@ -95,19 +85,16 @@ class RunOptions:
             help="Serve the operator's page; port 8780 of this machine, or of a host that others open.",
         ),
     ] = None
-    opcua: Annotated[
-        str | None,
-        Option("--opcua", metavar="[HOST:PORT]", help=r"Serve the run's numbers by OPC UA; port 4840; cell\[opcua]."),
-    ] = None
+    opcua: str | None = None
     work_orders: Annotated[
         Path | None,
         Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),
     ] = None
     book: Annotated[
         Path | None,
-        Option(metavar="FILE", help="Write this run into a book of production (SQLite)."),
+        Option(metavar="FILE", hidden=True, help="`cell serve`: write this run into its book of production (SQLite)."),
     ] = None
-    operator: Annotated[str, Option(metavar="NAME", help="Who begins the run, for the book.")] = ""
+    operator: Annotated[str, Option(metavar="NAME", hidden=True, help="`cell serve`: who begins the run.")] = ""
     orders: Orders | None = None
     brackets: Annotated[
         int | None,
@@ -117,21 +104,14 @@ class RunOptions:
     resume: Annotated[
         Path | None, Option(metavar="LOG", help="Log of a run that was broken off: continue its work.")
     ] = None
-    slower: Annotated[
-        float, Option(min=1, max=50, help="Go so many times slower than the wall's clock, as `cell twin --slower`.")
-    ] = 1.0
+    slower: float = 1.0
     unsafe_table: Annotated[
         bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
     ] = False
-    share: Annotated[float | None, Option(min=0.02, max=1, help="The arm never exceeds this share of its speed.")] = (
-        None
-    )
+    share: Annotated[float | None, Option(min=0.02, max=1, help=SHARE_HELP)] = None
     max_duration_s: float | None = None
     images: bool = True
-    pixels: Annotated[
-        bool,
-        Option("--pixels/--no-pixels", help="Render what cameras see; else the simulation says what is there: faster."),
-    ] = True
+    pixels: bool = True
     one_process: bool = False
     devices: Devices | None = None
 

@@ -122,7 +122,7 @@ def open_viewers(
     if options.opcua is not None:
         from bracket_cell.viewing.opcua_server import OpcuaServer
 
-        opcua = OpcuaServer(Samples(keeper.book, keeper), Address.parse(options.opcua, "--opcua"))
+        opcua = OpcuaServer(Samples(keeper.book, keeper), Address.parse(options.opcua, "--open opcua"))
         stack.callback(opcua.abandon)
     if (broker := files.configuration.plant.mqtt) is not None:
         from bracket_cell.plant.sparkplug import SparkplugNode

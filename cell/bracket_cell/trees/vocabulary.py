@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import ClassVar
 
 from btxml.engine.vocabulary import Word
@@ -47,3 +48,15 @@ class OutputSignal(Signal):
 
     __slots__ = ()
     missing: ClassVar[str] = "the bench has no output signal"
+
+
+class ShownAs(StrEnum):
+    """What `traits.shown_as` of a node says: how viewers show people that it runs, whosever leaf it is."""
+
+    GIVES_WAY = "gives way"  # waits for a hand to leave
+    PLACES = "places"  # its success: the part is let go in its hole
+    PUTS_BACK = "puts back"  # its success: the part is out of the gripper, and not in a hole
+    AWAITS_PERSON = "awaits person"  # waits for what the person does
+    AWAITS_HAND = "awaits hand"  # waits for a first hand to be seen
+    AWAITS_BRACKET = "awaits bracket"  # waits for an empty bracket
+    FINISHED = "finished"  # its success: the bracket is assembled

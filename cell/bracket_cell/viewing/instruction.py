@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from bracket_cell.production.placements import PERSON, Placements
+from bracket_cell.trees.vocabulary import ShownAs
 from bracket_cell.viewing.advice import ADVICE, ended_advice
 from bracket_cell.viewing.guidance import step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
-from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, Action, Judgement
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR, USUAL, Action, Judgement
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import Question
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 from bracket_ground.interfaces.product import Product
 from btxml.engine.node import StatusChange
+from btxml.engine.tree import Tree
 
 Moment = Literal[
     "beginning", "unknown", "unsure", "sure", "brings", "waits", "question", "alarm", "paused", "finished", "over"
@@ -27,8 +29,6 @@ URGENT: tuple[Moment, ...] = ("question", "alarm", "paused", "over")
 STAYS_S = 0.6  # a sentence stands at least so long, unless an urgent one comes
 NEAR_S = 0.4  # a hand is near for so long before the person is asked to take it away
 LIKELY = 0.05  # goals below this are not told
-GIVES_WAY = {"WaitForHandClear", "WaitForHandClearOfPart", "WaitForHandClearOfSpot", "GiveWay"}
-FINISHED = "the bracket is assembled"
 Fate = Literal["placed", "robot", "you", "open"]
 
 
@@ -68,6 +68,9 @@ class Hole:
 class Instructor:
     """Follows a run, and says what the person should do.
 
+    Args:
+        tree: the one that runs now; an edited one may take over.
+
     Attributes:
         product: what is assembled.
         next: (part type, position) that the robot was allowed to place and goes to place; None for nothing.
@@ -75,14 +78,16 @@ class Instructor:
         fastened: names of the fastenings that are done.
     """
 
-    def __init__(self, product: Product) -> None:
-        self.product = product
-        self._running: dict[int, str] = {}
+    def __init__(self, product: Product, tree: Callable[[], Tree]) -> None:
+        self.product, self._tree = product, tree
+        self._shown = _shown_as(tree())
+        self._running: dict[int, str] = {}  # what the running nodes show, by uid
         self._seen: Observation | None = None
         self._judgement = Judgement()
         self._since_s: dict[str, float] = {}  # by signal that is there
         self._display = Display()
         self._asks = False
+        self._finished = ""  # what was shown when the bracket was assembled
         self._ended: Outcome | None = None
         self._near_since_s = math.inf
         self._put = False  # the robot let go of what it places, and has not seen it there yet
@@ -93,38 +98,36 @@ class Instructor:
         self.doubt = ""
         self.fastened: tuple[str, ...] = ()
 
-    def watch(self) -> None:
-        """Another tree has taken over."""
-        self._running.clear()
-
     def take(self, record: TickRecord) -> None:
         """One more tick."""
         self._seen = seen = record.observation
         self._judgement = record.judgement or Judgement()
         self._since_s = {name: self._since_s.get(name, seen.time_s) for name, _ in self._judgement.reasons}
-        if seen.acknowledged or not self._judgement.reasons:
-            self._asks = False
+        self._asks = record.unacknowledged
         self._display = record.command.display or self._display
+        if self._tree() is not self._shown[0]:
+            self._shown = _shown_as(self._tree())
+            self._running.clear()
         for change in record.changes:
-            kind = kind_of(change)
-            self._running.pop(change.uid, None)
-            if change.new.name == "RUNNING":
-                self._running[change.uid] = kind
-            elif kind == "PutBack" and change.new.name == "SUCCESS":
-                self.next = None
-            self._put |= kind == "PlacePart" and change.new.name == "SUCCESS"
+            self._change(change)
         for topic, fields in record.notes:
             self._note(topic, fields)
-        near = self._judgement.held_by == (HAND_TOO_NEAR,) or not GIVES_WAY.isdisjoint(self._running.values())
+        near = self._judgement.held_by == (HAND_TOO_NEAR,) or ShownAs.GIVES_WAY in self._running.values()
         self._near_since_s = min(self._near_since_s, seen.time_s) if near else math.inf
         if seen.bench is not None and seen.bench.action.kind == "screw":
             self._loose = ""
         if seen.bench is not None and self._loose and self._loose not in self.placed:
             self._loose = ""
 
-    def say(self, text: str) -> None:
-        """The controller said something; it may wait for somebody to acknowledge that."""
-        self._asks |= text.endswith(ACKNOWLEDGE)
+    def _change(self, change: StatusChange) -> None:
+        shown, ended = self._shown[1].get(change.uid), change.new.name
+        self._running.pop(change.uid, None)
+        if shown is not None and ended == "RUNNING":
+            self._running[change.uid] = shown
+        elif ended == "SUCCESS":
+            self.next = None if shown == ShownAs.PUTS_BACK else self.next
+            self._put |= shown == ShownAs.PLACES
+            self._finished = self._display.message if shown == ShownAs.FINISHED else self._finished
 
     def end(self, outcome: Outcome) -> None:
         """The run is over."""
@@ -205,17 +208,17 @@ class Instructor:
             if self.next is not None and self.next[1] == position:
                 self.next, self._put = None, False
         elif topic == "verdict":
-            part, _, position = str(fields.get("subject")).partition(" at ")
-            acts = fields.get("decision") == "act"
+            part, position = fields.get("part"), fields.get("position")
+            acts = fields.get("decision") == "act" and part is not None and position is not None
             self.doubt = "" if acts else fields.get("reason", "")
             if acts:
                 self._put &= self.next == (part, position)
-                self.next = (part, position)
+                self.next = (str(part), str(position))
             elif self.next == (part, position):
                 self.next = None
         elif topic == "bracket" and fields["edge"] == "begin":
             self.next, self.doubt, self._loose, self._put = None, "", "", False
-            self.fastened = ()
+            self._finished, self.fastened = "", ()
 
     def _likely(self) -> list[str]:
         belief = self._display.goal_belief
@@ -279,11 +282,11 @@ class Instructor:
     def _beginning(self) -> Instruction | None:
         running, seen = set(self._running.values()), self._seen
         assert seen is not None
-        if "ShowHand" in running:
+        if ShownAs.AWAITS_HAND in running:
             return Instruction("beginning", "Show your hand to the camera above")
-        if self._display.message == FINISHED:
+        if self._finished and self._display.message == self._finished:
             return Instruction("finished", "Take the bracket out: it is finished")
-        if "WaitForEmptyBracket" in running:
+        if ShownAs.AWAITS_BRACKET in running:
             return Instruction("beginning", "Wait: I look at the bracket")
         if not self._display.goal_belief:
             return Instruction("beginning", "Wait: the cell begins")
@@ -299,14 +302,14 @@ class Instructor:
         if near and self.next is not None and not self._put:
             part, position = self.next
             words = Message("Take your hand away from {hole}: I wait", hole=position)
-            if "PlacePart" in running or seen.gripper.holding:
+            if ShownAs.PLACES in running or seen.gripper.holding:
                 words = Message(
                     "Take your hand away from {hole}: I wait with the {part}", hole=position, part=self._title(part)
                 )
             return Instruction("waits", words, (position,))
         if near and seen.arm.moving:
             return Instruction("waits", "Take your hand away from the robot: I wait")
-        if "PlacePart" in running and self.next is not None:
+        if ShownAs.PLACES in running and self.next is not None:
             part, position = self.next
             words = Message("Wait: I put the {part} into {hole}", part=self._title(part), hole=position)
             return Instruction("brings", words, (position,))
@@ -318,7 +321,7 @@ class Instructor:
         if self.next is not None and self._put:
             return task if task.words else Instruction("brings", "Wait: I look whether it stands right")
         if self.next is None:
-            waits = "WaitForAction" in self._running.values()
+            waits = ShownAs.AWAITS_PERSON in self._running.values()
             if waits and task.words and self._loose in task.holes and not self._whole:
                 return _also(task, "I bring the next part")
             return task
@@ -367,9 +370,9 @@ class Instructor:
         return part if known is None else known.title
 
 
-def kind_of(change: StatusChange) -> str:
-    """Class of the node that changed."""
-    return change.path.rpartition("/")[2].partition("::")[0]
+def _shown_as(tree: Tree) -> tuple[Tree, dict[int, str]]:
+    """A tree, and what its nodes show, by uid."""
+    return tree, {node.uid: node.traits.shown_as for node in tree.nodes if node.traits.shown_as}
 
 
 def _also(task: Instruction, words: str) -> Instruction:

@@ -44,7 +44,9 @@ class LiveServer(Observer):
         try:
             listening = listen(port)
         except OSError as error:
-            raise InputError(f"port {port} cannot be used: {error.strerror}; choose another with --live PORT") from None
+            raise InputError(
+                f"port {port} cannot be used: {error.strerror}; choose another: --open live=PORT"
+            ) from None
         behind = hidden_address()
         self._server = foxglove.start_server(
             name="cell",

@@ -1,4 +1,4 @@
-"""A running tree on the terminal: a client of Groot2's live protocol (`cell monitor`)."""
+"""A running tree on the terminal: a client of Groot2's live protocol (`cell show --running`)."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class MonitorClient:
         try:
             head, *bodies = self._socket.recv_multipart()
         except zmq.Again:
-            raise InputError(f"nothing answers on port {self._port}; start `cell run --monitor` first") from None
+            raise InputError(f"nothing answers on port {self._port}; start `cell run --open monitor` first") from None
         if head == b"error":
             raise InputError(f"the monitor refuses: {b''.join(bodies).decode(errors='replace')}")
         self.identity = head[HEADER.size :]
@@ -212,7 +212,7 @@ def live_view(port: int, console: Console, wait_s: float = WAIT_S) -> None:
     client, screen = MonitorClient(port), Screen()
     stepper: Stepper | None = None
     try:
-        waits = f"waits for `cell run --monitor` on port {port}; Ctrl-C leaves"
+        waits = f"waits for `cell run --open monitor` on port {port}; Ctrl-C leaves"
         xml = client.awaited(wait_s, lambda: console.print(waits))
         shown = client.identity
         stepper = Stepper(xml, client.order)

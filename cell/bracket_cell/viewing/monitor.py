@@ -1,4 +1,4 @@
-"""A running tree for Groot2 and other monitors, over its live protocol on loopback (`cell run --monitor`).
+"""A running tree for Groot2 and other monitors, over its live protocol on loopback (`cell run --open monitor`).
 
 Requests are answered between two ticks, in the thread of the loop and without waiting, so that a run with a monitor
 decides as one without; only hooks, which must be asked for, change what nodes answer.
@@ -199,7 +199,7 @@ class Monitor(Observer):
         if kind not in ORDERS and kind != "D":
             raise RefusedError(f"unknown request {kind!r}; known: {' '.join([*self._answers, *ORDERS, 'D'])}")
         if not self._with_hooks:
-            raise RefusedError("breakpoints and overrides are off; cell run --breakpoints turns them on")
+            raise RefusedError("breakpoints and overrides are off; cell run --open breakpoints turns them on")
         if kind == "D":
             return json.dumps(self._hooks.dump()).encode()
         try:
@@ -222,7 +222,7 @@ class Monitor(Observer):
         return packed
 
     def _feedback(self, _: bytes) -> bytes:
-        """What nodes say now, by uid; only `cell monitor` asks for it."""
+        """What nodes say now, by uid; only `cell show --running` asks for it."""
         said = {node.uid: node.feedback_message for node in self._tree.nodes if node.feedback_message}
         said |= dict.fromkeys(self._hooks.waiting, WAITS)
         return json.dumps(said).encode()
@@ -265,7 +265,7 @@ class Monitor(Observer):
         except OSError as error:
             self.abandon()
             raise InputError(
-                f"port {port} cannot be used: {error.strerror}; choose another with --monitor PORT"
+                f"port {port} cannot be used: {error.strerror}; choose another with --open monitor=PORT"
             ) from None
         socket, name = self._context.socket(kind), f"cell-monitor-{secrets.token_hex(16)}"
         socket.setsockopt(zmq.MAXMSGSIZE, REQUEST_BYTES)

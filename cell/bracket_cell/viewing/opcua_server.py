@@ -1,4 +1,4 @@
-"""The numbers of a run by OPC UA, read only, for the systems of a plant (`cell run --opcua`)."""
+"""The numbers of a run by OPC UA, read only, for the systems of a plant (`cell run --open opcua`)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class OpcuaServer(Observer):
         try:
             import asyncua  # noqa: F401
         except ImportError:
-            raise InputError("--opcua needs the extra opcua, which brings asyncua") from None
+            raise InputError("--open opcua needs the extra opcua, which brings asyncua") from None
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         self._listening = where.listening()
         self.address = f"opc.tcp://{where.host}:{where.port}/cell/"
@@ -44,7 +44,7 @@ class OpcuaServer(Observer):
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="OPC UA", daemon=True)
         self._thread.start()
         if not self._ready.wait(STARTS_S):
-            raise InputError(f"--opcua: the server at {self.address} did not begin within {STARTS_S:g} s")
+            raise InputError(f"--open opcua: the server at {self.address} did not begin within {STARTS_S:g} s")
 
     def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - clients see the connection end
         self.abandon()

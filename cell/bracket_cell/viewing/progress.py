@@ -18,7 +18,6 @@ from bracket_ground.files.words.catalogue import SOURCE, Catalogue, catalogue
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.operator import Question
-from bracket_ground.interfaces.product import Product
 
 REFRESH_S = 0.1  # of wall time
 LOOK_BACK_TICKS = 50  # the tick rate is a mean over these
@@ -37,12 +36,12 @@ class LiveProgress(Observer):
         self,
         console: Console,
         period_s: float,
-        product: Product | None = None,
+        instructor: Instructor | None = None,
         words: Catalogue | None = None,
         why: Callable[[], object] = str,
     ) -> None:
         self._console, self._words, self._why = console, words or catalogue(SOURCE), why
-        self._instructor = None if product is None else Instructor(product)
+        self._instructor = instructor
         self._period_s = period_s
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
         self._display = Display()
@@ -73,8 +72,6 @@ class LiveProgress(Observer):
             self._live.update(self._panel(record), refresh=True)
 
     def message(self, time_s: float, level: Level, text: str) -> None:
-        if self._instructor is not None:
-            self._instructor.say(text)
         shown = self._words(text).splitlines()[-1]
         self._console.print(_line(time_s, "cell", shown), style=STYLES[level], markup=False)
 

@@ -38,6 +38,7 @@ class TickRecord:
         overrun: that was longer than the period, together with `observers_s`.
         joints: what the arm measured since the tick before, at its own rate.
         judgement: what the supervisor allowed; None in tests that have none.
+        unacknowledged: it waits until a person acknowledges what happened.
         observers_s: how long the observers took over the tick before.
     """
 
@@ -52,6 +53,7 @@ class TickRecord:
     joints: JointSamples | None = None
     judgement: Judgement | None = None
     observers_s: float = 0.0
+    unacknowledged: bool = False
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ class Traits:
         results: how it can end, from how each of its children can, and its attributes in the file; more where in doubt.
         barrier: by the number of a child and how each can end, the elder one whose results keep it from ever being
             ticked; None where none does. Asked for one child after the other, up to the first that has a barrier.
+        shown_as: what viewers show people while it runs or once it succeeded, in words that the program agrees on.
         impossible: by its number of children and its attributes, which of these asks for what they cannot do, and why.
     """
 
@@ -56,6 +57,7 @@ class Traits:
     needs_guard: bool = False
     at_once: bool = False
     comes_back: bool = True
+    shown_as: str = ""
     succeeds_after: Literal["all", "one", ""] = ""
     asked_before: Callable[[int], range] = _none_before
     results: Callable[[Sequence[Results], Mapping[str, str]], Results] = _any_end

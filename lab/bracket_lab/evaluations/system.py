@@ -32,7 +32,7 @@ class Listener(Observer):
 
     told: list[Told] = field(default_factory=list)
     by_hand: list[Told] = field(default_factory=list)
-    allowed: list[str] = field(default_factory=list)
+    allowed: list[tuple[str, str]] = field(default_factory=list)
     contradictions: int = 0
     _before: Action | None = None
 
@@ -47,7 +47,7 @@ class Listener(Observer):
                 self.by_hand += [] if action.shown else self.told[-1:]
         for topic, fields in record.notes:
             if topic == "verdict" and fields.get("decision") == "act":
-                self.allowed.append(str(fields["subject"]))
+                self.allowed.append((str(fields["part"]), str(fields["position"])))
             self.contradictions += topic == "belief" and fields.get("outcome") == "looked at again"
 
 
@@ -113,7 +113,7 @@ def assemble(
             end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
         except DeviceFault as error:
             end, reason, sim_time_s = "fault", str(error), 0.0
-    goal = {f"{part} at {position}" for position, part in product.goal_placements(cell.score.goal).items()}
+    goal = {(part, position) for position, part in product.goal_placements(cell.score.goal).items()}
     placed = _placed(cell)
     right = len(matched(placed, listener.told))
     return {

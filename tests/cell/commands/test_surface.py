@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from typer.main import get_command
 from bracket_cell.commands import main as commands
 from bracket_cell.commands import terminal
 from bracket_cell.commands.main import COMMANDS, application, main
-from bracket_cell.commands.options import PORTS, own_files, seeds_of, with_ports
+from bracket_cell.commands.options import USUAL, doors_of, own_files, seeds_of, with_usual
 from bracket_ground.errors import InputError
 from bracket_lab import commands as lab
 from tests import ROOT
@@ -23,14 +24,13 @@ from tests import ROOT
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
     "Start": ["init", "doctor", "docs", "run", "serve", "setup", "safety"],
-    "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show", "monitor"],
+    "Program": ["new", "check", "nodes", "convert", "schema", "lsp", "show"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],
 }
 RUN = {
     *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
-    *("--resume", "--page", "--work-orders", "--opcua", "--monitor", "--breakpoints", "--live", "--json"),
-    *("--share", "--slower", "--book", "--operator", "--pixels"),
+    *("--resume", "--page", "--work-orders", "--open", "--json", "--share"),
 }
 
 
@@ -50,7 +50,7 @@ def command(*path: str) -> Any:
 
 def options(*path: str) -> set[str]:
     """Long names of a command's options."""
-    asked = [one for one in command(*path).params if one.param_type_name == "option"]
+    asked = [one for one in command(*path).params if one.param_type_name == "option" and not one.hidden]
     return {name for one in asked for name in one.opts if name.startswith("--")} - {"--help"}
 
 
@@ -85,6 +85,35 @@ def test_a_run_has_few_options_and_the_labs_six_more() -> None:
     }
 
 
+def test_the_product_has_few_commands_and_options() -> None:
+    """Outside of the laboratory; what is hidden is for programs."""
+    commands = list(leaves(whole(), ()))
+    found = [(path, one) for path, each in commands for one in each.params if one.param_type_name == "option"]
+    found = [(path, one) for path, one in found if not one.hidden and one.name != "help"]
+    assert len(commands) <= 40, [" ".join(path) for path, _ in commands]
+    assert len(found) <= 170
+    assert len(options("run")) <= 16
+
+
+def test_an_option_of_several_commands_has_one_text() -> None:
+    texts: dict[str, set[str]] = {}
+    for _, each in leaves(whole(), ()):
+        for one in each.params:
+            if one.param_type_name == "option":
+                texts.setdefault(max(one.opts, key=len), set()).add(one.help)
+    assert {name: told for name, told in texts.items() if len(told) > 1} == {}
+
+
+def leaves(found: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The commands of the product that do something, by path."""
+    below = getattr(found, "commands", {})
+    for name, one in below.items():
+        if not one.hidden:
+            yield from leaves(one, (*path, name))
+    if not below or found.invoke_without_command:
+        yield path, found
+
+
 def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
@@ -93,9 +122,20 @@ def test_evaluations_share_their_options() -> None:
 
 
 def test_a_port_may_be_left_out() -> None:
-    assert with_ports(["run", "--page", "--shift", "2"]) == ["run", f"--page={PORTS['--page']}", "--shift", "2"]
-    assert with_ports(["run", "--page", "80", "--live"]) == ["run", "--page", "80", f"--live={PORTS['--live']}"]
-    assert with_ports(["run", "--monitor=7", "--json"]) == ["run", "--monitor=7", "--json"]
+    assert with_usual(["run", "--page", "--shift", "2"]) == ["run", f"--page={USUAL['--page']}", "--shift", "2"]
+    assert with_usual(["run", "--page", "80", "--real-time"]) == ["run", "--page", "80", "--real-time=1"]
+    assert with_usual(["run", "--page=7", "--real-time", "2.5"]) == ["run", "--page=7", "--real-time", "2.5"]
+    assert with_usual(["show", "--running"]) == ["show", f"--running={USUAL['--running']}"]
+
+
+def test_doors_that_are_opened() -> None:
+    assert doors_of(["live", "breakpoints=1700", "opcua=0.0.0.0:4840"]) == {
+        "live_port": 8765,
+        "monitor_port": 1700,
+        "monitor_hooks": True,
+        "opcua": "0.0.0.0:4840",
+    }
+    assert doors_of(["monitor"]) == {"monitor_port": 1667}
 
 
 def test_own_nodes_and_trees_are_told_apart(tmp_path: Path) -> None:

@@ -59,8 +59,8 @@ def assert_served(found: dict[str, Any], cell: Path) -> None:
     tree = found["terminals"][0][2]
     assert found["terminals"] == [
         [str(cell), "check", tree],
-        [str(cell), "run", tree, "--real-time", "--monitor"],
-        [str(cell), "monitor"],
+        [str(cell), "run", tree, "--real-time", "--open", "monitor"],
+        [str(cell), "show", "--running"],
         [str(cell), "replay", tree],
     ]
     assert "parc" in found["marks"][0]

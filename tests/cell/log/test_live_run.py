@@ -83,6 +83,6 @@ def test_a_taken_port_is_bad_input_and_leaves_no_log(tmp_path: Path, capsys: pyt
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        assert main(["run", "--live", port, "--log", str(log)]) == 2
+        assert main(["run", "--open", f"live={port}", "--log", str(log)]) == 2
     assert f"port {port} cannot be used" in capsys.readouterr().err
     assert not log.exists()

@@ -118,7 +118,7 @@ def test_equal_work_with_a_wait_loses_it_once() -> None:
 
 def test_a_hole_that_a_person_emptied_and_filled_anew_is_theirs() -> None:
     placements = Placements()
-    placements.note("verdict", {"decision": "act", "subject": "o1 at p2"})
+    placements.note("verdict", {"decision": "act", "part": "o1", "position": "p2"})
     placements.note("belief", {"edge": ["o1", "p2"], "source": "seen"})
     assert placements.by == {"p2": "robot"}
     placements.note("belief", {"edge": [None, "p2"]})

@@ -93,7 +93,7 @@ def test_a_taken_port_is_refused_by_its_number(recorder: McapRecorder) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=rf"port {port} cannot be used: .*--live PORT"):
+        with pytest.raises(InputError, match=rf"port {port} cannot be used: .*--open live=PORT"):
             LiveServer(recorder.context, recorder.scene, port)
 
 

@@ -240,7 +240,7 @@ def test_a_malformed_request_gets_an_error(make: Callable[..., Bench], frames: l
 def test_hooks_are_refused_unless_asked_for(make: Callable[..., Bench], kind: str) -> None:
     head, text = make().ask(kind, b'{"uid": 6, "mode": 1, "desired_status": "FAILURE"}')
     assert head == b"error"
-    assert b"--breakpoints" in text
+    assert b"--open breakpoints" in text
 
 
 def test_a_replaced_node_is_not_ticked(make: Callable[..., Bench]) -> None:
@@ -391,7 +391,7 @@ def test_the_assembly_tree_is_served_whole() -> None:
 
 def test_a_port_in_use_is_bad_input(make: Callable[..., Bench]) -> None:
     bench = make()
-    with pytest.raises(InputError, match="--monitor PORT"):
+    with pytest.raises(InputError, match="--open monitor=PORT"):
         Monitor(bench.tree, Registry([Count]), bench.port)
 
 
@@ -664,7 +664,7 @@ def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> N
         stepper.press("p", {})
         stepper.keep(bench.statuses(), {})
         assert not stepper.paused
-        assert "--breakpoints turns them on" in stepper.told
+        assert "--open breakpoints turns them on" in stepper.told
         assert bench.tick() is Status.RUNNING
     finally:
         client.close()

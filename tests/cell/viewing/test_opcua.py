@@ -34,7 +34,7 @@ def numbers() -> Samples:
 def server() -> Iterator[OpcuaServer]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    made = OpcuaServer(numbers(), Address(port, option="--opcua"))
+    made = OpcuaServer(numbers(), Address(port, option="--open opcua"))
     yield made
     made.abandon()
 
@@ -73,5 +73,8 @@ def test_half_greetings_take_no_more_than_their_places(server: OpcuaServer, begu
 
 
 def test_a_port_that_is_taken_is_told() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="--opcua PORT or HOST:PORT"):
-        OpcuaServer(numbers(), Address(taken.getsockname()[1], option="--opcua"))
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        pytest.raises(InputError, match="--open opcua PORT or HOST:PORT"),
+    ):
+        OpcuaServer(numbers(), Address(taken.getsockname()[1], option="--open opcua"))

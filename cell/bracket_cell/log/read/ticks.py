@@ -231,7 +231,7 @@ class TickBuilder:
                 return  # of a tick that lost its beginning: it counts as missing
             raise LogError(self._path, f"a message of {topic} for tick {number} stands outside of that tick")
         if topic.startswith("/note/"):
-            self._pending.notes.append((topic.removeprefix("/note/"), fields))
+            self._pending.notes.append((topic.removeprefix("/note/"), _with_placement(topic, fields)))
         elif topic in self._pending.parts:
             raise LogError(self._path, f"tick {number} has two messages of {topic}")
         else:
@@ -269,3 +269,11 @@ def _reason(one: Any) -> dict[str, str]:
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
+
+
+def _with_placement(topic: str, fields: dict[str, Any]) -> dict[str, Any]:
+    """A note; logs of 0.12 and before have the placement of a verdict only as a text, `o1 at p2`."""
+    if topic != "/note/verdict" or "part" in fields:
+        return fields
+    part, sign, position = str(fields.get("subject")).partition(" at ")
+    return {**fields, "part": part, "position": position} if sign else fields

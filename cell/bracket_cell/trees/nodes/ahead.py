@@ -155,7 +155,8 @@ class AwaitPosition(CellNode):
                 self.now.show(message=Message("holding {part}; {reason}", part=part, reason=reason))
             return Status.RUNNING
         self.position.set(Hole(position))
-        note_verdict(self.services, part, position, judge(self.services, plan, state, part, position))
+        verdict = judge(self.services, plan, state, part, position)
+        note_verdict(self.services, part, position, verdict.decision, verdict.reason)
         self.now.show(message=Message("bringing {part} to {position}", part=part, position=position))
         self.feedback_message = Message("{part} to {position}", part=part, position=position)
         return Status.SUCCESS

@@ -8,7 +8,7 @@ import numpy as np
 
 from bracket_cell.learned.classical.foresight import foreseen
 from bracket_cell.trees.nodes.people import hole_on_bench_m
-from bracket_cell.trees.nodes.planning import judge
+from bracket_cell.trees.nodes.planning import judge, note_verdict
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import SkillNode
 from bracket_cell.trees.vocabulary import Hole, Part
@@ -81,7 +81,7 @@ class PositionForeseen(CellNode):
                 acts = open_yet and judge(self.services, plan, state, part, position).decision == "act"
             if acts:
                 note = f"{view.hand.held_part} at {theirs}"
-                self.tools.journal.note("verdict", subject=f"{part} at {position}", decision="foreseen", reason=note)
+                note_verdict(self.services, part, position, "foreseen", note)
                 return position
         return None
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from bracket_cell.trees.nodes.skill_node import SkillNode
+from bracket_cell.trees.vocabulary import ShownAs
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
 from bracket_ground.interfaces.observation import Observation
@@ -28,7 +29,7 @@ class GiveWay(SkillNode):
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.
     """
 
-    traits = Traits(claims=("arm",))
+    traits = Traits(claims=("arm",), shown_as=ShownAs.GIVES_WAY)
     persistent = ("_since_s", "_held_s", "_palm_m")
 
     after_s = InputPort(

@@ -11,6 +11,7 @@ from enum import Enum
 from bracket_cell.trees.nodes.clutter import part_and_others, seen_part
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import HELD, SkillNode
+from bracket_cell.trees.vocabulary import ShownAs
 from bracket_ground.interfaces.memory import NEVER_S, more
 from bracket_ground.interfaces.perception import PartDetection, PartsView
 from bracket_ground.interfaces.pose import Pose
@@ -183,7 +184,7 @@ class ReturnToTray(SkillNode):
     One that did not go into its hole is taken after the others from then on.
     """
 
-    traits = replace(SkillNode.traits, needs=(HELD,))
+    traits = replace(SkillNode.traits, needs=(HELD,), shown_as=ShownAs.PUTS_BACK)
 
     def make_skill(self) -> Skill:
         from bracket_cell.skills.put_down import PutBack

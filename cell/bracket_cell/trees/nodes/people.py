@@ -13,13 +13,14 @@ from bracket_cell.trees.nodes.planning import open_steps
 from bracket_cell.trees.nodes.poses import FramedPose, world_pose
 from bracket_cell.trees.nodes.services import CellNode, Services
 from bracket_cell.trees.nodes.watching import SeenAction
-from bracket_cell.trees.vocabulary import Hole
+from bracket_cell.trees.vocabulary import Hole, ShownAs
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import BenchView, HandSample, PartsView
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.pose import Array
 from btxml.engine.ports import InputPort
 from btxml.engine.status import Status
+from btxml.engine.traits import Traits
 
 MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
@@ -38,6 +39,7 @@ class PersonAction(Enum):
 class WaitForAction(CellNode):
     """Wait until the person begins an action of one kind; each one counts once (Alg. 1 line 13)."""
 
+    traits = Traits(shown_as=ShownAs.AWAITS_PERSON)
     awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")
     say_s = InputPort(float, "the display says what is waited for, once, after so long", default=15.0, least=0)
@@ -74,6 +76,7 @@ class ShowHand(CellNode):
     Fails when nobody shows one in time. Once a hand was seen, it succeeds at once.
     """
 
+    traits = Traits(shown_as=ShownAs.AWAITS_HAND)
     wait_s = InputPort(float, "how long it waits in [s]", default=600.0, least=0)
     say_s = InputPort(float, "the display asks for it after so long in [s]", default=1.0, least=0)
     persistent = ("_shown",)
@@ -105,6 +108,7 @@ class HandWatch(CellNode):
     """
 
     abstract = True
+    traits = Traits(shown_as=ShownAs.GIVES_WAY)
     what_if = "if the hand were seen away from there"
 
     distance_m = InputPort(float, "how near is too near", default=0.20, least=0)
@@ -205,6 +209,7 @@ class AssemblyFinished(CellNode):
     this is waited for, the person is told what.
     """
 
+    traits = Traits(shown_as=ShownAs.FINISHED)
     state = InputPort(AssemblyState, "what is placed so far")
     action = InputPort(SeenAction, "what the person does")
     away_m = InputPort(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import SkillNode
-from bracket_cell.trees.vocabulary import Hole, Part
+from bracket_cell.trees.vocabulary import Hole, Part, ShownAs
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.memory import more, without
 from bracket_ground.interfaces.observation import Observation
@@ -21,7 +21,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole, and let it go there (Alg. 1 line 18)."""
 
-    traits = replace(SkillNode.traits, needs_guard=True)
+    traits = replace(SkillNode.traits, needs_guard=True, shown_as=ShownAs.PLACES)
 
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")

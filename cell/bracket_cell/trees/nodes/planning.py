@@ -122,7 +122,7 @@ class ChoosePosition(CellNode):
         part = self.part.get()
         for position in self.positions.get():
             verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
-            note_verdict(self.services, part, position, verdict)
+            note_verdict(self.services, part, position, verdict.decision, verdict.reason)
             self.feedback_message, self.what_if = verdict.reason, verdict.otherwise
             if verdict.decision == "act":
                 self.position.set(Hole(position))
@@ -158,7 +158,7 @@ class CheckPlacement(CellNode):
         self._verdict = verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
         if verdict.decision == "act":
             return Status.SUCCESS
-        note_verdict(self.services, part, position, verdict)
+        note_verdict(self.services, part, position, verdict.decision, verdict.reason)
         self.feedback_message = verdict.reason
         return Status.FAILURE
 
@@ -198,8 +198,13 @@ def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: st
     return services.tools.guard.judge(plan, state, holes, part, position, reachable, present, services.waited_s)
 
 
-def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:
+def note_verdict(services: Services, part: str, position: str, decision: str, reason: str) -> None:
     """Write a verdict and its reason into the log."""
     services.tools.journal.note(
-        "verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason
+        "verdict",
+        subject=f"{part} at {position}",
+        part=part,
+        position=position,
+        decision=decision,
+        reason=reason,
     )

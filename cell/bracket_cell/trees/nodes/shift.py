@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bracket_cell.trees.nodes.services import CellNode
+from bracket_cell.trees.vocabulary import ShownAs
 from bracket_ground.errors import InputError
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.operator import Question
@@ -25,6 +26,7 @@ class WaitForEmptyBracket(CellNode):
     only some holes are filled.
     """
 
+    traits = Traits(shown_as=ShownAs.AWAITS_BRACKET)
     persistent = ("_empty_s",)
     what_if = "if every hole were seen empty"
 

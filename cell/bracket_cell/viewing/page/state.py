@@ -41,7 +41,8 @@ class PageState:
         self._product, self._heading = model.product, dict(heading)
         overhead = model.bench.overhead
         self._image_px, self._marks = (overhead.width_px, overhead.height_px), marks_of(model.product, model.bench)
-        self.instructor = Instructor(model.product)
+        self._tree = tree
+        self.instructor = Instructor(model.product, lambda: self._tree)
         self._display = Display()
         self._history: deque[tuple[float, dict[str, float]]] = deque(maxlen=HISTORY_N)
         self._lines: deque[tuple[float, str, Any]] = deque(maxlen=LINES_N)
@@ -58,7 +59,6 @@ class PageState:
     def watch(self, tree: Tree) -> None:
         """Show this tree from now on."""
         self._statuses = {}
-        self.instructor.watch()
         self._tree = tree
         depth: dict[int, int] = {}
         for node in tree.nodes:
@@ -110,8 +110,7 @@ class PageState:
                 self._track.append(((left + right) // 2, (top + bottom) // 2))
 
     def say(self, time_s: float, level: Level, text: str) -> None:
-        """The controller says something; it may wait for somebody to acknowledge that."""
-        self.instructor.say(text)
+        """The controller says something."""
         self._lines.append((round(time_s, 2), level, data_of(text) if "\n" not in text else text.splitlines()[-1]))
 
     def end(self, outcome: Outcome) -> None:

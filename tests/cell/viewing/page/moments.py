@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bracket_ground.files.words.message import Message
-from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, Judgement
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR, Judgement
 from bracket_ground.interfaces.faults import Action as Does
 from bracket_ground.interfaces.perception import Action, HandSample, PartDetection, PartsView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
@@ -64,7 +64,7 @@ def sure(rig: PageRig) -> None:
     rig.tick()
     rig.runs("PickPart")
     rig.show(message=Message("moving above {name}", name="o2"))
-    rig.tick(("verdict", {"subject": "o2 at p4", "decision": "act", "reason": ""}))
+    rig.tick(("verdict", {"part": "o2", "position": "p4", "decision": "act", "reason": ""}))
 
 
 def brings(rig: PageRig) -> None:
@@ -87,11 +87,12 @@ def question(rig: PageRig) -> None:
 def alarm(rig: PageRig) -> None:
     sure(rig)
     rig.judgement, rig.asks = PUSHED, True
-    rig.page.message(9.0, "warning", f"hold: {PUSHED.words}; {ACKNOWLEDGE}")
 
 
 def finished(rig: PageRig) -> None:
     _goal(rig, PRODUCT.goal_placements("g0"), SURE, "g0")
+    rig.runs("AssemblyFinished")
+    rig.tick()
     rig.runs("MoveTo")
     rig.show(message="the bracket is assembled", guidance={}, any_part=())
 

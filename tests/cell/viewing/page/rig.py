@@ -156,7 +156,8 @@ class PageRig:
     def runs(self, *kinds: str) -> None:
         """From the next tick on just nodes of these kinds run."""
         gone = [kind for kind in self._running if kind not in kinds]
-        new = {kind: 1000 + len(self._running) + place for place, kind in enumerate(kinds) if kind not in self._running}
+        uids = {type(node).__name__: node.uid for node in self.tree.nodes}
+        new = {kind: uids[kind] for kind in kinds if kind not in self._running}
         self._changes = [_change(kind, self._running.pop(kind), Status.RUNNING, Status.SUCCESS) for kind in gone]
         self._changes += [_change(kind, uid, Status.INVALID, Status.RUNNING) for kind, uid in new.items()]
         self._running |= new
@@ -178,7 +179,7 @@ class PageRig:
         changes, self._changes = tuple(self._changes), []
         command = Command(display=self.display)
         sent, judged = SentCommand(), self.judgement
-        record = TickRecord(seen, "RUNNING", changes, notes, command, sent, 0.001, False, None, judged)
+        record = TickRecord(seen, "RUNNING", changes, notes, command, sent, 0.001, False, None, judged, 0.0, self.asks)
         self.keeper.tick(record)
         self.page.tick(record)
 

@@ -197,7 +197,7 @@ def test_an_order_is_changed_and_cancelled_and_a_late_one_says_so(visitor: Visit
 
 def test_the_robots_line_says_no_tree_file_and_waits_only_where_it_waits(visitor: Visitor) -> None:
     visitor.rig.runs("PickPart")
-    visitor.rig.tick(("verdict", {"decision": "wait", "subject": "o1 at p5", "reason": "o1 at p5 is not sure"}))
+    visitor.rig.tick(("verdict", {"decision": "wait", "reason": "o1 at p5 is not sure"}))
     visitor.catch_up()
     assert "waits because" in visitor.page.inner_text("#robot")
     assert ".xml" not in visitor.page.inner_text("#robot")
@@ -293,7 +293,7 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
     rig.tick(
         ("bracket", {"number": 3, "edge": "begin"}),
         ("belief", {"edge": ["o1", "p6"], "source": "action"}),
-        ("verdict", {"subject": "o2 at p1", "decision": "act", "reason": ""}),
+        ("verdict", {"part": "o2", "position": "p1", "decision": "act", "reason": ""}),
     )
     rig.page.message(1.0, "warning", "hold: the hand is too near")
     visitor.catch_up()

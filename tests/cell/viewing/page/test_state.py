@@ -40,7 +40,9 @@ def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_th
         if (news := announcer.news(judgement, 0.04 * number, unacknowledged)) is not None:
             state.say(0.0, *news)
         seen = replace(Observation(number, 0.04 * number, STANDING, EMPTY_GRIPPER), acknowledged=acknowledged)
-        record = TickRecord(seen, "RUNNING", (), (), Command(), SentCommand(), 0.001, False, None, judgement)
+        record = TickRecord(
+            seen, "RUNNING", (), (), Command(), SentCommand(), 0.001, False, None, judgement, 0.0, unacknowledged
+        )
         state.take(record)
         shown.append(asks in state.now(record)["alarms"])
     assert shown == [False, True, True, False, True, False, False]

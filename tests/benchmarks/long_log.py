@@ -118,7 +118,7 @@ def main() -> None:
         middle_s = play(kept, log, options.hours, options.limit_s) / 2
         for question in (("ticks", "--all"), ("query", "--topic", "verdict"), ("query", "--node", "PlacePart")):
             ask(log, middle_s, question)
-        for whole in (("log", "info"), ("log", "nodes"), ("report",)):
+        for whole in (("log", "info"), ("log", "info", "--nodes"), ("report",)):
             ask_all(log, whole)
 
 

@@ -62,7 +62,7 @@ def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ())
     config = folder / "twin_cell.yaml"
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
     sign(config, safety_from(config), "benchmark")
-    words = ["twin", "--config", str(config), "--slower", f"{slower:g}", "--at", str(folder / "twin.sock"), *more]
+    words = ["twin", "--config", str(config), "--slower", f"{slower:g}", "--socket", str(folder / "twin.sock"), *more]
     with started([sys.executable, "-m", "bracket_cell", *words], folder) as twin:
         assert twin.stderr is not None  # where the console writes
         told = []

@@ -10,8 +10,10 @@ import yaml
 
 from bracket_cell.commands.options import (
     CONFIGURATION,
+    OUT_HELP,
     ConfigOption,
     JsonOption,
+    OverwriteOption,
     SeedOption,
     SlowerOption,
     folder_for,
@@ -22,6 +24,7 @@ from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import CALIBRATION, load_configuration, load_product, simulated
 from bracket_cell.runs.calibrating import Calibrated, stamped_delays_s
 from bracket_cell.runs.calibrating import calibrate as calibration_of
+from bracket_cell.runs.options import LOOK_HELP
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import whole_or_none
 from bracket_ground.files.yaml_file import load_yaml, write_values
@@ -31,14 +34,10 @@ PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees t
 
 
 def calibrate(
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help=f"File; {CALIBRATION} next to --config by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help=OUT_HELP)] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
-    look: Annotated[
-        str | None, typer.Option(help="Look of the simulation; it also decides how the cameras hang.")
-    ] = None,
+    look: Annotated[str | None, typer.Option(help=LOOK_HELP)] = None,
     overhead_only: Annotated[
         bool,
         typer.Option(
@@ -46,11 +45,14 @@ def calibrate(
             help="Calibrate only the overhead camera: nothing moves, and the file's wrist camera is kept.",
         ),
     ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    overwrite: OverwriteOption = False,
     slower: SlowerOption = 1.0,
     as_json: JsonOption = False,
 ) -> int:
-    """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it."""
+    """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it.
+
+    By default calibration.yaml next to the configuration is written.
+    """
     path = out or folder_for(config) / CALIBRATION
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")

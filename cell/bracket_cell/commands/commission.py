@@ -11,11 +11,12 @@ import typer
 import yaml
 
 from bracket_cell.commands.calibrate import calibrate
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
+from bracket_cell.commands.options import CONFIGURATION, OUT_HELP, ConfigOption, JsonOption, SlowerOption
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.runs.commissioning import DRY_SHARE, Teaching, dry_run, goal_of, way_to
+from bracket_cell.runs.options import SHARE_HELP
 from bracket_cell.runs.slow_motion import move_to, opened
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
@@ -66,7 +67,7 @@ def move(
         str, typer.Argument(metavar="NAME", help="park or look; or job: above tray and bracket, touching nothing.")
     ],
     config: ConfigOption = CONFIGURATION,
-    share: Annotated[float, typer.Option(min=0.02, max=1, help="Share of the arm's speed.")] = DRY_SHARE,
+    share: Annotated[float, typer.Option(min=0.02, max=1, help=SHARE_HELP)] = DRY_SHARE,
     slower: SlowerOption = 1.0,
 ) -> int:
     """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
@@ -88,7 +89,7 @@ def move(
 @setup_app.command()
 def bench(
     config: ConfigOption = CONFIGURATION,
-    out: Annotated[Path, typer.Option("--out", "-o", help="The drawing, an SVG file.")] = Path("bench.svg"),
+    out: Annotated[Path, typer.Option("--out", "-o", help=OUT_HELP)] = Path("bench.svg"),
     as_json: JsonOption = False,
 ) -> int:
     """Draw what the cameras see and the arm reaches. Status 1 where something is cut off."""

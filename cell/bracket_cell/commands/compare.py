@@ -14,6 +14,7 @@ import typer
 
 from bracket_cell.commands.options import (
     CONFIGURATION,
+    OUT_HELP,
     ConfigOption,
     JsonOption,
     SchedulerOption,
@@ -21,6 +22,7 @@ from bracket_cell.commands.options import (
     own_files,
 )
 from bracket_cell.commands.terminal import console, print_json
+from bracket_cell.runs.options import GOAL_HELP, PERSON_HELP
 from bracket_ground.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ NOT_DONE = ("lost", "refused")
 OF_A_SWEEP = ("runs.jsonl", "runs.parquet", "compare.html")
 OutOption = Annotated[
     str,
-    typer.Option("--out", "-o", metavar="FOLDER", help="Folder or address (s3://BUCKET/x); runs there stay."),
+    typer.Option("--out", "-o", metavar="FOLDER", help=OUT_HELP),
 ]
 
 
@@ -47,12 +49,9 @@ def compare(
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair.")] = 0,
     person: Annotated[
         list[str] | None,
-        typer.Option(
-            help="The simulated person, by name or YAML file; may be repeated. Careful and ordinary by default, each "
-            "once waiting until the arm is parked and once only until it leaves."
-        ),
+        typer.Option(help=PERSON_HELP),
     ] = None,
-    goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
+    goal: Annotated[str, typer.Option(help=GOAL_HELP)] = "random",
     against: Annotated[
         Path | None, typer.Option(help="Table of runs (Parquet) to compare with; its seeds are run again.")
     ] = None,
@@ -73,7 +72,11 @@ def compare(
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Compare two trees by pairs of runs: which one is better, if the runs prove it."""
+    """Compare two trees by pairs of runs: which one is better, if the runs prove it.
+
+    Beside careful and ordinary people by default, each once waiting until the arm is parked and once only until it
+    leaves; --person may be repeated. --out may be an address (s3://BUCKET/x); runs that are there stay.
+    """
     from bracket_cell.fleet import compare as comparing
     from bracket_cell.fleet.compare import pair
     from bracket_cell.fleet.compare_text import page

@@ -74,33 +74,25 @@ def learn(
 @goals_app.command()
 def add(
     name: Annotated[str, typer.Argument(help="Its name.")],
-    parts: Annotated[list[str], typer.Argument(metavar="PART...", help="The part at every position, in order.")],
-    finished: Annotated[int, typer.Option(min=1, help="Finished brackets that it counts for.")] = 3,
+    parts: Annotated[list[str] | None, typer.Argument(metavar="PART...", help="The part at every position.")] = None,
+    finished: Annotated[int, typer.Option(min=0, help="Finished brackets that it counts for; 0 forgets it.")] = 3,
     file: FileOption = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
-    """Add a goal by hand, or say how often one was finished."""
-
+    """Add a goal by hand, or say how often one was finished: never, to forget what was learned of it."""
     goals = _load(file, config)
-    added = {name: FinishedGoal(parts=tuple(parts), finished=finished)}
+    if finished == 0 and name not in goals.finished:
+        raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
+    if finished == 0:
+        left = {key: goal for key, goal in goals.finished.items() if key != name}
+        replace(goals, finished=left).save(_path(file, config))
+        return
+    added = {name: FinishedGoal(parts=tuple(parts or ()), finished=finished)}
     changed = replace(goals, finished=goals.finished | added)
     changed.check(_path(file, config))
     changed.save(_path(file, config))
-    console().print(f"{name} ({' '.join(parts)}), finished {finished}, in {_path(file, config)}", highlight=False)
-
-
-@goals_app.command()
-def forget(
-    name: Annotated[str, typer.Argument(help="Its name.")],
-    file: FileOption = None,
-    config: ConfigOption = CONFIGURATION,
-) -> None:
-    """Forget a learned goal, and how often a listed one was finished."""
-    goals = _load(file, config)
-    if name not in goals.finished:
-        raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
-    replace(goals, finished={key: goal for key, goal in goals.finished.items() if key != name}).save(
-        _path(file, config)
+    console().print(
+        f"{name} ({' '.join(added[name].parts)}), finished {finished}, in {_path(file, config)}", highlight=False
     )
 
 

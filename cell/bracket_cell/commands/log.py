@@ -11,6 +11,7 @@ import typer
 
 from bracket_cell.commands.log_export import export_log
 from bracket_cell.commands.log_terminal import (
+    AT_HELP,
     DIFFERS,
     FromOption,
     LogArgument,
@@ -27,31 +28,29 @@ from bracket_cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from bracket_cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import HTML_HELP, OUT_HELP, JsonOption, WithOption, always_loaded, own_files
 from bracket_cell.production.book import NAME, Book, csv_lines
 from bracket_ground.errors import CellError, InputError
 
-LOSSY = 3
 LONGEST_VALUE = 200
 log_app = typer.Typer(no_args_is_help=True, help="Search, compare and export logs.")
 
 
 def report(
     log: LogArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; next to the log by default.")] = None,
-    overwrite: OverwriteOption = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help=OUT_HELP)] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift.
+    """Write one HTML page about a run, by default next to the log; of a run of hours it shows only the shift.
 
     Of a book of production, which `cell serve` keeps, it shows all shifts, and writes them as CSV beside it.
     """
     from bracket_cell.log.report.report import is_long, write_overview, write_report
 
     if len(log) == 1 and log[0].suffix == Path(NAME).suffix:
-        _tell_page(*_production(log[0], spared(out or beside(log, ".html"), log, overwrite)), as_json)
+        _tell_page(*_production(log[0], spared(out or beside(log, ".html"), log)), as_json)
         return
-    page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
+    page, stream = spared(out or beside(log, ".html"), log), streamed(log)
     if is_long(stream.parts):
         size = write_overview(stream, page)
         tell_lack(log, stream)
@@ -78,8 +77,17 @@ def _tell_page(page: Path, size: int, as_json: bool) -> None:
 
 
 @log_app.command()
-def info(log: LogArgument, as_json: JsonOption = False) -> None:
+def info(
+    log: LogArgument,
+    nodes: Annotated[
+        bool, typer.Option("--nodes", help="List its nodes: how often each was ticked, how long it ran, how it ended.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
     """Say what is in a log."""
+    if nodes:
+        _nodes(log, as_json)
+        return
     from bracket_cell.log.report import query as question
     from bracket_cell.log.report.text import info_lines
 
@@ -112,9 +120,7 @@ def ticks(
 @log_app.command()
 def why(
     log: LogArgument,
-    at_s: Annotated[
-        float, typer.Option("--at", help="Time in seconds; by default the last tick of the tree.", callback=a_time)
-    ] = math.inf,
+    at_s: Annotated[float, typer.Option("--at", help=AT_HELP, callback=a_time)] = math.inf,
     as_json: JsonOption = False,
 ) -> None:
     """Say why the cell did what it did: the way through its tree, what was compared, what would have changed it."""
@@ -173,17 +179,10 @@ def rules(
     return int(any(one.violations for one in judged))
 
 
-@log_app.command()
-def nodes(
-    log: LogArgument,
-    from_s: FromOption = 0.0,
-    until_s: UntilOption = float("inf"),
-    as_json: JsonOption = False,
-) -> None:
-    """List the nodes of the tree: how often each was ticked, how long it ran and how it ended."""
+def _nodes(log: list[Path], as_json: bool) -> None:
     from bracket_cell.log.report.node_statistics import node_statistics, statistics_lines
 
-    found = node_statistics(stream := streamed(log), from_s, until_s)
+    found = node_statistics(stream := streamed(log))
     tell_lack(log, stream)
     if not any(node.ticks for node in found):
         tell_nothing()
@@ -200,16 +199,18 @@ def diff(
     other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
     html: Annotated[
         Path | None,
-        typer.Option("--html", help="Also write a page that shows the first difference and both runs side by side."),
+        typer.Option("--html", help=HTML_HELP),
     ] = None,
-    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Compare what two logs saw and decided, tick by tick; status 1 if they differ."""
+    """Compare what two logs saw and decided, tick by tick; status 1 if they differ.
+
+    The page of --html shows the first difference, and both runs side by side.
+    """
     from bracket_cell.log.report import query as question
 
     if html is not None:
-        spared(html, (one, other), overwrite)
+        spared(html, (one, other))
     logs = read([one]), read([other])
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
     from bracket_cell.log.replay.explain import causes, changed_files
@@ -225,25 +226,6 @@ def diff(
     return tell_comparison(found, unfinished, as_json, names, changed=keys, causes=why)
 
 
-@log_app.command()
-def recover(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP), or one part of it.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
-    as_json: JsonOption = False,
-) -> int:
-    """Salvage a truncated or damaged log into a complete file; status 3 if something is lost."""
-    from bracket_cell.log.read import salvage as recovery
-
-    target = out or log.with_suffix(".recovered.mcap")
-    loss = recovery.recover(log, target)
-    if as_json:
-        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
-    else:
-        kind = f"; this is {loss.foreign}" if loss.foreign else ""
-        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
-    return LOSSY if loss.lossy else 0
-
-
 log_app.command("export")(export_log)
 
 
@@ -256,16 +238,16 @@ def list_runs(
         bool,
         typer.Option("--failures", help="Runs that failed: state, time, first cause, and the end."),
     ] = False,
-    page: Annotated[
-        Path | None, typer.Option("--page", help="With --failures: HTML page with the seconds before each.")
-    ] = None,
-    overwrite: OverwriteOption = False,
+    html: Annotated[Path | None, typer.Option("--html", help=HTML_HELP)] = None,
     statistics: Annotated[
         str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, like tree or goal.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    r"""List the runs of a folder, search them by SQL, or list those that failed; needs cell\[fleet]."""
+    r"""List the runs of a folder, search them by SQL, or list those that failed; needs cell\[fleet].
+
+    The page of --html goes with --failures, and has the seconds before each.
+    """
     from bracket_cell.fleet import index
     from bracket_cell.fleet.index import summaries, summary_lines
 
@@ -273,20 +255,20 @@ def list_runs(
         raise InputError(f"{folder}: is not a folder")
     if sum((sql is not None, failures, statistics is not None)) > 1:
         raise InputError("--sql, --failures and --statistics are different questions; ask one of them")
-    if page is not None and not failures:
-        raise InputError("--page goes with --failures")
+    if html is not None and not failures:
+        raise InputError("--html goes with --failures")
     if where is not None and (sql is not None or failures):
         raise InputError("--where goes with the list of runs and with --statistics")
     for problem in index.refresh(folder):
         sys.stderr.write(f"cell: left out: {problem}\n")
     columns = index.LISTED if statistics is None else "*"
     names, rows = index.ask(folder, sql or (index.FAILURES if failures else index.listing(where, columns)))
-    if page is not None:
+    if html is not None:
         from bracket_cell.fleet.night import write_night
 
         failed = [dict(zip(names, row, strict=True)) for row in rows]
-        size = write_night(failed, spared(page, [Path(one["log"]) for one in failed], overwrite))
-        say(f"{page}: {len(failed)} runs that failed, {size / 1e6:.2f} MB")
+        size = write_night(failed, spared(html, [Path(one["log"]) for one in failed]))
+        say(f"{html}: {len(failed)} runs that failed, {size / 1e6:.2f} MB")
     elif statistics is not None:
         for one in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
             tell_json(one) if as_json else say(*summary_lines(one, statistics))
@@ -320,12 +302,12 @@ def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
 @log_app.command("to-test")
 def to_test(
     log: LogArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the case.")] = Path("tests/cases"),
+    out: Annotated[Path, typer.Option("--out", "-o", help=OUT_HELP)] = Path("tests/cases"),
     name: Annotated[str | None, typer.Option(help="Name of the case; the log's by default.")] = None,
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
 ) -> int:
-    """Turn a log into a regression case under 1 MB that the tests replay; status 1 if it differs already."""
+    """Turn a log into a regression case under 1 MB in a folder, which tests replay; status 1 if it differs already."""
     from bracket_cell.log.replay.case import check_case, write_case
     from bracket_cell.log.report.text import difference_lines
 

@@ -11,9 +11,11 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.log_terminal import LogArgument, beside, read, say, spared, tell_json
-from bracket_cell.commands.options import JsonOption, OverwriteOption
+from bracket_cell.commands.options import OUT_HELP, JsonOption, OverwriteOption
 from bracket_cell.commands.terminal import console, table
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import LogError
+
+LOSSY = 3
 
 
 class ExportFormat(StrEnum):
@@ -30,36 +32,37 @@ class ExportFormat(StrEnum):
     candump = "candump"
     lerobot = "lerobot"
     training = "training"
+    recovered = "recovered"
 
 
 def export_log(
     log: LogArgument,
     to: Annotated[ExportFormat, typer.Option(help="Format.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="What to write; next to the log by default.")] = None,
-    codec: Annotated[str, typer.Option(help="Of lerobot's videos: h264 or av1.")] = "h264",
+    out: Annotated[Path | None, typer.Option("--out", "-o", help=OUT_HELP)] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
-) -> None:
+) -> int:
     """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, data for training.
 
-    For lerobot and training several logs may be named: each is an episode. `cell train --recorded DIR` learns from the
-    folder that training writes.
+    It goes next to the log by default. For lerobot and training several logs may be named: each is an episode. `cell
+    train --recorded DIR` learns from the folder that training writes. recovered is what can be saved of a truncated or
+    damaged MCAP file, as a complete one; status 3 if something is lost.
     """
+    if to is ExportFormat.recovered:
+        return _recover(log[0], out or log[0].with_suffix(".recovered.mcap"), as_json)
     from bracket_cell.log.report.export import export
 
     if to is ExportFormat.training:
         write_training(log, out or beside(log, ".training"), as_json)
-        return
+        return 0
 
     if to is ExportFormat.lerobot:
-        from bracket_cell.log.training.lerobot import ENCODERS, write_lerobot
+        from bracket_cell.log.training.lerobot import write_lerobot
 
-        if codec not in ENCODERS:
-            raise InputError(f"--codec {codec} is no codec; legal: {', '.join(ENCODERS)}")
         folder = out or beside(log, ".lerobot")
-        rows = write_lerobot([read([path]) for path in log], folder, codec)
+        rows = write_lerobot([read([path]) for path in log], folder)
         _tell_export(folder, "rows", rows, as_json)
-        return
+        return 0
     tables = {ExportFormat.transitions, ExportFormat.notes}
     endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap", ExportFormat.candump: ".can.log"}
     ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
@@ -68,6 +71,19 @@ def export_log(
     words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rerun": "lines", "rosbag2": "messages"}
     what = words.get(to.value, "rows")
     _tell_export(target, what, count, as_json)
+    return 0
+
+
+def _recover(log: Path, target: Path, as_json: bool) -> int:
+    from bracket_cell.log.read.salvage import recover
+
+    loss = recover(log, target)
+    if as_json:
+        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
+    else:
+        kind = f"; this is {loss.foreign}" if loss.foreign else ""
+        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
+    return LOSSY if loss.lossy else 0
 
 
 def write_training(logs: Sequence[Path], out: Path, as_json: bool) -> None:

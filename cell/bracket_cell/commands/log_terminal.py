@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
+AT_HELP = "Time in a log in seconds; by default the last tick of the tree."
 HALF_DIGIT_S = 0.005  # times are printed with two decimals
 
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
@@ -105,8 +106,11 @@ def tell_lack(paths: Sequence[Path], stream: LogStream) -> None:
             sys.stderr.write(f"cell: {stream.path}: {lack}\n")
 
 
-def spared(target: Path, sources: Iterable[Path], overwrite: bool) -> Path:
+def spared(target: Path, sources: Iterable[Path], overwrite: bool | None = None) -> Path:
     """Where something is written: a new file, or a page of this program that stands there.
+
+    Args:
+        overwrite: somebody else's file, too; None where that cannot be asked for.
 
     Raises:
         InputError: that is one of the files that it is made of, or somebody else's file and may not be replaced.
@@ -114,7 +118,8 @@ def spared(target: Path, sources: Iterable[Path], overwrite: bool) -> Path:
     if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
         raise InputError(f"{target}: is also the input; choose another output file")
     if target.is_file() and not overwrite and not _own_page(target):
-        raise InputError(f"{target}: exists already; choose another file, or add --overwrite")
+        or_else = "" if overwrite is None else ", or add --overwrite"
+        raise InputError(f"{target}: exists already; choose another file{or_else}")
     return target
 
 

@@ -36,11 +36,6 @@ COMMANDS: Table = {
     ),
     "check": Command("bracket_cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("bracket_cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
-    "convert": Command(
-        "bracket_cell.commands.tree_files:convert",
-        "Turn tree files of BehaviorTree.CPP 3 into those of version 4.",
-        PROGRAM,
-    ),
     "schema": Command("bracket_cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
     "lsp": Command("bracket_cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
     "show": Command(

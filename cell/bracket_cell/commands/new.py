@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +16,11 @@ from bracket_cell.commands.options import always_loaded, registry_of
 from bracket_cell.commands.terminal import console
 from bracket_cell.device_settings import KINDS
 from bracket_cell.skills.drivers.settings import DRIVEN_BY, EXAMPLES
+from bracket_cell.trees.loading import input_problem
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import write_new
+from btxml.files.parse.version3 import convert
+from btxml.files.parse.xml_file import read_xml
 from btxml.views.editing import made_at
 
 
@@ -87,10 +91,36 @@ new_app.command()(part)
 
 
 @new_app.command()
-def tree(name: NameArgument) -> None:
-    """Write trees/NAME.xml and tests/test_NAME.py."""
+def tree(
+    name: NameArgument,
+    old: Annotated[
+        Path | None,
+        typer.Option("--convert", metavar="FILE", help="File of BehaviorTree.CPP 3 to turn into version 4."),
+    ] = None,
+) -> int:
+    """Write trees/NAME.xml and tests/test_NAME.py; with --convert only the former, and say what cannot be kept."""
+    if old is not None:
+        return _convert(old, f"trees/{_file(name)}.xml")
     _refuse_taken(name)
     _write(name, "trees/{file}.xml", TREE, TREE_TEST, "cell check {first}; pytest {second}")
+    return 0
+
+
+def _convert(old: Path, new: str) -> int:
+    """Write a file of version 3 as one of version 4; status 1 where something is lost."""
+    text, root, malformed = read_xml(old)
+    found = root.get("BTCPP_format")
+    if malformed:
+        raise InputError(*map(input_problem, malformed))
+    if root.tag != "root" or found not in (None, "3"):
+        what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
+        raise InputError(f"{root.place_of('BTCPP_format')}: {what}; only files of version 3 are converted")
+    made = convert(old, text)
+    write_new(Path(), {new: made.text.encode()})
+    sys.stderr.writelines(f"{change.place}: note: {change.what}\n" for change in made.changes)
+    sys.stderr.writelines(f"{lost.place}: warning: {lost.what}; {lost.legal}\n" for lost in made.lost)
+    console().print(f"{new}\nnext: cell check {new}", highlight=False)
+    return 1 if made.lost else 0
 
 
 @new_app.command()
@@ -106,13 +136,13 @@ def cell(
     folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")],
     arm: Annotated[str, typer.Option(help=f"Model of the arm: {', '.join(DRIVEN_BY)}.")],
     gripper: Annotated[str, typer.Option(help=f"Kind of its driver: {_kinds('gripper')}.")],
-    camera: Annotated[str, typer.Option(help=f"Kind of the cameras' driver: {_kinds('overhead')}.")] = "v4l2",
+    cameras: Annotated[str, typer.Option(help=f"Kind of their driver: {_kinds('overhead')}.")] = "v4l2",
 ) -> None:
     """Make a folder for a cell of real devices, with a commented configuration."""
-    chosen = {"arm": _legal("--arm", arm, DRIVEN_BY), "gripper": gripper, "overhead": camera, "wrist": camera}
+    chosen = {"arm": _legal("--arm", arm, DRIVEN_BY), "gripper": gripper, "overhead": cameras, "wrist": cameras}
     for role in ("gripper", "overhead"):
         _legal(
-            "--gripper" if role == "gripper" else "--camera", chosen[role], dict.fromkeys(_known(role), chosen[role])
+            "--gripper" if role == "gripper" else "--cameras", chosen[role], dict.fromkeys(_known(role), chosen[role])
         )
     files = new_cell()
     text = files["config/cell.yaml"].decode()
@@ -154,12 +184,17 @@ def _refuse_taken(name: str) -> None:
         raise InputError(f"there is a node '{name}' already, at {place or 'the language'}; choose another name")
 
 
-def _write(name: str, path: str, text: str, test: str, then: str) -> None:
+def _file(name: str) -> str:
+    """The file of a node or tree, without its ending; raises InputError where nothing can have such a name."""
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name):
         raise InputError(
             f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts"
         )
-    file = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def _write(name: str, path: str, text: str, test: str, then: str) -> None:
+    file = _file(name)
     files = {path.format(file=file): text, f"tests/test_{file}.py": test}
     write_new(Path(), {place: content.format(name=name, file=file).encode() for place, content in files.items()})
     first, second = files

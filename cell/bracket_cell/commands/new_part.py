@@ -24,7 +24,6 @@ LARGEST_M = 1.0  # of a part; what is larger is in millimetres
 
 def part(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh of the part: STL or OBJ.")],
-    name: Annotated[str | None, typer.Option(help="Name of the type; by default that of the file.")] = None,
     product: Annotated[Path, typer.Option(help="Product file that gets the type.")] = Path("config/products.yaml"),
     stance: Annotated[int, typer.Option(min=1, help="Number of the stance in the picture.")] = 1,
     scale: Annotated[
@@ -34,7 +33,7 @@ def part(
         float | None, typer.Option("--mass-kg", min=0.001, max=10, help="Mass; by default as of aluminium.")
     ] = None,
 ) -> None:
-    """Add a type of part from a mesh to a product, and draw how it stands and is held.
+    """Add a type of part, named as its mesh file, to a product, and draw how it stands and is held.
 
     Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another
     --stance makes the type anew.
@@ -44,10 +43,10 @@ def part(
     from bracket_cell.viewing.part_picture import described, part_picture
     from bracket_ground.interfaces.meshes import Mesh, loaded
 
-    name = name or file.stem
+    name = file.stem
     stl_file, png_file = (product.parent / f"{name}.part.{kind}" for kind in ("stl", "png"))
     if name in load_yaml(product, Product).parts and not stl_file.exists():
-        raise InputError(f"{product} has a type {name} already, and not from a mesh; give --name")
+        raise InputError(f"{product} has a type {name} already, and not from a mesh; name the file otherwise")
     try:
         read = loaded(file)
     except ValueError as error:

@@ -30,14 +30,13 @@ _ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
 DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "live": LIVE_PORT, "opcua": OPCUA_PORT}
 
-ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
+CONFIG_HELP = "Configuration file of the cell."
+OUT_HELP = "File or folder to write."
+HTML_HELP = "Write an HTML page, too."
+ConfigOption = Annotated[Path, typer.Option("--config", help=CONFIG_HELP)]
 NamesOption = Annotated[
     Path | None,
-    typer.Option(
-        "--config",
-        help="Names of parts, positions, goals and signals are those of this configuration; by default that of the "
-        "folder, config/cell.yaml.",
-    ),
+    typer.Option("--config", help=CONFIG_HELP),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]

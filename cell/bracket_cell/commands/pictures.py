@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption
+from bracket_cell.commands.options import CONFIGURATION, OUT_HELP, ConfigOption
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.pictures import labels as folders
@@ -23,10 +23,10 @@ PORT = 8790
 
 def record(
     source: Annotated[str, typer.Argument(help=f"Source: {LEGAL}.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="New folder.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help=OUT_HELP)],
     camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
     every: Annotated[int, typer.Option(min=1, help="Keep one of so many frames.")] = 1,
-    frames: Annotated[int | None, typer.Option(min=1, help="Keep so many at most; of a camera 60 by default.")] = None,
+    most: Annotated[int | None, typer.Option(min=1, help="Frames to keep; of a camera 60 by default.")] = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Keep frames of a camera, with its calibration, to label them: of a device, a video, pictures or a log."""
@@ -35,8 +35,8 @@ def record(
     configuration = load_configuration(config)
     product, bench = load_product(configuration, config), configuration.bench
     opened = open_source(source, camera, configuration, product, camera_pose(bench, camera))
-    most = frames or (FROM_CAMERA if source.startswith("camera:") else None)
-    kept = folders.record(opened, out, camera, bench, every, most, f"cell record {source}")
+    kept_n = most or (FROM_CAMERA if source.startswith("camera:") else None)
+    kept = folders.record(opened, out, camera, bench, every, kept_n, f"cell record {source}")
     console().print(f"{kept} pictures in {out}; label them: cell label {out}", highlight=False)
 
 
@@ -48,7 +48,6 @@ def label(
         typer.Option(help="With --import: THEIRS=OURS, another name of a category; THEIRS= leaves its boxes out."),
     ] = None,
     export_to: Annotated[Path | None, typer.Option("--export", help="Write all labels as a COCO file.")] = None,
-    port: Annotated[int, typer.Option(help="Port of the page.")] = PORT,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Label pictures in a browser; detectors suggest, a person corrects.
@@ -74,7 +73,7 @@ def label(
     if import_from is not None:
         console().print(f"{len(opened.labels)} pictures of {folder} have labels", highlight=False)
     if import_from is None and export_to is None:
-        server = LabelServer(opened, suggester, port)
+        server = LabelServer(opened, suggester, PORT)
         console().print(f"label at {server.address}; Ctrl-C ends it, what was saved stays", highlight=False)
         server.serve()
         console().print(f"{len(opened.labels)} of {len(opened.pictures)} pictures have labels", highlight=False)

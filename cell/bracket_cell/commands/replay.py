@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,7 +22,7 @@ from bracket_cell.commands.log_terminal import (
     tell_comparison,
     tell_json,
 )
-from bracket_cell.commands.options import JsonOption, OverwriteOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import CONFIG_HELP, HTML_HELP, JsonOption, WithOption, always_loaded, own_files
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, files_of
 from bracket_cell.log.replay.compare import Difference
@@ -34,6 +35,7 @@ from bracket_cell.recording.parts import whole_path
 from bracket_ground.errors import InputError
 
 LONGEST_VALUE = 200
+WORKERS = max(1, (os.cpu_count() or 2) // 2)  # processes that replay several logs
 MOST_KEPT = 2000  # differences for a page
 ManyLogs = Annotated[
     list[Path], logs_argument("Log of a run (MCAP), or parts of it; of several runs one table is made.")
@@ -43,7 +45,7 @@ ManyLogs = Annotated[
 def replay(
     log: ManyLogs,
     tree: Annotated[Path | None, typer.Option(help="Tree file to tick instead of the recorded tree.")] = None,
-    config: Annotated[Path | None, typer.Option(help="Configuration instead of the recorded one.")] = None,
+    config: Annotated[Path | None, typer.Option(help=CONFIG_HELP)] = None,
     weights: Annotated[
         list[str] | None, typer.Option(help="PLANNER=FILE: weights instead of the recorded ones; may be repeated.")
     ] = None,
@@ -61,26 +63,23 @@ def replay(
     frames: Annotated[
         Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
     ] = None,
-    html: Annotated[
-        Path | None, typer.Option("--html", help="Also write a page with the first other command, and why.")
-    ] = None,
-    overwrite: OverwriteOption = False,
+    html: Annotated[Path | None, typer.Option("--html", help=HTML_HELP)] = None,
     own: WithOption = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes, where several logs are replayed.")] = 1,
     as_json: JsonOption = False,
 ) -> int:
     """Run the tree again on a log's inputs and compare every decision; status 1 if one differs.
 
-    Several logs are answered in one table, with the node and the tick of the first other command of each.
+    --tree, --config and --weights take the place of what was recorded. Several logs are answered in one table, with the
+    node and the tick of the first other command of each. The page of --html has the first other command, and why.
     """
     nodes, beside = own_files(own)
     changes = Changes(tree, config, _weights(weights or []), (*nodes, *always_loaded()), beside, perception)
     if len(log) > 1 and len({whole_path(path) for path in log}) > 1:
         if step or html is not None or bracket is not None or from_s > 0 or until_s < float("inf"):
             raise InputError("--step, --html, --bracket, --from and --until are questions about one log")
-        return _many(log, changes, workers, as_json)
+        return _many(log, changes, as_json)
     if html is not None:
-        spared(html, log, overwrite)
+        spared(html, log)
     recorded = read(log)
     again = Replay(recorded, changes, bracket)
     changed = changed_keys(recorded, changes, again.tree)
@@ -117,14 +116,14 @@ def _remark(log: Log, remarks: Iterable[str]) -> None:
     sys.stderr.writelines(f"cell: {log.path}: {remark}\n" for remark in remarks)
 
 
-def _many(logs: Sequence[Path], changes: Changes, workers: int, as_json: bool) -> int:
+def _many(logs: Sequence[Path], changes: Changes, as_json: bool) -> int:
     """A row for each log, and at which node the first other command comes how often."""
     from bracket_cell.fleet.engine import mapped
 
     paths = list(dict.fromkeys(str(files_of(whole_path(path))[0]) for path in logs))
     rows, nodes = 0, Counter[str]()
     differing = failed = 0
-    for row in mapped(replay_row, ((path, changes) for path in paths), workers):
+    for row in mapped(replay_row, ((path, changes) for path in paths), WORKERS):
         rows += 1
         failed += bool(row["error"])
         if row["differing_ticks"]:

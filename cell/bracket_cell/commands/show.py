@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 
 import typer
 
-from bracket_cell.commands.log_terminal import a_time, spared
+from bracket_cell.commands.log_terminal import AT_HELP, a_time, spared
 from bracket_cell.commands.options import (
+    HTML_HELP,
     OverwriteOption,
     WithOption,
     always_loaded,
@@ -42,7 +43,7 @@ def show(
     ] = None,
     at_s: Annotated[
         float,
-        typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
+        typer.Option("--at", help=AT_HELP, callback=a_time),
     ] = math.inf,
     running: Annotated[
         int | None,
@@ -56,13 +57,13 @@ def show(
     ] = None,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
-    html: Annotated[
-        Path | None, typer.Option(help="Write a page to browse the tree; of a log with a time line of all its ticks.")
-    ] = None,
+    html: Annotated[Path | None, typer.Option(help=HTML_HELP)] = None,
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Print or draw the tree of a file or a log, or watch that of a run: what every node does, and why.
+
+    The page of --html browses the tree; of a log with a time line of all its ticks.
 
     `show product FILE` prints or draws a product: its goals, their steps, and what comes before what. Keys of a run
     that is watched: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.

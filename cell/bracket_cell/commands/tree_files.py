@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.options import (
+    JsonOption,
     NamesOption,
     SetOption,
     WithOption,
@@ -27,12 +28,8 @@ from bracket_cell.trees.loading import input_problem, load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.trees.rules import CheckedRules, check_rules, rules_beside
 from bracket_ground.errors import InputError, Problem
-from bracket_ground.files.files import write_new
 from btxml.files.check import Circumstances, findings, sound_trees
 from btxml.files.compile.registry import Registry
-from btxml.files.parse.version3 import Converted
-from btxml.files.parse.version3 import convert as to_version4
-from btxml.files.parse.xml_file import read_xml
 from btxml.views.palette import groot_model, named, palette_list, palette_text
 
 
@@ -46,9 +43,12 @@ def check(
     entries: SetOption = None,
     stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Treat warnings and notes as mistakes.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
+    as_json: JsonOption = False,
 ) -> int:
-    """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant."""
+    """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant.
+
+    Names of parts, positions, goals and signals are those of --config, by default config/cell.yaml of the folder.
+    """
     config = None if no_config else config or beside_config(files)
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
@@ -100,37 +100,6 @@ def _problem_data(problem: Problem) -> dict[str, object]:
     place = problem.place
     where = {"file": str(place.file), "line": place.line, "column": place.column}
     return {**where, "what": problem.what, "legal": problem.legal}
-
-
-def convert(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files of BehaviorTree.CPP 3.")],
-    into: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write them there, and never over a file; else to stdout.")
-    ] = None,
-) -> int:
-    """Turn tree files of BehaviorTree.CPP 3 into those of version 4, and say what cannot be kept."""
-    made = {path: _converted(path) for path in files}
-    if into is None:
-        sys.stdout.writelines(one.text for one in made.values())
-    else:
-        if len({path.name for path in made}) < len(made):
-            raise InputError("two of these files have the same name; convert them into folders of their own")
-        write_new(into, {path.name: one.text.encode() for path, one in made.items()})
-    for one in made.values():
-        sys.stderr.writelines(f"{change.place}: note: {change.what}\n" for change in one.changes)
-        sys.stderr.writelines(f"{lost.place}: warning: {lost.what}; {lost.legal}\n" for lost in one.lost)
-    return 1 if any(one.lost for one in made.values()) else 0
-
-
-def _converted(path: Path) -> Converted:
-    text, root, malformed = read_xml(path)
-    found = root.get("BTCPP_format")
-    if malformed:
-        raise InputError(*map(input_problem, malformed))
-    if root.tag != "root" or found not in (None, "3"):
-        what = f"BTCPP_format is '{found}'" if root.tag == "root" else f"the outermost element is <{root.tag}>"
-        raise InputError(f"{root.place_of('BTCPP_format')}: {what}; only files of version 3 are converted")
-    return to_version4(path, text)
 
 
 class NodeFormat(StrEnum):

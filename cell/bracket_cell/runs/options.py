@@ -28,6 +28,12 @@ from btxml.engine.tree import Tree
 from btxml.files.loader import unused_entries
 
 Pace = Literal["fast", "real"]
+GOAL_HELP = "Goals of the simulated person, by commas, or random."
+LOOK_HELP = (
+    "Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file; none, for a run, renders nothing, "
+    "and the simulation says what is there: faster."
+)
+PERSON_HELP = "The simulated person: careful, ordinary, varied, careless, or a YAML file; A,B take turns in a shift."
 SHARE_HELP = "The arm never exceeds this share of its speed."
 Orders = Callable[[Callable[[OperatorOrder], None], Callable[[], Sequence[Question]], Callable[[str], None]], object]
 
@@ -53,7 +59,7 @@ class RunOptions:
 
     tree: Path = DEFAULT_TREE
     configuration: Annotated[Path, Option("--config", help="Configuration file of the cell.")] = DEFAULT_CONFIGURATION
-    goal: Annotated[str, Option(help="Goals of the simulated person, by commas, or random.")] = "random"
+    goal: Annotated[str, Option(help=GOAL_HELP)] = "random"
     seed: Annotated[int, Option(min=0, help="Random seed: the same seed gives the same run.")] = 0
     pace: Pace = "fast"
     log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
@@ -64,15 +70,12 @@ class RunOptions:
     overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
     person: Annotated[
         str | None,
-        Option(help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."),
+        Option(help=PERSON_HELP),
     ] = None
     inject: Annotated[str | None, Option(help="FAULT@STATE: inject a fault when the work reaches a state.")] = None
     look: Annotated[
         str | None,
-        Option(
-            help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file; none renders nothing, "
-            "and the simulation says what is there: faster."
-        ),
+        Option(help=LOOK_HELP),
     ] = None
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()

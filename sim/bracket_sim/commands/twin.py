@@ -9,10 +9,11 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located, simulated
 from bracket_cell.remote import priority
+from bracket_cell.runs.options import GOAL_HELP, LOOK_HELP, PERSON_HELP
 from bracket_ground.interfaces.devices import ROLES
 from bracket_sim.process.opening import open_simulation
 from bracket_sim.scene.settings import settings_of
@@ -24,7 +25,7 @@ from bracket_sim.twin.control import ADDRESS, ControlDoor, ask
 FAST_CYCLE_S, CYCLE_S = 0.002, 0.008  # of an e-series controller, and of one before it
 FAST_ROBOTS = ("ur10e",)
 
-AtOption = Annotated[Path, typer.Option("--at", help="Socket file by which `cell twin fault` reaches it.")]
+SocketOption = Annotated[Path, typer.Option("--socket", help="Socket file by which `cell twin fault` reaches it.")]
 
 twin_app = typer.Typer(invoke_without_command=True, help="Serve the simulated cell by the wires of real devices.")
 
@@ -33,12 +34,12 @@ twin_app = typer.Typer(invoke_without_command=True, help="Serve the simulated ce
 def twin(
     context: typer.Context,
     config: ConfigOption = CONFIGURATION,
-    slower: Annotated[float, typer.Option(min=1, max=50, help="The cell goes so many times slower.")] = 1.0,
-    goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
+    slower: SlowerOption = 1.0,
+    goal: Annotated[str, typer.Option(help=GOAL_HELP)] = "random",
     seed: SeedOption = 0,
-    person: Annotated[str | None, typer.Option(help="The simulated person; as configured by default.")] = None,
-    look: Annotated[str | None, typer.Option(help="Look of the simulation; as configured by default.")] = None,
-    at: AtOption = ADDRESS,
+    person: Annotated[str | None, typer.Option(help=PERSON_HELP)] = None,
+    look: Annotated[str | None, typer.Option(help=LOOK_HELP)] = None,
+    at: SocketOption = ADDRESS,
 ) -> None:
     """Serve the simulated cell by the wires that the configuration's devices have; Ctrl-C ends it."""
     if context.invoked_subcommand is not None:
@@ -55,7 +56,7 @@ def twin(
         door = ControlDoor(cell, at)
         for wire in wires:
             console().print(wire.told, highlight=False, soft_wrap=True)
-        console().print(f"faults: cell twin fault NAME --at {at}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+        console().print(f"faults: cell twin fault NAME --socket {at}; Ctrl-C ends it", highlight=False, soft_wrap=True)
         ended.wait()
         door.close()
     finally:
@@ -65,7 +66,7 @@ def twin(
 @twin_app.command()
 def fault(
     name: Annotated[str | None, typer.Argument(help="Which; without one, all are listed.")] = None,
-    at: AtOption = ADDRESS,
+    at: SocketOption = ADDRESS,
 ) -> None:
     """Make something go wrong in a running twin."""
     if name is not None:
@@ -76,7 +77,7 @@ def fault(
 
 
 @twin_app.command()
-def report(at: AtOption = ADDRESS, as_json: JsonOption = False) -> None:
+def report(at: SocketOption = ADDRESS, as_json: JsonOption = False) -> None:
     """Say how the assembly in a running twin stands, by the truth."""
     told = ask(at, {"report": True})
     if as_json:

@@ -54,7 +54,7 @@ def test_a_new_cell_is_a_commented_configuration_that_can_be_read(tmp_path: Path
 
 def test_what_a_new_cell_cannot_have_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = {"--arm": "ur10", "--gripper": "can"}
-    for option, value in (("--arm", "ur9"), ("--gripper", "glue"), ("--camera", "eye")):
+    for option, value in (("--arm", "ur9"), ("--gripper", "glue"), ("--cameras", "eye")):
         words = [word for pair in {**given, option: value}.items() for word in pair]
         assert main(["new", "cell", str(tmp_path / "ours"), *words]) == 2
         assert f"{option} {value}: unknown; legal: " in capsys.readouterr().err

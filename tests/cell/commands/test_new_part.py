@@ -62,7 +62,6 @@ def test_another_stance_makes_the_type_anew(product: Path) -> None:
     [
         (["{folder}/part.step"], "export others, such as STEP"),
         (["{folder}/nothing.stl"], "there is no file"),
-        ([str(HOUSING), "--name", "o1"], "has a type o1 already"),
         ([str(HOUSING), "--stance", "9"], "there are 3"),
     ],
 )

@@ -123,11 +123,11 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
     assert main(["log", "list", str(tmp_path), "--failures"]) == 0
     assert capsys.readouterr().out.count("PickPart (m.xml:3)") == 2
     page = tmp_path / "night.html"
-    assert main(["log", "list", str(tmp_path), "--failures", "--page", str(page)]) == 0
+    assert main(["log", "list", str(tmp_path), "--failures", "--html", str(page)]) == 0
     assert "2 runs that failed" in capsys.readouterr().out
     assert page.read_text().count("PickPart (m.xml:3): nothing between the fingers") == 2
-    assert main(["log", "list", str(tmp_path), "--page", str(page)]) == 2
-    assert "--page goes with --failures" in capsys.readouterr().err
+    assert main(["log", "list", str(tmp_path), "--html", str(page)]) == 2
+    assert "--html goes with --failures" in capsys.readouterr().err
     assert main(["log", "list", str(tmp_path), "--statistics", "end"]) == 0
     assert "end failed: 2 runs, 0 right, 2 wrong, 0 not known; 0.000 (95 %: 0.000 - 0.658)" in capsys.readouterr().out
     assert main(["log", "list", str(tmp_path), "--statistics", "nothing"]) == 2

@@ -140,8 +140,8 @@ def test_the_command_shows_adds_and_forgets(tmp_path: Path, capsys: pytest.Captu
     assert main(["goals", *file, "--json"]) == 0
     assert '"goal": "odd"' in capsys.readouterr().out
     assert main(["goals", "add", "wrong", *["o1"] * 6, *file]) == 2
-    assert main(["goals", "forget", "odd", *file]) == 0
-    assert main(["goals", "forget", "odd", *file]) == 2
+    assert main(["goals", "add", "odd", "--finished", "0", *file]) == 0
+    assert main(["goals", "add", "odd", "--finished", "0", *file]) == 2
     assert OpenGoals.load(tmp_path / "goals.yaml", DEFAULT).finished == {}
 
 

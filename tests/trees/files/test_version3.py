@@ -1,4 +1,4 @@
-"""`cell convert`: tree files of version 3 become those of version 4, and nothing is lost in silence."""
+"""`cell new tree --convert`: tree files of version 3 become those of version 4, and nothing is lost in silence."""
 
 from __future__ import annotations
 
@@ -89,26 +89,33 @@ def test_a_whole_file_keeps_its_comments_and_loads(write: Write) -> None:
 def test_check_says_what_a_file_of_version_3_is(write: Write) -> None:
     (note,) = [one for one in findings([write(WHOLE)], Registry()).notes if "BTCPP" in one.what]
     assert "as in line 5: SequenceStar is SequenceWithMemory" in note.what
-    assert "`cell convert`" in note.legal
+    assert "`cell new tree NAME --convert FILE`" in note.legal
     (problem, *_) = findings([write(WHOLE.replace("<root", '<root BTCPP_format="3"'))], Registry()).problems
-    assert "`cell convert`" in problem.legal
+    assert "`cell new tree NAME --convert FILE`" in problem.legal
     plain = '<root BTCPP_format="3"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
     found = findings([write(plain)], Registry())
     assert (found.problems, len(found.notes)) == ([], 1)
 
 
-def test_no_file_is_overwritten(write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    old, new = write(WHOLE), tmp_path / "new"
-    assert main(["convert", str(old), "--into", str(new)]) == 0
+def test_no_file_is_overwritten(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    old, new = write(WHOLE), tmp_path / "trees" / "mine.xml"
+
+    def converted_by_command(path: Path) -> int:
+        return main(["new", "tree", "Mine", "--convert", str(path)])
+
+    assert converted_by_command(old) == 0
     assert "SequenceStar is SequenceWithMemory" in capsys.readouterr().err
-    (new / "tree.xml").write_text("mine")
-    assert main(["convert", str(old), "--into", str(new)]) == 2
-    assert main(["convert", str(old), "--into", str(tmp_path)]) == 2
-    assert ((new / "tree.xml").read_text(), old.read_text()) == ("mine", WHOLE)
-    assert main(["convert", str(write('<root BTCPP_format="4"/>'))]) == 2
+    new.write_text("mine")
+    assert converted_by_command(old) == 2
+    assert (new.read_text(), old.read_text()) == ("mine", WHOLE)
+    new.unlink()
+    assert converted_by_command(write('<root BTCPP_format="4"/>')) == 2
     assert "only files of version 3" in capsys.readouterr().err
-    assert main(["convert", str(write("<root><ManualSelector/></root>"))]) == 1
-    assert capsys.readouterr().out == '<root BTCPP_format="4"><ManualSelector/></root>'
+    assert converted_by_command(write("<root><ManualSelector/></root>")) == 1
+    assert new.read_text() == '<root BTCPP_format="4"><ManualSelector/></root>'
 
 
 def test_with_stubs_a_tree_may_have_the_name_of_a_node_of_this_cell(write: Write) -> None:

@@ -22,7 +22,7 @@ from bracket_cell.log.read.records import FOOTER_BYTES, Damage, TooLarge
 from bracket_cell.log.read.walk import PROFILE, Walk, profile_in
 from bracket_ground.errors import LogError
 
-SALVAGE = "`cell log recover` brings back what is right in it"
+SALVAGE = "`cell log export --to recovered` brings back what is right in it"
 HEAD_BYTES = 64 * 1024
 
 

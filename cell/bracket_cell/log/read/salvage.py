@@ -75,7 +75,7 @@ def recover(path: Path, out: Path) -> Loss:
             writer = CopyingWriter(stream, CHUNK_BYTES)
             walk = Walk(data, writer)
             writer.renumber = walk.profile == PROFILE
-            writer.start(walk.profile or "", "cell log recover")
+            writer.start(walk.profile or "", "cell log export --to recovered")
             walk.run()
             loss = _loss(walk)
             if not any(walk.kept.values()) and (loss.lossy or not walk.begins):

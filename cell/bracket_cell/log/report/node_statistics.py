@@ -1,4 +1,4 @@
-"""What every node of a tree did in a run: how often it was ticked, how long it ran, how it ended (`cell log nodes`)."""
+"""What every node of a tree did in a run: how often it was ticked, how long it ran, how it ended."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ VERSION, CHUNK = "v3.0", 1000
 CAMERAS = ("overhead", "wrist")
 AXES = ("height", "width", "channels")
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
-ENCODERS = {"h264": "libx264", "av1": "libsvtav1"}
+CODEC, ENCODER = "h264", "libx264"
 PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
@@ -35,11 +35,11 @@ PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 class FilmedVideo:
     """An MP4 file in a codec that browsers play, by FFmpeg; all frames have the size of the first one."""
 
-    def __init__(self, path: Path, rate_hz: float, codec: str) -> None:
+    def __init__(self, path: Path, rate_hz: float) -> None:
         av = needed("av", "a video in H.264 or AV1", "parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._av, self._file = av, av.open(str(path), "w")
-        self._stream = self._file.add_stream(ENCODERS[codec], rate=round(rate_hz))
+        self._stream = self._file.add_stream(ENCODER, rate=round(rate_hz))
         self._stream.pix_fmt = PIXELS
         self._size = (0, 0)
 
@@ -66,11 +66,10 @@ class FilmedVideo:
             self._file.mux(packet)
 
 
-def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int:
+def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
     """Write a data set; returns how many rows it has.
 
     Args:
-        codec: of the videos: h264, or av1, which is smaller and slower.
 
     Raises:
         InputError: the folder is there already or cannot be written, or pyarrow is missing.
@@ -91,11 +90,11 @@ def write_lerobot(logs: Sequence[Log], folder: Path, codec: str = "h264") -> int
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
                 for camera in cameras:
-                    video = FilmedVideo(partial / "videos" / _video(camera) / _file(number, ".mp4"), rate_hz, codec)
+                    video = FilmedVideo(partial / "videos" / _video(camera) / _file(number, ".mp4"), rate_hz)
                     sizes[camera] = _write_video(log, camera, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)
-            _write_json(_info(episodes, rate_hz, sizes, codec), partial / "meta" / "info.json")
+            _write_json(_info(episodes, rate_hz, sizes), partial / "meta" / "info.json")
             _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -191,11 +190,9 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _info(
-    episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple[int, int]], codec: str
-) -> dict[str, Any]:
+def _info(episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
     vector = {"dtype": "float32", "shape": [len(OF_STATE)], "names": list(OF_STATE)}
-    videos = {_video(one): _about_video(size, rate_hz, codec) for one, size in sizes.items()}
+    videos = {_video(one): _about_video(size, rate_hz) for one, size in sizes.items()}
     flag, whole = {"dtype": "bool", "shape": [1], "names": None}, {"dtype": "int64", "shape": [1], "names": None}
     return {
         "codebase_version": VERSION,
@@ -223,11 +220,11 @@ def _info(
     }
 
 
-def _about_video(size: tuple[int, int], rate_hz: float, codec: str) -> dict[str, Any]:
+def _about_video(size: tuple[int, int], rate_hz: float) -> dict[str, Any]:
     video = {
         "video.height": size[0],
         "video.width": size[1],
-        "video.codec": codec,
+        "video.codec": CODEC,
         "video.pix_fmt": PIXELS,
         "video.is_depth_map": False,
         "video.fps": rate_hz,

@@ -16,7 +16,7 @@ from btxml.files.parse.version3 import Converted, convert
 from btxml.files.parse.xml_file import FORMAT, Element, read_xml
 
 MOST_WORDS = 12
-CONVERT = "`cell convert` writes it as a file of version 4"
+CONVERT = "`cell new tree NAME --convert FILE` writes it as a file of version 4"
 UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100

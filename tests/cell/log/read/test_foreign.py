@@ -206,7 +206,7 @@ def test_recovery_says_that_a_file_is_foreign(tmp_path: Path, capsys: pytest.Cap
     for content, status in ((data, 0), (data[:-40], 3)):
         path.write_bytes(content)
         (tmp_path / "foreign.recovered.mcap").unlink(missing_ok=True)
-        assert main(["log", "recover", str(path)]) == status
+        assert main(["log", "export", "--to", "recovered", str(path)]) == status
         first = capsys.readouterr().out.splitlines()[0]
         assert first.endswith(f"; this is an MCAP file with profile {profile!r}, but not a log of this program")
 

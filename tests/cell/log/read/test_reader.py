@@ -180,7 +180,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def without(path: Path, *ticks: int) -> Path:
-    """A log that lost the chunks of these ticks, as `cell log recover` brings it back."""
+    """A log that lost the chunks of these ticks, as `cell log export --to recovered` brings it back."""
     data = path.read_bytes()
     chunks = [(at, length) for at, opcode, length in records(data) if opcode == Opcode.CHUNK]
     for tick in sorted(ticks, reverse=True):

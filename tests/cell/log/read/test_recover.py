@@ -1,4 +1,4 @@
-"""Damaged logs: no crash, no hang, no untyped error, no silent loss, by the reader and by `cell log recover`."""
+"""Damaged logs: no crash, no hang, no untyped error, no silent loss, by reader and by `log export --to recovered`."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def test_a_whole_log_is_recovered_without_loss(whole: bytes, tmp_path: Path) -> 
     path.write_bytes(whole)
     assert not recover(path, out).lossy
     assert read_mcap(out) == read_mcap(path)
-    assert main(["log", "recover", str(path)]) == 0
+    assert main(["log", "export", "--to", "recovered", str(path)]) == 0
 
 
 def test_a_cut_log_becomes_a_complete_one(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(whole[: len(whole) // 2])
     assert not salvage(path)[0].foreign
-    assert main(["log", "recover", str(path)]) == 3
+    assert main(["log", "export", "--to", "recovered", str(path)]) == 3
     recovered = tmp_path / "log.recovered.mcap"
     with recovered.open("rb") as stream:
         official = list(make_reader(stream).iter_messages(log_time_order=False))

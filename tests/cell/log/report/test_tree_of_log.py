@@ -101,7 +101,7 @@ def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["show", str(log), "--at", "20", "--svg", str(svg)]) == 0
     frames = {one.get("stroke-width") for one in ElementTree.parse(svg).iter("{http://www.w3.org/2000/svg}rect")}
     assert {"4", "3"} <= frames  # something runs, something succeeded
-    assert main(["log", "nodes", str(log), "--json"]) == 0
+    assert main(["log", "info", str(log), "--nodes", "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[0])["ticks"] > 500
     assert main(["show", str(log), "--at", "20", "--svg", str(svg)]) == 2
     assert "exists already" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -99,11 +99,8 @@ class TreeBench:
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: names_of(node) for node in self.tree.nodes if isinstance(node, Counted)}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
-        for name in {**(answers or {}), **(writes or {})}:
-            if name not in known:
-                raise ValueError(f"nothing is named '{name}'; {hint(name, known)}")
-        if unused := sorted(set(replaced.rules) - replaced.used):
-            raise ValueError(f"{mocks}: nothing is named '{unused[0]}'; {hint(unused[0], known)}")
+        _refuse("", [name for name in {**(answers or {}), **(writes or {})} if name not in known], known)
+        _refuse(f"{mocks}: ", sorted(set(replaced.rules) - replaced.used), known)
 
     def tick(self, after_s: float = 0.0) -> str:
         """Move the clock, then tick; the root's status as a letter."""
@@ -199,3 +196,9 @@ def alone(node: Node, services: object = None, **values: Any) -> Node:
     node.attach(Runtime(), 1, node.name)
     node.setup(services=services)
     return node
+
+
+def _refuse(where: str, strangers: Sequence[str], known: Iterable[str]) -> None:
+    """Raises ValueError where there are names of no leaf."""
+    if strangers:
+        raise ValueError(f"{where}nothing is named '{strangers[0]}'; {hint(strangers[0], known)}")

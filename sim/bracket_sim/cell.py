@@ -140,30 +140,63 @@ class SimCell:
         self.signal_node = None if settings.signals is None else SignalNode(settings.signals)
         self.score = Score(self.world, self._job)
         self.contacts = ContactMonitor(self.world, lambda: driven.driven_rad_s) if worker else None
+        beside = self._open_eyes(bench, chance, worker, rendered, overlap, detect)
+        delivered = chance.overhead_delivery, chance.wrist_delivery
+        cameras = self._cameras(bench, settings.hardware.camera_latency_s, *delivered)
+        acting: Actor = sensed if arm is None else driven
+        host = beside if beside is not None and beside.detects else None
+        self.devices = self._devices(sensed, self._clock(acting, driven, cameras), cameras, host)
+
+    def _open_eyes(
+        self,
+        bench: Bench,
+        chance: _Chance,
+        hand: bool,
+        rendered: bool,
+        overlap: bool,
+        detect: Callable[[], DetectByCamera] | None,
+    ) -> RenderProcess | None:
+        """Choose what takes the images; the process that renders them, where it is one of its own."""
         sensors = {
             "overhead": SensorSetup(bench.overhead, self.look.camera, chance.overhead),
             "wrist": SensorSetup(bench.wrist, self.look.camera, chance.wrist),
         }
         beside = RenderProcess(self.world.model, sensors, detect) if overlap and rendered else None
-        self.sight = None if rendered else ground_truth_perception(self.world, sensors, hand=worker)
+        self.sight = None if rendered else ground_truth_perception(self.world, sensors, hand=hand)
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
-        latency_s = settings.hardware.camera_latency_s
-        overhead = self._camera("overhead", bench.overhead, latency_s, chance.overhead_delivery)
-        wrist = self._camera("wrist", bench.wrist, latency_s, chance.wrist_delivery)
+        return beside
+
+    def _cameras(
+        self, bench: Bench, latency_s: float, overhead: np.random.Generator, wrist: np.random.Generator
+    ) -> tuple[SimCamera, SimCamera]:
+        """Overhead and wrist camera, each with its own chance of late and lost frames."""
+        return (
+            self._camera("overhead", bench.overhead, latency_s, overhead),
+            self._camera("wrist", bench.wrist, latency_s, wrist),
+        )
+
+    def _clock(self, arm: Actor, driven: DrivenArm, cameras: Sequence[SimCamera]) -> SimClock:
+        """Simulated time, in which all that acts and samples goes on."""
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
-        actors: list[Actor] = [sensed if arm is None else driven, self.gripper_node, self.stock, self._mishaps, *nodes]
-        self.devices = Devices(
-            clock=SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
-            arm=sensed,
+        actors: list[Actor] = [arm, self.gripper_node, self.stock, self._mishaps, *nodes]
+        return SimClock(self.world, actors, [self.score, *cameras], samplers)
+
+    def _devices(
+        self, arm: SimArm | SensedArm, clock: SimClock, cameras: tuple[SimCamera, SimCamera], host: RenderProcess | None
+    ) -> Devices:
+        """What the controller gets."""
+        return Devices(
+            clock=clock,
+            arm=arm,
             gripper=SimGripper(self.gripper_node),
-            overhead=overhead,
-            wrist=wrist,
+            overhead=cameras[0],
+            wrist=cameras[1],
             panel=self.worker or EmptyPanel(),
             report=self.report,
             close=self.close,
             truth=self.truth,
-            host=beside if beside is not None and beside.detects else None,
+            host=host,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
             free_running=self._run_freely,

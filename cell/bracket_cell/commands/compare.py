@@ -47,10 +47,7 @@ def compare(
     trees: Annotated[list[Path], typer.Argument(metavar="A [B]", help="Tree files; one alone with --against.")],
     runs: Annotated[int, typer.Option(min=2, help="Pairs of runs beside each person.")] = 20,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair.")] = 0,
-    person: Annotated[
-        list[str] | None,
-        typer.Option(help=PERSON_HELP),
-    ] = None,
+    person: Annotated[list[str] | None, typer.Option(help=PERSON_HELP)] = None,
     goal: Annotated[str, typer.Option(help=GOAL_HELP)] = "random",
     against: Annotated[
         Path | None, typer.Option(help="Table of runs (Parquet) to compare with; its seeds are run again.")
@@ -78,7 +75,6 @@ def compare(
     leaves; --person may be repeated. --out may be an address (s3://BUCKET/x); runs that are there stay.
     """
     from bracket_cell.fleet import compare as comparing
-    from bracket_cell.fleet.compare import pair
     from bracket_cell.fleet.compare_text import page
     from bracket_cell.fleet.spec import Seeds, Sweep, count, tasks
     from bracket_cell.log.report.html_page import write_page
@@ -98,20 +94,29 @@ def compare(
         pixels=pixels,
     )
     nodes, _ = own_files(own)
+    labels = [against.name] if against else []
+    first, *_, last = (*labels, *(_label(tree, trees) for tree in trees))
     with run_all(tasks(asked, None, nodes), count(asked), out, workers, scheduler) as rows:
-        by_tree = [_keys(asked.model_copy(update={"trees": (tree,)}), nodes) for tree in asked.trees]
-        found_by_tree = [[row for row in rows.read() if row["key"] in keys] for keys in by_tree]
-        pairs = pair(before or found_by_tree[0], found_by_tree[-1])
-        if not pairs:
-            what = f"{against}: no run has" if against else "no run has"
-            raise InputError(f"{what} the seed, person and goal of those that were asked for")
+        pairs = _pairs(asked, nodes, rows.read(), before, against)
         found = comparing.findings(pairs)
-        labels = [against.name] if against else []
-        first, *_, last = (*labels, *(_label(tree, trees) for tree in trees))
         write_page(page(found, (first, last), pairs), rows.folder / "compare.html")
     broken = [limit.text for limit in limits if limit.broken(found)]
     _tell(found, (first, last), pairs, broken, f"{out}/compare.html", as_json)
     return WORSE if broken else 0
+
+
+def _pairs(
+    asked: Sweep, nodes: Sequence[str], done: Sequence[Row], before: Sequence[Row], against: Path | None
+) -> Sequence[tuple[Row, Row]]:
+    """Runs of both trees that have the same seed, person and goal; raises InputError where there are none."""
+    from bracket_cell.fleet.compare import pair
+
+    by_tree = [_keys(asked.model_copy(update={"trees": (tree,)}), nodes) for tree in asked.trees]
+    found_by_tree = [[row for row in done if row["key"] in keys] for keys in by_tree]
+    if pairs := pair(before or found_by_tree[0], found_by_tree[-1]):
+        return pairs
+    what = f"{against}: no run has" if against else "no run has"
+    raise InputError(f"{what} the seed, person and goal of those that were asked for")
 
 
 def _tell(

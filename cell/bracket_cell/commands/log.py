@@ -11,12 +11,11 @@ import typer
 
 from bracket_cell.commands.log_export import export_log
 from bracket_cell.commands.log_terminal import (
-    AT_HELP,
     DIFFERS,
+    AtOption,
     FromOption,
     LogArgument,
     UntilOption,
-    a_time,
     beside,
     read,
     say,
@@ -28,7 +27,7 @@ from bracket_cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from bracket_cell.commands.options import HTML_HELP, OUT_HELP, JsonOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import OUT_HELP, HtmlOption, JsonOption, WithOption, always_loaded, own_files
 from bracket_cell.production.book import NAME, Book, csv_lines
 from bracket_ground.errors import CellError, InputError
 
@@ -120,7 +119,7 @@ def ticks(
 @log_app.command()
 def why(
     log: LogArgument,
-    at_s: Annotated[float, typer.Option("--at", help=AT_HELP, callback=a_time)] = math.inf,
+    at_s: AtOption = math.inf,
     as_json: JsonOption = False,
 ) -> None:
     """Say why the cell did what it did: the way through its tree, what was compared, what would have changed it."""
@@ -197,10 +196,7 @@ def _nodes(log: list[Path], as_json: bool) -> None:
 def diff(
     one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
-    html: Annotated[
-        Path | None,
-        typer.Option("--html", help=HTML_HELP),
-    ] = None,
+    html: HtmlOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Compare what two logs saw and decided, tick by tick; status 1 if they differ.
@@ -238,7 +234,7 @@ def list_runs(
         bool,
         typer.Option("--failures", help="Runs that failed: state, time, first cause, and the end."),
     ] = False,
-    html: Annotated[Path | None, typer.Option("--html", help=HTML_HELP)] = None,
+    html: HtmlOption = None,
     statistics: Annotated[
         str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, like tree or goal.")
     ] = None,

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
-AT_HELP = "Time in a log in seconds; by default the last tick of the tree."
 HALF_DIGIT_S = 0.005  # times are printed with two decimals
 
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
@@ -73,6 +72,10 @@ def _span(context: typer.Context, parameter: typer.CallbackParam, value: float) 
     return value
 
 
+AtOption = Annotated[
+    float,
+    typer.Option("--at", help="Time in a log in seconds; by default the last tick of the tree.", callback=a_time),
+]
 FromOption = Annotated[float, typer.Option("--from", help="From this time on, in seconds.", callback=_span)]
 UntilOption = Annotated[float, typer.Option("--until", help="Up to this time, in seconds.", callback=_span)]
 

@@ -32,7 +32,7 @@ DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "live": LIVE_PORT
 
 CONFIG_HELP = "Configuration file of the cell."
 OUT_HELP = "File or folder to write."
-HTML_HELP = "Write an HTML page, too."
+HtmlOption = Annotated[Path | None, typer.Option("--html", help="Write an HTML page, too.")]
 ConfigOption = Annotated[Path, typer.Option("--config", help=CONFIG_HELP)]
 NamesOption = Annotated[
     Path | None,

@@ -22,7 +22,7 @@ from bracket_cell.commands.log_terminal import (
     tell_comparison,
     tell_json,
 )
-from bracket_cell.commands.options import CONFIG_HELP, HTML_HELP, JsonOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import CONFIG_HELP, HtmlOption, JsonOption, WithOption, always_loaded, own_files
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, files_of
 from bracket_cell.log.replay.compare import Difference
@@ -63,7 +63,7 @@ def replay(
     frames: Annotated[
         Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
     ] = None,
-    html: Annotated[Path | None, typer.Option("--html", help=HTML_HELP)] = None,
+    html: HtmlOption = None,
     own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -72,8 +72,7 @@ def replay(
     --tree, --config and --weights take the place of what was recorded. Several logs are answered in one table, with the
     node and the tick of the first other command of each. The page of --html has the first other command, and why.
     """
-    nodes, beside = own_files(own)
-    changes = Changes(tree, config, _weights(weights or []), (*nodes, *always_loaded()), beside, perception)
+    changes = _changes(tree, config, weights, own, perception)
     if len(log) > 1 and len({whole_path(path) for path in log}) > 1:
         if step or html is not None or bracket is not None or from_s > 0 or until_s < float("inf"):
             raise InputError("--step, --html, --bracket, --from and --until are questions about one log")
@@ -93,12 +92,11 @@ def replay(
 
     comparison = again.run(from_s, until_s, watch)
     _remark(recorded, again.remarks[told:])
-    why = causes(comparison, changed)
-    keys = [str(one) for one in changed]
+    keys, why = [str(one) for one in changed], causes(comparison, changed)
     if html is not None:
         write_replay(recorded, comparison, (again.remarks, keys, why), found, html)
-    if not as_json and (sha256 := recorded.metadata.get("safety.sha256")) is not None:
-        say(f"safety configuration {sha256[:12]}, {_signer(recorded)}")
+    if not as_json:
+        _say_safety(recorded)
     piece = step or from_s > 0 or until_s < float("inf") or perception is not None
     of = None if piece else recorded.ticks_of_run - again.first
     return tell_comparison(
@@ -106,10 +104,20 @@ def replay(
     )
 
 
-def _signer(log: Log) -> str:
-    """Who signed the safety configuration of a run."""
-    by, utc = (log.metadata.get(f"safety.signed_{name}") for name in ("by", "utc"))
-    return "not signed: simulated" if by is None else f"signed by {by}, {utc}"
+def _changes(
+    tree: Path | None, config: Path | None, weights: list[str] | None, own: list[str] | None, perception: str | None
+) -> Changes:
+    nodes, beside = own_files(own)
+    return Changes(tree, config, _weights(weights or []), (*nodes, *always_loaded()), beside, perception)
+
+
+def _say_safety(log: Log) -> None:
+    """The safety configuration of a run, and who signed it."""
+    if (sha256 := log.metadata.get("safety.sha256")) is not None:
+        by, utc = (log.metadata.get(f"safety.signed_{name}") for name in ("by", "utc"))
+        say(
+            f"safety configuration {sha256[:12]}, {'not signed: simulated' if by is None else f'signed by {by}, {utc}'}"
+        )
 
 
 def _remark(log: Log, remarks: Iterable[str]) -> None:

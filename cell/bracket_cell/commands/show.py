@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 
 import typer
 
-from bracket_cell.commands.log_terminal import AT_HELP, a_time, spared
+from bracket_cell.commands.log_terminal import AtOption, spared
 from bracket_cell.commands.options import (
-    HTML_HELP,
+    HtmlOption,
     OverwriteOption,
     WithOption,
     always_loaded,
@@ -37,14 +37,9 @@ def show(
     ] = None,
     product: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[PRODUCT]", help="After the word product: product file, or configuration that names one."
-        ),
+        typer.Argument(metavar="[PRODUCT]", help="After the word product: its file, or a configuration."),
     ] = None,
-    at_s: Annotated[
-        float,
-        typer.Option("--at", help=AT_HELP, callback=a_time),
-    ] = math.inf,
+    at_s: AtOption = math.inf,
     running: Annotated[
         int | None,
         typer.Option(
@@ -57,14 +52,13 @@ def show(
     ] = None,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
-    html: Annotated[Path | None, typer.Option(help=HTML_HELP)] = None,
+    html: HtmlOption = None,
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Print or draw the tree of a file or a log, or watch that of a run: what every node does, and why.
 
     The page of --html browses the tree; of a log with a time line of all its ticks.
-
     `show product FILE` prints or draws a product: its goals, their steps, and what comes before what. Keys of a run
     that is watched: b and a name set a breakpoint, p pauses, s steps, t shows the whole tree, arrows scroll, q leaves.
     """
@@ -77,28 +71,43 @@ def show(
         raise InputError("name a tree file or a log, or say --running")
     if html is not None and (running is not None or not math.isinf(at_s)):
         raise InputError("--html goes with a tree file or a whole log, without --running and --at")
+    of_log = source is not None and source.suffix in LOGS
+    if not of_log and not math.isinf(at_s):
+        raise InputError("--at goes with a log")
     for drawing in filter(None, (svg, png, html)):
         spared(drawing, filter(None, [source]), overwrite)
     nodes, trees = own_files(own)
     nodes = (*nodes, *always_loaded())
-    of_log = source is not None and source.suffix in LOGS
-    if not of_log and not math.isinf(at_s):
-        raise InputError("--at goes with a log")
-    if source is not None and html is not None:
+    if source is None:
+        _show_running(running or 0, svg, png)
+        return
+    if html is not None:
         _write_page(source, of_log, html, nodes, trees)
     if html is not None and svg is None and png is None:
         return
-    if source is not None and not of_log:
+    if of_log:
+        _tell_or_draw(_logged(source, at_s, nodes), svg, png)
+    else:
         _show_file(source, svg, png, nodes, trees)
-        return
-    drawn = svg is not None or png is not None
-    if running is not None and not drawn and (screen := console()).is_terminal:
-        from bracket_cell.viewing.live_view import live_view
 
-        live_view(running, screen)
+
+def _show_running(port: int, svg: Path | None, png: Path | None) -> None:
+    """Watch a run on a terminal; where there is none, or a drawing is asked for, its tree as it is now."""
+    from bracket_cell.viewing.live_view import MonitorClient, live_view
+
+    if svg is None and png is None and (screen := console()).is_terminal:
+        live_view(port, screen)
         return
-    shown = _logged(source, at_s, nodes) if source is not None else _monitored(running or 0)
-    if not drawn:
+    client = MonitorClient(port)
+    try:
+        shown = TreeAt(client.tree(), client.statuses(), client.said(), math.nan)
+    finally:
+        client.close()
+    _tell_or_draw(shown, svg, png)
+
+
+def _tell_or_draw(shown: TreeAt, svg: Path | None, png: Path | None) -> None:
+    if svg is None and png is None:
         _tell(shown)
         return
     from btxml.views.picture import running_picture
@@ -159,16 +168,6 @@ def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
     if shown.last and at_s > shown.time_s:
         sys.stderr.write(f"cell: {log}: ends at {shown.time_s:.2f} s; this is its last tick\n")
     return shown
-
-
-def _monitored(port: int) -> TreeAt:
-    from bracket_cell.viewing.live_view import MonitorClient
-
-    client = MonitorClient(port)
-    try:
-        return TreeAt(client.tree(), client.statuses(), client.said(), math.nan)
-    finally:
-        client.close()
 
 
 def _tell(shown: TreeAt) -> None:

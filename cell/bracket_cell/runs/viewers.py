@@ -112,11 +112,7 @@ def open_viewers(
     if options.page is not None:
         from bracket_cell.viewing.page.page import OperatorPage
 
-        told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
-        told["safety"] = files.safety.short
-        told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
-        told |= {"shift": "yes"} if options.brackets is not None else {}
-        where, settings = Address.parse(options.page, "--page"), files.configuration.page
+        where, settings, told = Address.parse(options.page, "--page"), files.configuration.page, _told(options, files)
         page = OperatorPage(model, told, files.tree, put, where, settings, keeper, options.slower)
         stack.callback(page.abandon)
     if options.opcua is not None:
@@ -134,3 +130,10 @@ def open_viewers(
 
         ros = RosTopics(topics, JOINTS, model.motion.kinematics.forward)
     return Viewers(recorder, live, monitor, page, opcua, mqtt, ros)
+
+
+def _told(options: RunOptions, files: Files) -> dict[str, str]:
+    """What the page says of the run, by name."""
+    told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+    told |= {"safety": files.safety.short} | ({"unsafe": "; ".join(files.unsafe)} if files.unsafe else {})
+    return told | ({"shift": "yes"} if options.brackets is not None else {})

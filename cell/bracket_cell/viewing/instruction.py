@@ -341,13 +341,16 @@ class Instructor:
         assert seen is not None
         ready = [at for at in holes if not self.product.missing_before(at, self.done, self._filled)]
         mine = {position: holes[position].parts[0] for position in ready if holes[position].fate == "you"}
-        open_holes = tuple(at for at in ready if holes[at].fate == "open" and holes[at].parts)
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
         if mine and not (held is not None and held not in mine.values()):
             position = next(at for at, part in mine.items() if held in (None, part))
             words = Message("Place the {part} at {hole}", part=self._title(mine[position]), hole=position)
             return Instruction("sure", words, (position,), () if held else (mine[position],))
+        return self._any_part(tuple(at for at in ready if holes[at].fate == "open" and holes[at].parts))
+
+    def _any_part(self, open_holes: tuple[str, ...]) -> Instruction:
+        """What the person does where more than one part may belong into a hole."""
         if not open_holes:
             return Instruction("sure", "")
         if self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL:

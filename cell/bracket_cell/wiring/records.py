@@ -88,8 +88,10 @@ def fits(value: Any, hint: Any) -> bool:
         return isinstance(value, MEASURED if kind is float else COUNTED)
     if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
         return False
-    if not inner:
-        return True
+    return not inner or _contents_fit(value, kind, inner)
+
+
+def _contents_fit(value: Any, kind: type, inner: tuple[Any, ...]) -> bool:
     if isinstance(value, Mapping):
         return all(fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items())
     if isinstance(value, tuple) and inner[-1] is not Ellipsis and kind is tuple:

@@ -204,15 +204,15 @@ def _ports(spot: Spot, registry: Registry, library: Library) -> Iterator[Offer]:
 
 
 def _values(spot: Spot, text: str, offset: int, registry: Registry, library: Library) -> Iterator[Offer]:
-    if spot.attribute == "ID" and spot.tag == "SubTree":
+    if spot.attribute == "main_tree_to_execute" or (spot.attribute, spot.tag) == ("ID", "SubTree"):
         yield from (Offer(name, "tree") for name in library.trees)
-        return
-    if spot.attribute == "ID" and spot.tag in EXPLICIT:
+    elif spot.attribute == "ID" and spot.tag in EXPLICIT:
         yield from (Offer(tag, "node", meaning_of(node)) for tag, node in registry.classes.items())
-        return
-    if spot.attribute == "main_tree_to_execute":
-        yield from (Offer(name, "tree") for name in library.trees)
-        return
+    else:
+        yield from _values_of_port(spot, text, offset, registry, library)
+
+
+def _values_of_port(spot: Spot, text: str, offset: int, registry: Registry, library: Library) -> Iterator[Offer]:
     port = _port(spot, registry)
     entries = [*sorted(_entries_around(text, offset)), *(f"@{name}" for name in registry.entries)]
     if spot.attribute in SCRIPTS or (port is not None and port.kind is Script):
@@ -224,14 +224,18 @@ def _values(spot: Spot, text: str, offset: int, registry: Registry, library: Lib
         closing = "" if text.startswith("}", offset) else "}"
         yield from (Offer(name, "entry", snippet=name + closing) for name in entries)
     elif spot.tag == "SubTree" and not is_reserved(spot.attribute):
-        inner = _symbols(registry, library).ports(Symbol((spot.attributes or {}).get("ID", ""), spot.attribute))
-        words = [word for port in inner if port.direction == "input" for word in _literals(port.kind, registry)]
-        yield from (Offer(word, "value") for word in dict.fromkeys(words))
+        yield from (Offer(word, "value") for word in _words_inside(spot, registry, library))
         yield from (Offer(f"{{{name}}}", "entry") for name in entries)
     elif port is not None:
         if port.direction == "input":
             yield from (Offer(word, "value") for word in _literals(port.kind, registry))
         yield from (Offer(f"{{{name}}}", "entry") for name in entries)
+
+
+def _words_inside(spot: Spot, registry: Registry, library: Library) -> Iterable[str]:
+    """Words that ports inside a SubTree take, which read what this attribute hands in."""
+    inner = _symbols(registry, library).ports(Symbol((spot.attributes or {}).get("ID", ""), spot.attribute))
+    return dict.fromkeys(word for port in inner if port.direction == "input" for word in _literals(port.kind, registry))
 
 
 def _files(before: str, path: Path) -> Iterator[Offer]:

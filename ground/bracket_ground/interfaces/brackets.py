@@ -27,17 +27,9 @@ def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
         raise Disagreement([(("brackets",), what)])
     holes = {_of(name, slot): _moved(at, offsets[name]) for name in names for slot, at in plate["holes_m"].items()}
     plates = [[_of(name, slot) for slot in plate["holes_m"]] for name in names]
-    chosen = list(product(goals, repeat=len(names)))
-    titles, limits = file.get("goal_titles", {}), file.get("goal_quantities", {})
     made = {
         "bracket": {**plate, "holes_m": holes, "plates": plates},
-        "goals": {JOINT.join(some): [choice for goal in some for choice in goals[goal]] for some in chosen},
-        "goal_titles": {JOINT.join(some): ", ".join(titles.get(goal, goal) for goal in some) for some in chosen},
-        "goal_quantities": {
-            JOINT.join(some): dict(sum((Counter(limits[goal]) for goal in some), Counter()))
-            for some in chosen
-            if all(goal in limits for goal in some)
-        },
+        **_combined(goals, file.get("goal_titles", {}), file.get("goal_quantities", {}), len(names)),
         "accepts": {_of(name, slot): types for name in names for slot, types in file.get("accepts", {}).items()},
         "carried_by": {
             _of(name, slot): _of(name, low) for name in names for slot, low in file.get("carried_by", {}).items()
@@ -51,6 +43,22 @@ def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
         "parts": {name: _times(part, len(names)) for name, part in file.get("parts", {}).items()},
     }
     return {**{key: value for key, value in file.items() if key != "brackets"}, **made}
+
+
+def _combined(
+    goals: dict[str, Any], titles: dict[str, str], limits: dict[str, dict[str, int]], brackets: int
+) -> dict[str, Any]:
+    """Every combination of goals as a goal, with its title, and its quantities where each of them has some."""
+    chosen = {JOINT.join(some): some for some in product(goals, repeat=brackets)}
+    return {
+        "goals": {name: [choice for goal in some for choice in goals[goal]] for name, some in chosen.items()},
+        "goal_titles": {name: ", ".join(titles.get(goal, goal) for goal in some) for name, some in chosen.items()},
+        "goal_quantities": {
+            name: dict(sum((Counter(limits[goal]) for goal in some), Counter()))
+            for name, some in chosen.items()
+            if all(goal in limits for goal in some)
+        },
+    }
 
 
 def _of(bracket: str, step: str) -> str:

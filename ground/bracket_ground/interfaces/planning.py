@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -185,6 +185,19 @@ class AssemblyPlan:
             return self
         belief = {goal: share / total for goal, share in joint.items()}
         wanted = {goal: product.goal_placements(goal, state.placed) for goal in product.goals if goal in belief}
+        nexts = self._next_belief(belief, wanted, product, state)
+        likeliest = max(belief, key=lambda goal: belief[goal])
+        if likeliest == self.goal or likeliest not in wanted:
+            return replace(self, goal_belief=belief, next_belief=nexts)
+        left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
+        guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
+        most = max(guidance, key=lambda part: len(guidance[part])) if left else None
+        return replace(self, goal_belief=belief, next_belief=nexts, next_part=most, guidance=guidance)
+
+    def _next_belief(
+        self, belief: Mapping[str, float], wanted: Collection[str], product: Product, state: AssemblyState
+    ) -> dict[Placement, float]:
+        """Probability of every placement that is still open, from that of the goals, `wanted` those of the product."""
         accepted = {goal: product.accepted(goal) for goal in wanted}
         known, before = (sum(shares[goal] for goal in wanted) for shares in (belief, self.goal_belief))
         rest = (1.0 - known) / (1.0 - before) if before < 1.0 - 1e-9 else 0.0  # of what is no goal of the product
@@ -194,13 +207,7 @@ class AssemblyPlan:
                 of = [goal for goal in wanted if part in accepted[goal].get(position, ())]
                 other = self.next_belief.get((part, position), 0.0) - sum(self.goal_belief[goal] for goal in of)
                 nexts[part, position] = min(1.0, sum(belief[goal] for goal in of) + rest * max(other, 0.0))
-        likeliest = max(belief, key=lambda goal: belief[goal])
-        if likeliest == self.goal or likeliest not in wanted:
-            return replace(self, goal_belief=belief, next_belief=nexts)
-        left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
-        guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
-        most = max(guidance, key=lambda part: len(guidance[part])) if left else None
-        return replace(self, goal_belief=belief, next_belief=nexts, next_part=most, guidance=guidance)
+        return nexts
 
 
 class SemanticPlanner(Protocol):

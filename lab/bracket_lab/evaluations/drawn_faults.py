@@ -327,7 +327,7 @@ def coverage(rows: Sequence[Row]) -> Row:
     could = dangerous - found["dangerous undetected, shown by nothing"]
     seen = [row for row in faults if row["noticed_by"] and row["shown_by"]]
     grave = [row for row in seen if row["danger"]]
-    alarms = sum(bool(row["noticed_by"] or row["shown_by"] or row["danger"]) for row in sound)
+    alarms = sum(map(_alarmed, sound))
     return {
         "faults": len(faults),
         "not_reached": sum(not row["reached"] for row in rows),
@@ -342,6 +342,10 @@ def coverage(rows: Sequence[Row]) -> Row:
         "without_fault_alarms": alarms,
         "kept": detected == could and not alarms,
     }
+
+
+def _alarmed(row: Row) -> bool:
+    return bool(row["noticed_by"] or row["shown_by"] or row["danger"])
 
 
 def _share(right: int, count: int) -> str:

@@ -101,23 +101,25 @@ class Worker:
         self._message = self._wished = ""  # what the panel says, and what of it was answered by hand
         self._set_habits(person)
         self._begin(wanted)
-        self._around, self._replies, self._errands = around, None, None
-        if around is not None:
-            self._replies = Replies(person.shift, around.rng)
-            self._errands = SideTasks(
-                self._work,
-                self._sight,
-                bench,
-                around.stock,
-                person.shift,
-                around.rng,
-                self._events,
-                self._change_job,
-                lambda: self._waiting.polite(),
-            )
+        self._around = around
+        self._replies = None if around is None else Replies(person.shift, around.rng)
+        self._errands = None if around is None else self._side_tasks(around)
         self._intruding: Script | None = None
         self._script = self._assemble()
         self.done = self.away = False
+
+    def _side_tasks(self, around: Around) -> SideTasks:
+        return SideTasks(
+            self._work,
+            self._sight,
+            self._bench,
+            around.stock,
+            self._person.shift,
+            around.rng,
+            self._events,
+            self._change_job,
+            lambda: self._waiting.polite(),
+        )
 
     def show(self, display: Display) -> None:
         """The person reads the panel; a help request that is new gets them going at once."""

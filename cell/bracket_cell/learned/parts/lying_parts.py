@@ -47,19 +47,24 @@ class LyingParts:
         for one in sorted(rest, key=lambda one: (not one.lies_on, -one.confidence)):
             if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
                 continue
-            if one.lies is not None and self._raised(one, one.lies):
-                exact.append(self._exact(one, one.part, one.lies))
-                continue
-            tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
-            fit = None if tried else self._lying(frame, one, found)
-            if fit is not None:
-                exact.append(self._exact(one, fit.part, fit.world_from_part))
-            elif one.lies is not None and self._clearly(one.part, self._same(one, found)):
-                exact.append(self._exact(one, one.part, one.lies))
-            else:
+            lies = self._placed(frame, one, found, rough)
+            if lies is None:
                 rough.append(one)
+            else:
+                exact.append(lies)
         apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
         return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
+
+    def _placed(self, frame: Frame, one: PartDetection, found: Found, rough: Found) -> PartDetection | None:
+        """A thing exactly as it lies; None where that is not known. What looks like a rough one is not fitted again."""
+        if one.lies is not None and self._raised(one, one.lies):
+            return self._exact(one, one.part, one.lies)
+        tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
+        if (fit := None if tried else self._lying(frame, one, found)) is not None:
+            return self._exact(one, fit.part, fit.world_from_part)
+        if one.lies is not None and self._clearly(one.part, self._same(one, found)):
+            return self._exact(one, one.part, one.lies)
+        return None
 
     def _raised(self, one: PartDetection, lies: Pose) -> bool:
         """Whether it lies on others, where no side can be fitted to the floor."""

@@ -75,7 +75,6 @@ def _parts(path: Path) -> Iterator[Log]:
 
 def _after(left: ResumeState, topic: str, fields: dict[str, Any], product: Product) -> ResumeState:
     """What is known after one more note."""
-    graph = left.graph
     if topic == "bracket" and fields["edge"] == "begin":
         if fields.get("resumed"):
             return replace(left, bracket=fields["number"], ended=False)
@@ -83,30 +82,37 @@ def _after(left: ResumeState, topic: str, fields: dict[str, Any], product: Produ
         return replace(begun, bracket=fields["number"])
     if topic == "bracket":
         return _ended(left, fields, product)
-    if topic == "belief" and fields.get("edge"):
-        part, position = fields["edge"]
-        others = {name: kind for name, kind in graph.placed.items() if name != position}
-        return _seen(left, placed={**others, position: part} if part is not None else others)
-    if topic == "belief" and "told" in fields:
-        return _seen(left, told_goal=fields["told"], denied=())
-    if topic == "belief" and "denied" in fields:
-        without = graph.without(fields["denied"])
-        return _seen(left, told_goal=without.told_goal, denied=without.denied)
-    if topic == "belief" and "told_part" in fields:
-        part, position = fields["told_part"]
-        return _seen(left, told_parts={**graph.told_parts, position: part})
-    if topic == "belief" and "fastened" in fields:
-        return _seen(left, fastened=tuple(fields["fastened"]))
-    if topic == "belief" and "taken_out" in fields:
-        return _seen(left, taken_out=fields["taken_out"])
-    if topic == "belief" and "kept" in fields:
-        wrong = fields["kept"] if fields["known_wrong"] else {}
-        return _seen(left, kept={**graph.kept, **fields["kept"]}, known_wrong={**graph.known_wrong, **wrong})
+    if topic == "belief":
+        return _believed(left, fields)
     if topic == "memory":
         return replace(left, held_part=fields.get("held_part", left.held_part))
     if topic == "skill":  # of older logs: "grasping o1", "carrying o1"
         named = [word for word in str(fields.get("reason")).split() if word in product.parts]
         return replace(left, held_part=named[-1]) if named else left
+    return left
+
+
+def _believed(left: ResumeState, fields: dict[str, Any]) -> ResumeState:
+    graph = left.graph
+    if fields.get("edge"):
+        part, position = fields["edge"]
+        others = {name: kind for name, kind in graph.placed.items() if name != position}
+        return _seen(left, placed={**others, position: part} if part is not None else others)
+    if "told" in fields:
+        return _seen(left, told_goal=fields["told"], denied=())
+    if "denied" in fields:
+        without = graph.without(fields["denied"])
+        return _seen(left, told_goal=without.told_goal, denied=without.denied)
+    if "told_part" in fields:
+        part, position = fields["told_part"]
+        return _seen(left, told_parts={**graph.told_parts, position: part})
+    if "fastened" in fields:
+        return _seen(left, fastened=tuple(fields["fastened"]))
+    if "taken_out" in fields:
+        return _seen(left, taken_out=fields["taken_out"])
+    if "kept" in fields:
+        wrong = fields["kept"] if fields["known_wrong"] else {}
+        return _seen(left, kept={**graph.kept, **fields["kept"]}, known_wrong={**graph.known_wrong, **wrong})
     return left
 
 

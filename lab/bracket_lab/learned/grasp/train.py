@@ -86,11 +86,7 @@ def train_grasp(
     recipe.fit(task)
     network, card = recipe.network, recipe.card(task)
 
-    look: Look = list
-    if isinstance(network, PaperNet) and network.crops is not None:
-        assert camera is not None
-        written = _write_crops(network.crops, crops_file(out), card)
-        look = partial(embedded, camera=camera, network=written)
+    look = _look_of(network, out, card, camera)
 
     def score() -> dict[str, float]:
         planner = load_grasp_planner(kind, out, product)
@@ -101,6 +97,14 @@ def train_grasp(
     scores = recipe.write(task, OUTPUTS[kind], _samples(settings, product), score, any_rows=True)
     _footprints_of(out).unlink(missing_ok=True)
     return scores
+
+
+def _look_of(network: nn.Module, out: Path, card: ModelCard, camera: TrayCamera | None) -> Look:
+    """How scenes are seen for the scores: by the written network of the crops, where the planner has one."""
+    if not isinstance(network, PaperNet) or network.crops is None:
+        return list
+    assert camera is not None
+    return partial(embedded, camera=camera, network=_write_crops(network.crops, crops_file(out), card))
 
 
 def _write_crops(network: nn.Module, out: Path, card: ModelCard) -> Network:

@@ -51,7 +51,7 @@ help:
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make weights    all shipped weights again, into trained/ (four hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
-	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
+	@echo "make readers    .venv-readers: LeRobot, which opens the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
 	@echo "make constraints  newest versions of all packages, with hashes, into constraints*.txt"
 	@echo "make doctor     what is missing on this machine"
@@ -144,7 +144,7 @@ hands: .venv/tests
 readers: .venv/tests
 	$(BIN)/uv venv --quiet --python $(BIN)/python .venv-readers
 	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python --no-deps lerobot==0.4.4 \
-	  accelerate==1.* torchcodec==0.17.* rerun-sdk==0.41.*
+	  accelerate==1.* torchcodec==0.17.*
 	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python av datasets==5.* deepdiff draccus \
 	  einops huggingface-hub imageio jsonlines 'numpy<2.4' packaging pandas psutil pyarrow safetensors
 	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > \

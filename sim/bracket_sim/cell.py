@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bracket_cell.remote.detecting import DetectByCamera
-from bracket_ground.interfaces.bench import Bench, CameraSetup
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import Devices, EmptyPanel, TruthEvent
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
@@ -141,8 +141,7 @@ class SimCell:
         self.score = Score(self.world, self._job)
         self.contacts = ContactMonitor(self.world, lambda: driven.driven_rad_s) if worker else None
         beside = self._open_eyes(bench, chance, worker, rendered, overlap, detect)
-        delivered = chance.overhead_delivery, chance.wrist_delivery
-        cameras = self._cameras(bench, settings.hardware.camera_latency_s, *delivered)
+        cameras = self._cameras(bench, settings.hardware.camera_latency_s, chance)
         acting: Actor = sensed if arm is None else driven
         host = beside if beside is not None and beside.detects else None
         self.devices = self._devices(sensed, self._clock(acting, driven, cameras), cameras, host)
@@ -166,32 +165,32 @@ class SimCell:
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         return beside
 
-    def _cameras(
-        self, bench: Bench, latency_s: float, overhead: np.random.Generator, wrist: np.random.Generator
-    ) -> tuple[SimCamera, SimCamera]:
+    def _cameras(self, bench: Bench, latency_s: float, chance: _Chance) -> dict[str, SimCamera]:
         """Overhead and wrist camera, each with its own chance of late and lost frames."""
-        return (
-            self._camera("overhead", bench.overhead, latency_s, overhead),
-            self._camera("wrist", bench.wrist, latency_s, wrist),
-        )
+        of = {"overhead": (bench.overhead, chance.overhead_delivery), "wrist": (bench.wrist, chance.wrist_delivery)}
+        look, take = self.look.camera, self._photographer.take
+        return {
+            name: SimCamera(name, setup, self.world, take, Delivery(look, latency_s, rng))
+            for name, (setup, rng) in of.items()
+        }
 
-    def _clock(self, arm: Actor, driven: DrivenArm, cameras: Sequence[SimCamera]) -> SimClock:
+    def _clock(self, arm: Actor, driven: DrivenArm, cameras: Mapping[str, SimCamera]) -> SimClock:
         """Simulated time, in which all that acts and samples goes on."""
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
         actors: list[Actor] = [arm, self.gripper_node, self.stock, self._mishaps, *nodes]
-        return SimClock(self.world, actors, [self.score, *cameras], samplers)
+        return SimClock(self.world, actors, [self.score, *cameras.values()], samplers)
 
     def _devices(
-        self, arm: SimArm | SensedArm, clock: SimClock, cameras: tuple[SimCamera, SimCamera], host: RenderProcess | None
+        self, arm: SimArm | SensedArm, clock: SimClock, cameras: Mapping[str, SimCamera], host: RenderProcess | None
     ) -> Devices:
         """What the controller gets."""
         return Devices(
             clock=clock,
             arm=arm,
             gripper=SimGripper(self.gripper_node),
-            overhead=cameras[0],
-            wrist=cameras[1],
+            overhead=cameras["overhead"],
+            wrist=cameras["wrist"],
             panel=self.worker or EmptyPanel(),
             report=self.report,
             close=self.close,
@@ -202,10 +201,6 @@ class SimCell:
             free_running=self._run_freely,
             upset=self._mishaps.begin,
         )
-
-    def _camera(self, name: str, setup: CameraSetup, latency_s: float, rng: np.random.Generator) -> SimCamera:
-        delivery = Delivery(self.look.camera, latency_s, rng)
-        return SimCamera(name, setup, self.world, self._photographer.take, delivery)
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""

@@ -13,7 +13,8 @@ from bracket_cell.faults.named_faults import FaultKind
 from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, Spread
 from bracket_cell.recording.schemas import TOPICS, schema
 from bracket_cell.trees import vocabulary
-from bracket_ground.interfaces.faults import fault_table_markdown
+from bracket_ground.interfaces.faults import SIGNALS as SIGNS
+from bracket_ground.interfaces.faults import FaultTable
 from btxml.engine.node import Control, Decorator, Node, TreeNode
 from btxml.engine.ports import InOutPort, InputPort, OutputPort, Port
 from btxml.engine.traits import Traits
@@ -167,3 +168,18 @@ def _table(kind: type) -> Iterator[str]:
 def _list(things: Any) -> Iterator[str]:
     for thing in things:
         yield f"- `{thing.__name__}`: {_doc(thing).splitlines()[0]}"
+
+
+def fault_table_markdown(table: FaultTable) -> str:
+    """The table for docs/safety.md."""
+    rows = [
+        "| signal | seen when | sense is alive by | action | clears | after s | gone s | stops after s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for fault in table.faults:
+        sign = SIGNS[fault.signal]
+        action = f"{fault.action} to {fault.share:.0%}" if fault.share < 1 else fault.action
+        stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
+        cells = (fault.signal, *sign, action, fault.clear, f"{fault.delay_s:g}", f"{fault.clear_s:g}", stops)
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"

@@ -27,7 +27,6 @@ class ExportFormat(StrEnum):
     notes = "notes"
     btlog = "btlog"
     video = "video"
-    rerun = "rerun"
     rosbag2 = "rosbag2"
     candump = "candump"
     lerobot = "lerobot"
@@ -42,7 +41,7 @@ def export_log(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, data for training.
+    """Write a log for other tools: tables, transitions for Groot2, a video, data for training.
 
     It goes next to the log by default. For lerobot and training several logs may be named: each is an episode. `cell
     train --recorded DIR` learns from the folder that training writes. recovered is what can be saved of a truncated or
@@ -64,11 +63,11 @@ def export_log(
         _tell_export(folder, "rows", rows, as_json)
         return 0
     tables = {ExportFormat.transitions, ExportFormat.notes}
-    endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap", ExportFormat.candump: ".can.log"}
+    endings = {ExportFormat.video: ".mp4", ExportFormat.candump: ".can.log"}
     ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
     target = spared(out or beside(log, ending), log, overwrite)
     count = export(read(log), to.value, target)
-    words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rerun": "lines", "rosbag2": "messages"}
+    words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rosbag2": "messages"}
     what = words.get(to.value, "rows")
     _tell_export(target, what, count, as_json)
     return 0

@@ -53,7 +53,7 @@ def simulate(tree: str, seed: int, goal: str = "random", config: str = "config/c
     real = [name for name in type(devices).model_fields if getattr(getattr(devices, name), "kind", "sim") != "sim"]
     if not devices.simulated or real:
         return f"status {REFUSED}\n{config} has real devices; only a simulated cell is run from here: {', '.join(real)}"
-    words = (f"--config={config}", f"--seed={seed}", f"--goal={goal}", "--no-pixels", "--json", "--", tree)
+    words = (f"--config={config}", f"--seed={seed}", f"--goal={goal}", "--look=none", "--json", "--", tree)
     return _answer("run", *words)
 
 

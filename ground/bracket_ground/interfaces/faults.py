@@ -319,18 +319,3 @@ class Judgement:
     def words(self) -> str:
         """All reasons, for people."""
         return "; ".join(dict.fromkeys(what for _, what in self.reasons))
-
-
-def fault_table_markdown(table: FaultTable) -> str:
-    """The table for docs/safety.md."""
-    rows = [
-        "| signal | seen when | sense is alive by | action | clears | after s | gone s | stops after s |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for fault in table.faults:
-        sign = SIGNALS[fault.signal]
-        action = f"{fault.action} to {fault.share:.0%}" if fault.share < 1 else fault.action
-        stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
-        cells = (fault.signal, *sign, action, fault.clear, f"{fault.delay_s:g}", f"{fault.clear_s:g}", stops)
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows) + "\n"

@@ -1,14 +1,12 @@
 """Opens exports with the packages of those who made the formats; run by the Python of `make readers`.
 
-python open_exports.py lerobot FOLDER | rerun FILE
+python open_exports.py lerobot FOLDER
 """
 
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
-from pathlib import Path
 
 
 def lerobot(folder: str) -> dict[str, object]:
@@ -27,14 +25,5 @@ def lerobot(folder: str) -> dict[str, object]:
     }
 
 
-def rerun(file: str) -> dict[str, object]:
-    program, out = str(Path(sys.executable).with_name("rerun")), f"{file}.rrd"
-    subprocess.run([program, "mcap", "convert", file, "-o", out], check=True, capture_output=True)
-    subprocess.run([program, "rrd", "verify", out], check=True, capture_output=True)
-    command = [program, "rrd", "print", "-vvv", out, "--entity", "/decisions/skill"]
-    shown = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return {"text": "TextLog:text" in shown, "words": shown.count("skill MoveTo running")}
-
-
 if __name__ == "__main__":
-    print(json.dumps({"lerobot": lerobot, "rerun": rerun}[sys.argv[1]](sys.argv[2])))
+    print(json.dumps({"lerobot": lerobot}[sys.argv[1]](sys.argv[2])))

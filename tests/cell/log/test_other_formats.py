@@ -1,4 +1,4 @@
-"""Exports for Rerun and LeRobot: what they hold, and that the official readers open them (`make readers`)."""
+"""Exports for LeRobot and ROS: what they hold, and that the official reader opens them (`make readers`)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,10 @@ import can
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from bracket_cell.commands.main import main
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.report.export import export
-from bracket_cell.log.report.for_rerun import write_for_rerun
 from bracket_cell.log.training.lerobot import write_lerobot
 from bracket_ground.errors import InputError
 from tests import ROOT
@@ -88,27 +85,6 @@ def test_a_folder_that_is_there_is_left_alone(data_set: Path, assembly_log: Log)
         write_lerobot([assembly_log], data_set)
 
 
-def test_decisions_are_lines_that_rerun_shows(assembly_log: Log, tmp_path: Path) -> None:
-    path = tmp_path / "log.rerun.mcap"
-    count = write_for_rerun(assembly_log, path)
-    texts: dict[str, list[str]] = {}
-    encodings = set()
-    with path.open("rb") as stream:
-        for _, channel, message, line in make_reader(
-            stream, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
-            encodings.add(channel.message_encoding)
-            assert message.log_time > 1e18, "times are dates"
-            if channel.topic.startswith("/decisions/"):
-                texts.setdefault(channel.topic, []).append(line.message)
-    assert encodings == {"protobuf"}
-    assert sum(map(len, texts.values())) == count
-    changes = sum(len(tick.changes) for tick in assembly_log.ticks)
-    assert sum(len(told) for topic, told in texts.items() if "/nodes/" in topic) == changes
-    assert any("arm at park" in one for topic, told in texts.items() if "MoveTo" in topic for one in told)
-    assert any("guard" in one for one in texts["/decisions/verdict"])
-
-
 def test_the_command_takes_several_logs_for_a_data_set(
     assembly_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,16 +110,6 @@ def test_lerobot_opens_the_data_set(data_set: Path) -> None:
     assert told["rows"] == sum(len(rows(data_set, episode)["index"]) for episode in (0, 1))
     assert all(0.1 < one < 0.9 for one in told["bright"])
     assert np.allclose(told["state"][0], rows(data_set, 0)["observation.state"][0])
-
-
-@needs_readers
-@pytest.mark.slow
-def test_rerun_opens_the_log_and_shows_decisions_as_text(assembly_log: Log, tmp_path: Path) -> None:
-    path = tmp_path / "log.rerun.mcap"
-    write_for_rerun(assembly_log, path)
-    told = opened("rerun", path)
-    assert told["text"]
-    assert told["words"] > 0
 
 
 def opened(what: str, path: Path) -> Any:

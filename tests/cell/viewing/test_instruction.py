@@ -19,12 +19,11 @@ from btxml.engine.status import Status
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 
 OWN = """
-from btxml.engine.node import Leaf
-from btxml.engine.status import Status
+from btxml import Node, Status
 from btxml.engine.traits import Traits
 
 
-class StandBackPlease(Leaf):
+class StandBackPlease(Node):
     \"\"\"Waits for a visitor.\"\"\"
 
     traits = Traits({traits})
@@ -37,7 +36,7 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Mine">
 </root>"""
 
 
-@pytest.mark.parametrize(("traits", "moment"), [('shown_as="gives way"', "waits"), ("", "brings")])
+@pytest.mark.parametrize(("traits", "moment"), [('shown_as="gives way"', "waits"), ("", "unknown")])
 def test_a_leaf_of_ones_own_that_gives_way_is_told(tmp_path: Path, traits: str, moment: str) -> None:
     """Its class and its name tell nothing: here it is named as a leaf of the library that places."""
     own, file = tmp_path / "own_leaves.py", tmp_path / "mine.xml"

@@ -16,9 +16,7 @@ import cv2
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, LoggedTick
 from bracket_cell.log.replay.logged_tree import logged_tree
-from bracket_cell.log.report.for_rerun import began_ns as _began_ns
-from bracket_cell.log.report.for_rerun import write_for_rerun
-from bracket_cell.log.report.for_ros import write_rosbag
+from bracket_cell.log.report.for_ros import began_ns, write_rosbag
 from bracket_cell.packages import needed
 from bracket_cell.recording.images import Video
 from bracket_cell.trees.node_library import node_registry
@@ -90,7 +88,6 @@ def export(log: Log, style: str, path: Path) -> int:
         "candump": _candump,
         "rosbag2": lambda log, partial: write_rosbag(log, partial, path.name),
         "btlog": _btlog,
-        "rerun": write_for_rerun,
         "video": lambda log, partial: _video(log, partial, path),
     }
     if style == "rosbag2" and path.exists():
@@ -156,7 +153,7 @@ def _parquet(log: Log, rows: list[dict[str, Any]], path: Path) -> int:
 
 def _candump(log: Log, path: Path) -> int:
     """Frames of the gripper's bus as `candump -L` writes them; those of one tick bear its time."""
-    began_s, count = _began_ns(log) / 1e9, 0
+    began_s, count = began_ns(log) / 1e9, 0
     writer = can.CanutilsLogWriter(path, channel="can0")
     try:
         for message in log.messages:

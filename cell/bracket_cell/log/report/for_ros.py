@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from foxglove import messages
 
 from bracket_cell.log.read.frames import CAMERA, IMAGE, LINE, decoded
 from bracket_cell.log.read.reader import Log
-from bracket_cell.log.report.for_rerun import began_ns
 from bracket_cell.packages import needed
 from bracket_ground.interfaces.bench import JOINTS
 
@@ -110,3 +110,11 @@ def _transform(types: Any, header: Any, told: Any) -> Any:
 
 def _stamp(types: Any, at_ns: int) -> Any:
     return types["builtin_interfaces/msg/Time"](at_ns // 10**9, at_ns % 10**9)
+
+
+def began_ns(log: Log) -> int:
+    """When the run began; times of the log count from there. 0 where the log does not say."""
+    try:
+        return round(datetime.fromisoformat(log.metadata["started_utc"]).timestamp() * 1e9)
+    except (KeyError, ValueError):
+        return 0

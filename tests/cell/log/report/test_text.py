@@ -117,7 +117,7 @@ def test_a_span_that_is_none_is_bad_input(
         ["show", "LOG", "--svg", "LOG"],
         ["log", "diff", "LOG", "LOG", "--html", "LOG"],
         ["lab", "sheet", "LOG", "-o", "LOG"],
-        *(["log", "export", "LOG", "--to", kind, "-o", "LOG"] for kind in ("csv", "rerun", "btlog", "video")),
+        *(["log", "export", "LOG", "--to", kind, "-o", "LOG"] for kind in ("csv", "btlog", "video")),
     ],
 )
 def test_no_command_writes_over_the_log_that_it_reads(

@@ -19,8 +19,7 @@ from rich.progress import track
 from rich.table import Table
 
 from bracket_cell.learned.inference.scores import wilson
-from bracket_lab.stacks.draw import Standing, stand
-from bracket_lab.stacks.trial import LIFT_M, MOVED_M, order_of_taking
+from bracket_lab.stacks.draw import LIFT_M, MOVED_M, Standing, order_of_taking, stand
 from bracket_sim.stacks.settings import StackSettings
 
 FINE_STEP_S = 0.001

@@ -43,7 +43,7 @@ README = "README.md"
 
 def _stances() -> bytes:
     """What `cell new part` draws of the example's mesh."""
-    from bracket_cell.commands.new_part import part
+    from bracket_cell.commands.new import part
 
     with TemporaryDirectory() as folder:
         product = Path(folder) / "products.yaml"

@@ -11,8 +11,7 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame, PendingFrame, apart
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
-from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from bracket_sim.rendering.stereo import DISPARITY_PX, Stereo
+from bracket_sim.rendering.photographer import DISPARITY_PX, Exposure, Photographer, SensorSetup, Stereo
 from bracket_sim.rendering.studio import visible_poses
 from bracket_sim.scene.look import NOMINAL
 from bracket_sim.scene.world import build_world

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from bracket_ground.interfaces.stacks import VMRD_CLASSES
-from bracket_lab.stacks.draw import Standing, draw_stack, stand
-from bracket_lab.stacks.kinds import KINDS, draw_thing
-from bracket_lab.stacks.trial import depth, order_of_taking, relations
+from bracket_lab.stacks.draw import KINDS, Standing, depth, draw_stack, draw_thing, order_of_taking, relations, stand
 from bracket_sim.stacks.pieces import Thing, box, disc
 from bracket_sim.stacks.settings import StackSettings
 from bracket_sim.stacks.stacking import carriers_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.commands.new_part import stl
+from bracket_cell.commands.new import stl
 from bracket_cell.skills.motion.grip import Grip
 from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
 from bracket_cell.skills.motion.settings import MotionSettings

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bracket_cell.commands.new_part import stl
+from bracket_cell.commands.new import stl
 from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.meshes import hull_of, loaded

@@ -39,12 +39,14 @@ class Beside:
         at_m: where it is seen; None for nobody in view.
         force_n: along x at the tool; None where the arm tells none.
         lost: nobody knows where the hand is.
+        moves_m: so far it moved the fingers, which then say that they grip nothing.
     """
 
     at_m: tuple[float, float] | None = FAR
     force_n: float | None = 0.0
     lost: bool = False
     speed_m_s: float = 0.0
+    moves_m: float = 0.0
     action: ActionKind = "idle"
     said: tuple[OperatorOrder, ...] = ()
 
@@ -66,9 +68,13 @@ class HandedRobot(IdealRobot):
             hand = HandSample(self.time_s, (9, 9, 99, 99), now.at_m, (x + 0.1, y), velocity_m_s=(now.speed_m_s, 0.0))
         bench = replace(bench, hand=hand, hand_unknown="lost" * now.lost, action=HandAction(now.action, 1.0))
         force = None if now.force_n is None else (now.force_n, 0.0, 0.0)
-        near = now.at_m == AT_PART
+        near, gripper = now.at_m == AT_PART, plain.gripper
+        if now.moves_m and gripper.holding:
+            opening_m, status = gripper.opening_m + now.moves_m, ObjectStatus.AT_POSITION
+            gripper = replace(gripper, opening_m=opening_m, object_status=status)
         return replace(
             plain,
+            gripper=gripper,
             bench=bench,
             arm=replace(plain.arm, force_n=force),
             share=0.0 if near else plain.share,
@@ -129,6 +135,22 @@ def test_a_hand_that_pulls_gets_the_part_though_it_holds_the_arm(planner: Motion
 def test_a_hand_that_pulls_while_the_part_is_still_brought_gets_it(planner: MotionPlanner, robot: HandedRobot) -> None:
     assert over(planner, robot, lambda _: Beside(AT_PART, 15.0)).status is SkillStatus.SUCCESS
     assert opened(robot)
+
+
+@pytest.mark.parametrize("brought", [True, False])
+@pytest.mark.parametrize(("moves_m", "gets"), [(0.002, True), (-0.03, False)])
+def test_fingers_that_a_hand_moved_a_little_still_hold_the_part(
+    planner: MotionPlanner, robot: HandedRobot, moves_m: float, gets: bool, brought: bool
+) -> None:
+    begins_s = robot.time_s
+
+    def does(time_s: float) -> Beside:
+        since_s = robot.time_s - begins_s - 2.0 if brought else time_s - 1.0
+        return Beside() if since_s < 0 else Beside(AT_PART, 3.0 if since_s < 1 else 15.0, moves_m=moves_m)
+
+    robot.does = does
+    progress = robot.run(HandOver(planner, "o2", OUT, wait_s=10.0)) if brought else over(planner, robot, does)
+    assert (progress.status is SkillStatus.SUCCESS) == gets
 
 
 @pytest.mark.parametrize(

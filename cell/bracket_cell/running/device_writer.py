@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 
 from bracket_cell.running.gripper_checks import with_hand
 from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.skills.grasping.phases import KNOCKED_M
 from bracket_cell.watching.observer import SentCommand
 from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.devices import Devices, Gripper, Loaded
@@ -17,7 +18,6 @@ from bracket_ground.interfaces.observation import ObjectStatus, Observation
 
 Answer = TypeVar("Answer")
 RESTARTED = "gripper_restarted_empty"
-KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
 
 
 class GripperHold:

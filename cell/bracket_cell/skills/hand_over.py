@@ -22,7 +22,16 @@ from bracket_cell.skills.grasping.handling import (
     seen_in_holes,
     tray_boxes,
 )
-from bracket_cell.skills.grasping.phases import DROPPED_TICKS, Activate, Move, Phase, PhasedSkill, SetGripper, failed
+from bracket_cell.skills.grasping.phases import (
+    DROPPED_TICKS,
+    KNOCKED_M,
+    Activate,
+    Move,
+    Phase,
+    PhasedSkill,
+    SetGripper,
+    failed,
+)
 from bracket_cell.skills.grasping.phases import done as ended
 from bracket_cell.skills.motion.grasp_pose import fits, hole_pose
 from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold
@@ -99,6 +108,7 @@ class Offer:
         pull_n: force that is a pull.
         limit_n: a force that is greater is no pull: the fingers keep the part, and the phase fails.
         wait_s: how long somebody may take to come and pull.
+        gripped_m: where the fingers grip it.
         opening_m: of the fingers that let go.
     """
 
@@ -107,6 +117,7 @@ class Offer:
     pull_n: float
     limit_n: float
     wait_s: float
+    gripped_m: float
     opening_m: float
     _pull: Pull = field(default_factory=Pull, init=False)
     _begun_s: float | None = field(default=None, init=False)
@@ -120,12 +131,12 @@ class Offer:
             return self._release.poll(observation, command)
         now_s, away_m = observation.time_s, hand_away_m(self.planner, observation)
         self._begun_s = now_s if self._begun_s is None else self._begun_s
-        self._empty_ticks = 0 if observation.gripper.holding else self._empty_ticks + 1
+        pulled, kept = self.pulled(observation), observation.gripper.holding or self.knocked(observation)
+        self._empty_ticks = 0 if kept else self._empty_ticks + 1
         if self._empty_ticks >= DROPPED_TICKS:
             return failed(Message("{name} was pulled out of the closed fingers", name=self.name))
         if observation.arm.force_n is None:
             return failed(Message("cannot hand {name} over: the arm does not tell what pulls at it", name=self.name))
-        pulled = self.pulled(observation)
         if self._pull.force_n > self.limit_n:
             return failed(self._words("{name} is kept: {force} N at it is more than a pull, {limit} N"))
         if pulled:
@@ -135,6 +146,11 @@ class Offer:
         if self._pull.force_n >= self.pull_n and not away_m < AT_PART_M:
             return Progress(SkillStatus.RUNNING, Message("{name} is kept: no hand is seen at it", name=self.name))
         return Progress(SkillStatus.RUNNING, Message("please take {name}", name=self.name))
+
+    def knocked(self, observation: Observation) -> bool:
+        """Whether a hand at the part moved the fingers a little: what they say of a grip then is no drop."""
+        moved_m = abs(observation.gripper.opening_m - self.gripped_m)
+        return hand_away_m(self.planner, observation) < AT_PART_M and moved_m <= KNOCKED_M
 
     def pulled(self, observation: Observation) -> bool:
         """Whether a hand that is seen at the part has pulled at it for long enough; asked in every tick."""
@@ -170,10 +186,13 @@ class Bring:
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Go on, and feel."""
-        held = observation.arm.stands and observation.held_by == (HAND_TOO_NEAR,)
-        if self.offer.pulled(observation) and held and observation.gripper.holding:
+        held = observation.held_by == (HAND_TOO_NEAR,)
+        pulled, kept = self.offer.pulled(observation), observation.gripper.holding or self.offer.knocked(observation)
+        if pulled and held and kept and observation.arm.stands:
             command.follow, command.stop_arm = None, True
             return ended(self.move.doing)
+        if held and kept and not observation.gripper.holding:
+            return Progress(SkillStatus.RUNNING, self.move.doing)
         return self.move.poll(observation, command)
 
 
@@ -257,8 +276,9 @@ class HandOver(_HeldOut):
         way = self.way(observation, self.part)
         if isinstance(way, str):
             return way
-        opening_m = min(STROKE_M, observation.gripper.opening_m + 2 * STROKE_M / 5)
-        offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, opening_m)
+        gripped_m = observation.gripper.opening_m
+        opening_m = min(STROKE_M, gripped_m + 2 * STROKE_M / 5)
+        offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, gripped_m, opening_m)
         return [
             Bring(way, offer),
             offer,

@@ -17,6 +17,7 @@ from bracket_ground.interfaces.observation import ObjectStatus, Observation
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.skill import Progress, SkillStatus
 
+KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
 TAKEN_S = 0.2  # after this an arm has taken its trajectory
 BEGIN_AGAIN = 2  # times that a motion is planned anew where the arm lost its trajectory

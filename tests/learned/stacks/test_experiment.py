@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bracket_cell.commands.main import main
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
+from bracket_lab.commands import stacks as commands
 from bracket_lab.experiments.experiments import kept, measured
 from bracket_lab.experiments.stacks import experiment
 from bracket_lab.experiments.stacks.experiment import Study, draw_figure18, figure18, table4
@@ -20,6 +23,7 @@ from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_sp
 from bracket_lab.learned.training.schedule import Schedule
 from tests.learned.stacks.folders import picture
 from tests.learned.stacks.made_up import scene
+from tests.learned.stacks.test_formats import by_another_program
 
 WIDTH = 6
 pytestmark = [pytest.mark.slow, pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
@@ -78,6 +82,23 @@ def test_figure18_takes_what_was_drawn_from_so_many_classes(tmp_path: Path, monk
     study = Study(read_vmrd(tmp_path), tmp_path / "kept", BRIEF, 0)
     cells = measured("stacks", study.cells([25, 31], ["always"]), kept(tmp_path / "cells.jsonl"), quiet=True)
     assert {values["learned_from"] for _, values in cells} <= set(range(6))
+
+
+def test_a_folder_of_vmrd_gives_table_4_by_one_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder is another program's."""
+    monkeypatch.setattr(experiment, "_regions", lambda _: NoFeatures())
+    monkeypatch.setattr(commands, "KEPT", tmp_path / "kept")
+    folder, page = by_another_program(tmp_path / "VMRD"), tmp_path / "table4.md"
+    words = ["--kind", "paper", "--kind", "vmrn", "--kind", "always", "--page", str(page), "--json"]
+    assert main(["lab", "eval", "stacks", "--data", str(folder), "--share", "0.05", *words]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    rows = {(row["planner"], row["boxes"]) for row in told["rows"]}
+    assert rows == {(kind, boxes) for kind in ("paper", "vmrn", "always") for boxes in ("true", "detected")}
+    assert told["paper"]["paper"] == ".62"
+    assert "| VMRN | true |" in page.read_text()
+    assert ".658" in page.read_text()
 
 
 def _shows(one: StackedScene, classes: Sequence[str]) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
@@ -107,5 +109,19 @@ def write_rows(page: str, title: str, rows: Iterable[Row], folder: Path = FIGURE
     tables = {table.title: table for table in known[page].tables}
     tables[title] = tables.get(title, Table(title=title)).with_rows(rows)
     written = known[page].model_copy(update={"tables": tuple(tables.values())})
-    text = written.model_dump_json(indent=1, exclude_defaults=True)
-    write_whole(folder / f"{page}.json", f"{text}\n".encode())
+    write_whole(folder / f"{page}.json", _text(written).encode())
+
+
+def _text(topic: Topic) -> str:
+    """JSON with each row, and each line of cells, on a line of its own."""
+    told, lines = topic.model_dump(mode="json", exclude_defaults=True), list[str]()
+
+    def line(value: object) -> str:
+        lines.append(json.dumps(value, ensure_ascii=False))
+        return f"@{len(lines) - 1}@"
+
+    for table in told["tables"]:
+        table |= {name: [line(one) for one in table[name]] for name in ("rows", "cells") if name in table}
+        table |= {"head": line(table["head"])} if "head" in table else {}
+    text = json.dumps(told, indent=1, ensure_ascii=False)
+    return re.sub(r'"@(\d+)@"', lambda found: lines[int(found[1])], text) + "\n"

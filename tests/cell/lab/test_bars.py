@@ -38,6 +38,8 @@ def test_measured_rows_take_the_places_of_those_before(tmp_path: Path) -> None:
     write_rows("seeing", "Hands", [again, again.model_copy(update={"claim": "new"})], tmp_path)
     (after,) = (table for table in topics(tmp_path)["seeing"].tables if table.title == "Hands")
     assert after.rows == (before.rows[0], again, *before.rows[2:], again.model_copy(update={"claim": "new"}))
+    lines = (tmp_path / "seeing.json").read_text().splitlines()
+    assert sum('"claim": "new"' in line and '"figure": 0.5' in line for line in lines) == 1, "a row is a line"
     write_rows("seeing", "Feet", [again], tmp_path)
     assert topics(tmp_path)["seeing"].tables[-1].rows == (again,)
     with pytest.raises(InputError, match="no page of figures 'smelling'; there are: seeing"):

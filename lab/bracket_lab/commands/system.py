@@ -44,7 +44,10 @@ def system(
     ] = False,
     pixels: Annotated[
         bool,
-        Option("--pixels/--no-pixels", help="Render what cameras see; else only planners, tree and arm are scored."),
+        Option(
+            "--pixels/--no-pixels",
+            help="Render what cameras see; else planner, tree and arm alone are scored, of trees that read holes.",
+        ),
     ] = True,
 ) -> int:
     """Score whole assemblies by number of goals: shares of detected actions, right guidance and right products.

@@ -97,7 +97,12 @@ def shares(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, A
     """Means over the splits with their intervals, by kind and measure; without the controls."""
     return {
         one["kind"]: {
-            name: {"share": mean, "low": mean - half, "high": mean + half, "n": f"{one['splits']} splits"}
+            name: {
+                "share": mean,
+                "low": max(0.0, mean - half),
+                "high": min(1.0, mean + half),
+                "n": f"{one['splits']} splits",
+            }
             for name in MEASURES
             for mean, half in [one[name]]
         }

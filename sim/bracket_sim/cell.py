@@ -37,7 +37,7 @@ from bracket_sim.truth.labels import resting_event, resting_parts
 from bracket_sim.truth.score import Score
 from bracket_sim.worker.mishaps import Mishaps
 from bracket_sim.worker.stock import Stock
-from bracket_sim.worker.worker import Around, Worker
+from bracket_sim.worker.worker import Worker, WorkerContext
 
 
 class DrivenArm(Actor, Observer, Protocol):
@@ -50,7 +50,7 @@ class DrivenArm(Actor, Observer, Protocol):
     driven_rad_s: Array
 
 
-class _Chance(NamedTuple):
+class RandomStreams(NamedTuple):
     """A generator of its own for each purpose, so that none changes what another draws.
 
     Attributes:
@@ -73,7 +73,7 @@ class _Chance(NamedTuple):
     stock: np.random.Generator
 
     @classmethod
-    def of(cls, seed: int) -> _Chance:
+    def of(cls, seed: int) -> RandomStreams:
         """Those of a run."""
         return cls(*map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(cls._fields))))
 
@@ -115,7 +115,7 @@ class SimCell:
         detect: Callable[[], DetectByCamera] | None = None,
         arm: Callable[[World], DrivenArm] | None = None,
     ) -> None:
-        chance = _Chance.of(seed)
+        chance = RandomStreams.of(seed)
         self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
         self._job = self._jobs.next()
         self._finished: list[dict[str, object]] = []
@@ -125,7 +125,7 @@ class SimCell:
         self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
         self._mishaps = Mishaps(self.world, self.stock)
-        around = Around(self.stock, self._change, settings.shift, chance.stock, settings.people)
+        around = WorkerContext(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
         self._nobody = worker and person.absent  # then nobody says which bracket would be right
         self.worker = (
@@ -149,7 +149,7 @@ class SimCell:
     def _open_eyes(
         self,
         bench: Bench,
-        chance: _Chance,
+        chance: RandomStreams,
         hand: bool,
         rendered: bool,
         overlap: bool,
@@ -165,7 +165,7 @@ class SimCell:
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         return beside
 
-    def _cameras(self, bench: Bench, latency_s: float, chance: _Chance) -> dict[str, SimCamera]:
+    def _cameras(self, bench: Bench, latency_s: float, chance: RandomStreams) -> dict[str, SimCamera]:
         """Overhead and wrist camera, each with its own chance of late and lost frames."""
         of = {"overhead": (bench.overhead, chance.overhead_delivery), "wrist": (bench.wrist, chance.wrist_delivery)}
         look, take = self.look.camera, self._photographer.take

@@ -23,7 +23,7 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
-from bracket_ground.files.files import own_or_shipped
+from bracket_ground.files.files import user_or_packaged
 from bracket_ground.interfaces.product import Product
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.parts import ScenePart
@@ -116,7 +116,7 @@ def simulated_cell(
     Raises:
         InputError: the configuration or the product is wrong.
     """
-    path = Path(configuration or own_or_shipped("bracket_cell.config", "cell.yaml"))
+    path = Path(configuration or user_or_packaged("bracket_cell.config", "cell.yaml"))
     read = load_configuration(path)
     product, devices = load_product(read, path), read.devices
     world = SimCell(

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bracket_ground.errors import InputError, Problem
-from bracket_ground.files.files import own_or_shipped, shipped
+from bracket_ground.files.files import shipped, user_or_packaged
 from bracket_ground.files.yaml_file import place_of
 
 if TYPE_CHECKING:
     from btxml.engine.tree import Tree
 from btxml.files.compile.registry import Registry
 
-CONFIGURATION = own_or_shipped("bracket_cell.config", "cell.yaml")
+CONFIGURATION = user_or_packaged("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
 MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry

@@ -23,10 +23,10 @@ from bracket_cell.commands.options import (
 )
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.runs.options import RunOptions
-from bracket_ground.files.files import own_or_shipped
+from bracket_ground.files.files import user_or_packaged
 
-TREE = own_or_shipped("bracket_cell.trees", "ahead.xml", "assemble.xml")
-SHIFT_TREE = own_or_shipped("bracket_cell.trees", "shift_ahead.xml")
+TREE = user_or_packaged("bracket_cell.trees", "ahead.xml", "assemble.xml")
+SHIFT_TREE = user_or_packaged("bracket_cell.trees", "shift_ahead.xml")
 SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 OPTIONS = (
     *("configuration", "goal", "seed", "look", "log", "watch", "brackets", "resume", "share"),

@@ -25,7 +25,7 @@ from bracket_cell.runs.viewers import Viewers, open_viewers
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.nodes.services import Services
-from bracket_cell.viewing.instruction import Instructor
+from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.progress import LiveProgress
 from bracket_cell.watching.brackets import FinishedBrackets
@@ -45,7 +45,7 @@ from bracket_ground.interfaces.product import Product
 from btxml.engine.tree import Tree
 
 
-class Assembled:
+class RunParts:
     """All that a run needs beside its controller; what is opened is closed by the stack.
 
     Attributes:
@@ -77,7 +77,7 @@ class Assembled:
         self.counts = Counts(RunStatistics(), lateness, Fluency(self._tool_on_bench_m), keeper, missing)
         self.moments, why_now, words = Moments(), WhyNow(self._tree), catalogue(configuration.page.language)
         self._progress = LiveProgress(
-            console, 1.0 / configuration.controller.tick_hz, Instructor(product, self._tree), words, why_now
+            console, 1.0 / configuration.controller.tick_hz, OperatorGuide(product, self._tree), words, why_now
         )
         titles = {goal: product.goal_title(goal) for goal in product.goals}
         jobs = WorkOrders(titles, options.work_orders, keeper.book)

@@ -34,7 +34,7 @@ from bracket_cell.running.device_reader import RobotPoseHistory
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.running.watchdog import TICK_S, Watchdog
-from bracket_cell.runs.assembled import Assembled
+from bracket_cell.runs.assembled import RunParts
 from bracket_cell.runs.heading import log_path, summary_of
 from bracket_cell.runs.options import Files, Pace, RunOptions
 from bracket_cell.runs.signing import moves_something, required_signature
@@ -135,7 +135,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         if moves_something(drivers.values()):
             files = replace(files, signature=required_signature(options.configuration, files.safety))
         console.print(f"safety configuration {files.signed}", highlight=False, soft_wrap=True)
-        assemble = partial(Assembled, options, files, motion, drivers, keeper, log, console)
+        assemble = partial(RunParts, options, files, motion, drivers, keeper, log, console)
         return _run(assemble, options, files, motion, log, watchdog)
 
 
@@ -180,7 +180,7 @@ def _resumed(
 
 
 def _run(
-    assemble: Callable[[ExitStack], Assembled],
+    assemble: Callable[[ExitStack], RunParts],
     options: RunOptions,
     files: Files,
     motion: MotionPlanner,

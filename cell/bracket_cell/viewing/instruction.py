@@ -65,7 +65,7 @@ class Hole:
     upright: bool = True
 
 
-class Instructor:
+class OperatorGuide:
     """Follows a run, and says what the person should do.
 
     Args:

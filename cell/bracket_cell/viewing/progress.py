@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bracket_cell.viewing.guidance import guidance_sentences
-from bracket_cell.viewing.instruction import Instructor
+from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
 from bracket_ground.files.words.catalogue import SOURCE, Catalogue, catalogue
 from bracket_ground.files.words.message import Message, listed
@@ -36,7 +36,7 @@ class LiveProgress(Observer):
         self,
         console: Console,
         period_s: float,
-        instructor: Instructor | None = None,
+        instructor: OperatorGuide | None = None,
         words: Catalogue | None = None,
         why: Callable[[], object] = str,
     ) -> None:

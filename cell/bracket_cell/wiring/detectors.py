@@ -14,7 +14,7 @@ from bracket_cell.learned.calibration.check import TrayCheck
 from bracket_cell.learned.classical.box_model import check_image
 from bracket_cell.learned.hands.mediapipe.hands import FETCH
 from bracket_cell.learned.inference.onnx_model import ModelCard, OnnxModel
-from bracket_cell.learned.parts.lying_parts import LyingParts
+from bracket_cell.learned.parts.lying_parts import LyingPartResolver
 from bracket_cell.remote.detecting import Detect, DetectByCamera, pixel_shape
 from bracket_cell.remote.worker import await_ready
 from bracket_cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
@@ -57,7 +57,7 @@ def part_finder(bench: Bench, product: Product, perception: Perception) -> Calla
 
 def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callable[[Frame], PartsView]:
     """What answers wrist frames with this detector: it also fits how those lie that do not stand."""
-    check, lying = TrayCheck(bench), LyingParts(bench, product)
+    check, lying = TrayCheck(bench), LyingPartResolver(bench, product)
 
     def find(frame: Frame) -> PartsView:
         check_image(bench.wrist.model, frame)

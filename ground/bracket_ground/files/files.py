@@ -55,7 +55,7 @@ def shipped(package: str, *names: str) -> Path:
     return Path(str(resources.files(top))).joinpath(*rest, *names)
 
 
-def own_or_shipped(package: str, *names: str) -> Path:
+def user_or_packaged(package: str, *names: str) -> Path:
     """The first file of these names in the working folder's `config` or `trees`, else the first that is shipped.
 
     Args:

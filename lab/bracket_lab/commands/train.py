@@ -30,7 +30,7 @@ SCORES = {"grasp": "accuracy", "semantic": "success"}  # words of those that are
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class TrainOptions:
     """What `cell train` is asked for."""
 
     network: Annotated[
@@ -67,8 +67,8 @@ class Wanted:
     seed: SeedOption = 0
 
 
-@takes(Wanted, *OPTIONS)
-def train(wanted: Wanted) -> None:
+@takes(TrainOptions, *OPTIONS)
+def train(wanted: TrainOptions) -> None:
     """Train planners and detectors for a product.
 
     Without options, the planners that the product of the configuration needs, next to the configuration. With --all or
@@ -86,7 +86,7 @@ def train(wanted: Wanted) -> None:
     _train_planners(wanted)
 
 
-def _train_on_own(wanted: Wanted) -> None:
+def _train_on_own(wanted: TrainOptions) -> None:
     """One network, on labelled pictures.
 
     Raises:
@@ -120,7 +120,7 @@ def _train_on_own(wanted: Wanted) -> None:
     task.train(asked)
 
 
-def _steps(wanted: Wanted) -> list[Step]:
+def _steps(wanted: TrainOptions) -> list[Step]:
     """The trainings of --all or --only.
 
     Raises:
@@ -141,7 +141,7 @@ def _asked_for(step: Step, only: Sequence[str]) -> bool:
     return step.words[0] in only or (PAPER in only and of_paper(step))
 
 
-def _train_planners(wanted: Wanted) -> None:
+def _train_planners(wanted: TrainOptions) -> None:
     product = product_of(wanted.config)
     habits = _demonstrations(wanted.recorded, product)
     learns_habits = habits >= FEWEST_DEMONSTRATIONS
@@ -191,7 +191,7 @@ def _say_lines(config: Path, files: dict[str, str]) -> None:
         say(f"  {planner}:", *(f"    {line}" for line in lines), sep="\n", highlight=False)
 
 
-def _asked(wanted: Wanted, kind: str, data: Path | None) -> Training:
+def _asked(wanted: TrainOptions, kind: str, data: Path | None) -> Training:
     return Training(kind=kind, data=None if data is None else [data], config=wanted.config, seed=wanted.seed)
 
 

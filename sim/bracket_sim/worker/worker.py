@@ -43,7 +43,7 @@ OVER = object()
 
 
 @dataclass(frozen=True)
-class Around:
+class WorkerContext:
     """What happens around the bracket.
 
     Attributes:
@@ -84,7 +84,7 @@ class Worker:
         wanted: Mapping[str, str],
         rng: np.random.Generator,
         chance: np.random.Generator | None = None,
-        around: Around | None = None,
+        around: WorkerContext | None = None,
     ) -> None:
         self._person, self._rng, self._product = person, rng, product
         self._tool_says: list[OperatorOrder] = []
@@ -108,7 +108,7 @@ class Worker:
         self._script = self._assemble()
         self.done = self.away = False
 
-    def _side_tasks(self, around: Around) -> SideTasks:
+    def _side_tasks(self, around: WorkerContext) -> SideTasks:
         return SideTasks(
             self._work,
             self._sight,

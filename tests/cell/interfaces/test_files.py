@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from bracket_ground.files.files import own_or_shipped, shipped, whole_or_none
+from bracket_ground.files.files import shipped, user_or_packaged, whole_or_none
 
 
 def test_folders_of_the_user_do_not_hide_what_is_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,8 +27,8 @@ def test_a_file_of_the_working_folder_comes_first(tmp_path: Path, monkeypatch: p
     (tmp_path / "config").mkdir()
     (tmp_path / "config" / "cell.yaml").write_text("")
     monkeypatch.chdir(tmp_path)
-    assert own_or_shipped("bracket_cell.config", "cell.yaml") == tmp_path / "config" / "cell.yaml"
-    assert own_or_shipped("bracket_cell.config", "gripper.dbc") == shipped("bracket_cell.config", "gripper.dbc")
+    assert user_or_packaged("bracket_cell.config", "cell.yaml") == tmp_path / "config" / "cell.yaml"
+    assert user_or_packaged("bracket_cell.config", "gripper.dbc") == shipped("bracket_cell.config", "gripper.dbc")
 
 
 def fill_the_disk(path: Path) -> None:

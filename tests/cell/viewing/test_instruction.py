@@ -9,7 +9,7 @@ import pytest
 
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
-from bracket_cell.viewing.instruction import NEAR_S, Instructor
+from bracket_cell.viewing.instruction import NEAR_S, OperatorGuide
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Judgement
@@ -43,7 +43,7 @@ def test_a_leaf_of_ones_own_that_gives_way_is_told(tmp_path: Path, traits: str, 
     own.write_text(OWN.format(traits=traits))
     file.write_text(TREE)
     tree = load_tree(file, node_registry(PRODUCT, (str(own),)))
-    instructor = Instructor(PRODUCT, lambda: tree)
+    instructor = OperatorGuide(PRODUCT, lambda: tree)
     seen = Observation(0, 0.0, replace(STANDING, moving=True), EMPTY_GRIPPER)
     display = Display(goal_belief={"g0": 1.0}, guidance={})
     running = StatusChange(tree.nodes[0].full_path, tree.nodes[0].uid, Status.INVALID, Status.RUNNING, "")

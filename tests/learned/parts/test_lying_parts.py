@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.learned.parts.lying_fit import LyingFitter
-from bracket_cell.learned.parts.lying_parts import LyingParts, covers
+from bracket_cell.learned.parts.lying_parts import LyingPartResolver, covers
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import PartDetection
@@ -40,7 +40,7 @@ def lying(part: str, up: str, x_m: float, y_m: float, yaw_rad: float) -> Pose:
 def sorted_out(parts: Sequence[tuple[str, Pose]]) -> tuple[tuple[PartDetection, ...], tuple[PartDetection, ...]]:
     image, pose = camera().take(parts)
     frame = Frame("wrist", 0, 0.0, image, pose)
-    return LyingParts(BENCH, PRODUCT).sort(
+    return LyingPartResolver(BENCH, PRODUCT).sort(
         frame, Detectors(BENCH, PRODUCT, CONFIGURATION.perception).make("parts").detect(frame)
     )
 
@@ -88,7 +88,7 @@ def test_a_part_that_was_told_to_stand_and_lies_is_told_to_lie() -> None:
     wrong = PartDetection(
         "o3", 0.6, lying("o3", UPRIGHT, 0.56, -0.38, 0.7), PRODUCT.parts["o3"].size_m, found[0].box_px
     )
-    standing, others = LyingParts(BENCH, PRODUCT).sort(frame, [wrong])
+    standing, others = LyingPartResolver(BENCH, PRODUCT).sort(frame, [wrong])
     assert standing == ()
     assert others[0].lies is not None
     assert tilt_deg(others[0].lies, true, 2) < 6
@@ -112,7 +112,7 @@ def test_a_thing_of_no_type_is_not_told_to_be_a_part_that_lies() -> None:
     frame, truth = look(cell), resting_parts(cell.world)
     found = Detectors(BENCH, PRODUCT, CONFIGURATION.perception).make("parts").detect(frame)
     cell.close()
-    told = [one for one in LyingParts(BENCH, PRODUCT).sort(frame, found)[1] if one.lies is not None]
+    told = [one for one in LyingPartResolver(BENCH, PRODUCT).sort(frame, found)[1] if one.lies is not None]
     assert told
     for one in told:
         assert one.lies is not None
@@ -142,6 +142,6 @@ def test_what_is_doubtful_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> 
         PartDetection(part, sure, Pose((0.56, -0.38, FLOOR_M)), (0.05, 0.03, 0.02), (200, 150, 240, 190), upright=False)
         for part, sure in (("unknown", 0.6), ("o1", 0.5), ("o2", 0.4))
     ]
-    standing, others = LyingParts(BENCH, PRODUCT).sort(Frame("wrist", 0, 0.0, image, pose), found)
+    standing, others = LyingPartResolver(BENCH, PRODUCT).sort(Frame("wrist", 0, 0.0, image, pose), found)
     assert (len(standing), len(others)) == (0, 3)
     assert looks == ["look"]

@@ -181,7 +181,7 @@ class Landmarks:
         return found
 
 
-class BenchEvidence:
+class SceneConsistency:
     """Looks at the frames of the overhead camera in their order.
 
     Attributes:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.classical.bench_evidence import GRID, SCENE, BenchEvidence, Mask, near_robot, robot_outline
+from bracket_cell.learned.classical.bench_evidence import GRID, SCENE, Mask, SceneConsistency, near_robot, robot_outline
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.learned.classical.due_change import DueChange
 from bracket_cell.learned.classical.grain import Grain
@@ -125,7 +125,7 @@ class ImageHealth:
         self._baseline: list[_Figures] = []
         self._usual: _Figures | None = None
         self._fresh, self._due = Freshness(bench.overhead.rate_hz), DueChange(_uncovered(view, bench))
-        self._evidence = BenchEvidence(bench, product)
+        self._evidence = SceneConsistency(bench, product)
         self._soft = 0
         self.unseen = self.unexplained = ""
         self._looked = Prefetch(_look)

@@ -29,7 +29,7 @@ CLEARLY, STRANGE_FITS = 0.1, 0.88  # surer by this it is of its type; else its s
 Found = Sequence[PartDetection]
 
 
-class LyingParts:
+class LyingPartResolver:
     """Sorts what a detector found in the tray."""
 
     def __init__(self, bench: Bench, product: Product) -> None:

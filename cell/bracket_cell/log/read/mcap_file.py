@@ -19,7 +19,7 @@ from mcap.records import Footer, MetadataIndex, Statistics, SummaryOffset
 from mcap.stream_reader import StreamReader
 
 from bracket_cell.log.read.records import FOOTER_BYTES, Damage, TooLarge
-from bracket_cell.log.read.walk import PROFILE, Walk, profile_in
+from bracket_cell.log.read.walk import PROFILE, McapScanner, profile_in
 from bracket_ground.errors import LogError
 
 SALVAGE = "`cell log export --to recovered` brings back what is right in it"
@@ -93,7 +93,7 @@ def read_mcap(path: Path) -> McapContent:
     """
     data = _begin(path, -1)
     content = McapContent()
-    walk = Walk(data, _Collector(content), strict=True)
+    walk = McapScanner(data, _Collector(content), strict=True)
     if not walk.begins:
         raise LogError(path, "is not an MCAP file: it does not begin like one")
     content.profile = walk.profile

@@ -10,7 +10,7 @@ from typing import Any
 
 from bracket_cell.log.read.records import opened
 from bracket_cell.log.read.ticks import Gap
-from bracket_cell.log.read.walk import PROFILE, Walk
+from bracket_cell.log.read.walk import PROFILE, McapScanner
 from bracket_cell.recording.copying import CopyingWriter
 from bracket_ground.errors import LogError
 
@@ -73,7 +73,7 @@ def recover(path: Path, out: Path) -> Loss:
     try:
         with opened(path) as data, out.open("xb") as stream:
             writer = CopyingWriter(stream, CHUNK_BYTES)
-            walk = Walk(data, writer)
+            walk = McapScanner(data, writer)
             writer.renumber = walk.profile == PROFILE
             writer.start(walk.profile or "", "cell log export --to recovered")
             walk.run()
@@ -93,7 +93,7 @@ def recover(path: Path, out: Path) -> Loss:
     return loss
 
 
-def _loss(walk: Walk) -> Loss:
+def _loss(walk: McapScanner) -> Loss:
     profile = walk.profile or ""
     return Loss(
         bytes_skipped=walk.skipped,

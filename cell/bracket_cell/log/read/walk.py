@@ -52,7 +52,7 @@ class Sink(Protocol):
         ...
 
 
-class Walk:
+class McapScanner:
     """Hands every record of a file to a sink.
 
     Every checksum and every count that the writer left is checked: file, chunks, attachments, statistics. In logs of

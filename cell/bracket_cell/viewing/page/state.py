@@ -12,7 +12,7 @@ from bracket_cell.production.book import BracketRow
 from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.recording.schemas import plain
-from bracket_cell.viewing.instruction import Instructor
+from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.viewing.page.scene import marks_of, pose_of
 from bracket_cell.watching.observer import Level, Outcome, TickRecord
 from bracket_cell.watching.why_now import WhyNow
@@ -42,7 +42,7 @@ class PageState:
         overhead = model.bench.overhead
         self._image_px, self._marks = (overhead.width_px, overhead.height_px), marks_of(model.product, model.bench)
         self._tree = tree
-        self.instructor = Instructor(model.product, lambda: self._tree)
+        self.instructor = OperatorGuide(model.product, lambda: self._tree)
         self._display = Display()
         self._history: deque[tuple[float, dict[str, float]]] = deque(maxlen=HISTORY_N)
         self._lines: deque[tuple[float, str, Any]] = deque(maxlen=LINES_N)

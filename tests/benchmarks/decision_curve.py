@@ -1,6 +1,6 @@
 """Helping with what is listed against building what is not as if it were: the curve, counted exactly.
 
-python -m tests.benchmarks.decision_curve --goals 3 --prior 0.02 0.1 --wrong 300 600 1000
+python -m tests.benchmarks.decision_curve --goals 3 --prior 0.02 0.1 --wrong 300 600 1000 --placement 8 3 --left-in 0 1
 The valve bracket's parts; every arrangement, and every order of the person; what is reported is true. Person and robot
 take turns: after each part of the person the robot places that part of which the guard is surest, if it lets it pass.
 A part that is wrong is taken out, and the robot places nothing more. Nobody answers; then somebody answers the first
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import permutations
+from itertools import product as every
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.semantic.goals import OpenGoals
@@ -29,6 +30,7 @@ from tests.benchmarks.decisions import with_goals
 
 PRICES = (0.0, 1.0, 2.0, 3.0, 5.0, 20.0)  # of a bracket with a wrong part, in parts that the robot might have placed
 ASK = "ask"
+OWN = "*"  # after a part that the robot placed
 Bracket = tuple[str, ...]  # part type by position, empty where nothing is
 Choice = Placement | str | None  # a placement, ASK, or nothing
 Rule = Callable[[Bracket], Choice]
@@ -68,6 +70,7 @@ class Turns:
 
     def _possible(self, bracket: Bracket) -> tuple[float, float]:
         """Share of the listed, and of the other arrangements, that have these parts."""
+        bracket = tuple(part.removesuffix(OWN) for part in bracket)
         fit = [one for one in self._every if all(a in ("", b) for a, b in zip(bracket, one, strict=True))]
         listed = sum(one in self._known for one in fit)
         return listed / len(self._known), (len(fit) - listed) / max(len(self._every) - len(self._known), 1)
@@ -114,9 +117,13 @@ class Turns:
         listed, unlisted = self.possible(bracket)
         if isinstance(choice, str):  # a question
             return Tally(listed * ((bracket.count("") + 1) // 2), asked=listed)
-        after = dict(self.after(bracket))[choice]
-        right, right_too = self.possible(after)
+        right, right_too = self.possible(after := self._with(bracket, choice))
         return Tally(right, unlisted - right_too, listed - right).plus(then(after))
+
+    def _with(self, bracket: Bracket, placement: Placement) -> Bracket:
+        """The bracket after the robot's placement, whether right or not."""
+        at = self.product.positions.index(placement[1])
+        return (*bracket[:at], placement[0] + OWN, *bracket[at + 1 :])
 
 
 def guarded(product: Product, prior: float, settings: GuardSettings, *, answers: bool) -> Rule:
@@ -126,10 +133,11 @@ def guarded(product: Product, prior: float, settings: GuardSettings, *, answers:
 
     @cache
     def choice(bracket: Bracket) -> Choice:
-        placed = {at: part for at, part in zip(product.positions, bracket, strict=True) if part}
+        placed = {at: part.removesuffix(OWN) for at, part in zip(product.positions, bracket, strict=True) if part}
         holes = {at: HoleView(placed.get(at), 1.0, 0.0) for at in product.positions}
-        state = AssemblyState(placed)
-        plan = planner.plan(state)
+        own = {at: placed[at] for at, part in zip(product.positions, bracket, strict=True) if part.endswith(OWN)}
+        state = AssemblyState(placed, by_robot=own)
+        plan = guard.planned(planner, state)
         if answers and guard.asks_for_goal(plan, state):
             return ASK
         passed = (
@@ -163,22 +171,26 @@ def main() -> None:
     parser.add_argument("--goals", type=int, default=3)
     parser.add_argument("--prior", type=float, nargs="+", default=[0.02, 0.1], help="new_goals.none_probability")
     parser.add_argument("--wrong", type=float, nargs="+", default=[300.0, 600.0, 1000.0], help="guard.wrong_act_s")
+    parser.add_argument("--placement", type=float, nargs="+", default=[8.0], help="guard.placement_s")
+    parser.add_argument("--left-in", type=float, nargs="+", default=[0.0], help="guard.left_in_share")
+    parser.add_argument("--answers", type=int, nargs="+", default=[0, 1], choices=(0, 1), help="whether somebody does")
     options = parser.parse_args()
     turns = Turns(with_goals(load_product(load_configuration()), options.goals))
-    print("                      | robot's parts | wrong: unlisted | listed | asked | begins after")
+    print(" " * 33 + "| robot's parts | wrong: unlisted | listed | asked | begins after")
     for price in PRICES:
         print(told(f"bound, price {price:g}", turns.bound(price)), flush=True)
-    for prior in options.prior:
-        for wrong_s in options.wrong:
-            for answers in (False, True):
-                rule = guarded(turns.product, prior, GuardSettings(wrong_act_s=wrong_s), answers=answers)
-                found = turns.played(rule).plus(Tally(begins=begins(turns, rule)))
-                print(told(f"{prior:g}, {wrong_s:g} s, {'answers' if answers else 'nobody'}", found), flush=True)
+    for prior, wrong_s, look_s, share in every(options.prior, options.wrong, options.placement, options.left_in):
+        settings = GuardSettings(wrong_act_s=wrong_s, placement_s=look_s, left_in_share=share)
+        for answers in options.answers:
+            rule = guarded(turns.product, prior, settings, answers=bool(answers))
+            found = turns.played(rule).plus(Tally(begins=begins(turns, rule)))
+            name = f"{prior:g}, {wrong_s:g} s, {look_s:g} s, {share:g}, {'answers' if answers else 'nobody'}"
+            print(told(name, found), flush=True)
 
 
 def told(name: str, found: Tally) -> str:
     """A line of the table."""
-    return f"{name:21} | " + " | ".join(f"{value:.3f}" for value in _values(found))
+    return f"{name:32} | " + " | ".join(f"{value:.3f}" for value in _values(found))
 
 
 def _values(tally: Tally) -> tuple[float, ...]:

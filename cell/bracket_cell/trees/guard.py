@@ -14,7 +14,7 @@ from bracket_cell.trees.outlook import Looks, Outlook, after_looks, waiting_s
 from bracket_ground.files.model import Model
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import HoleView
-from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement, SemanticPlanner
 from bracket_ground.interfaces.product import Product
 from btxml.engine.causes import compared
 
@@ -32,12 +32,17 @@ class GuardSettings(Model):
             to ask, and where nobody answers the robot waits.
         question_s: what a question costs [s], until it is answered. It is asked if a person can answer: in a shift and
             beside the operator's page.
+        placement_s: what it costs to wait for one more part of the person [s].
+        left_in_share: of the robot's wrong parts, how many people leave where they are. The more, the less what the
+            robot placed itself speaks for the goal that it guessed: at 1 not at all, at 0 as much as people's parts.
         holes: what says that a hole is empty: seen, a reading of the camera, or graph, the assembly graph where nothing
             was read, as in the paper, whose cell reads no holes: the robot may then put a part onto another.
     """
 
     wrong_act_s: float = Field(default=300.0, ge=1, le=1e5)
     question_s: float = Field(default=30.0, ge=0.1, le=1e4)
+    placement_s: float = Field(default=8.0, ge=0.1, le=1e3)
+    left_in_share: float = Field(default=0.0, ge=0, le=1)
     holes: Literal["seen", "graph"] = "seen"
     moved: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("act_probability", "doubt_probability", "ask_probability", "wrong_share"), MOVED
@@ -79,6 +84,17 @@ class Guard:
     def wants_holes(self) -> bool:
         """Whether a hole must have been read: what nothing was read of is unknown."""
         return self._settings.holes == "seen"
+
+    def planned(self, planner: SemanticPlanner, state: AssemblyState) -> AssemblyPlan:
+        """A planner's answer, in which the robot's own parts count as much as people look at them.
+
+        Raises:
+            ModelError: the planner cannot answer.
+        """
+        share, by_people = self._settings.left_in_share, state.by_people
+        if state.told_goal is not None or share == 0.0 or by_people.placed == state.placed:
+            return planner.plan(state)
+        return planner.plan(by_people).left_in(self._product, state, share)
 
     def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
@@ -140,7 +156,7 @@ class Guard:
             self._looked = looked = plan, state, looks
         return Outlook(
             act_s=min((self._risk_s(belief) for belief in plan.next_belief.values()), default=math.inf),
-            wait_s=waiting_s(looked[2], waited_s if state.placed else 0.0),
+            wait_s=waiting_s(looked[2], settings.placement_s, waited_s if state.placed else 0.0),
             ask_s=settings.question_s if may_ask and not told else math.inf,
         )
 

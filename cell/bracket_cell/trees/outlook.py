@@ -23,7 +23,6 @@ import numpy.typing as npt
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from bracket_ground.interfaces.product import Product
 
-WAIT_S = 8.0  # of one placement by the person (paired brackets, simulated: to act one placement later costs 8 s)
 LIKELY = 1e-4  # goals below this change no cost by a second
 FARTHEST = 4  # placements that are looked ahead
 DRAWN = 48  # continuations: costs are good to half a second, and take about 1 ms
@@ -47,14 +46,15 @@ class Outlook:
     ask_s: float
 
 
-def waiting_s(looks: Looks, waited_s: float = 0.0) -> float:
+def waiting_s(looks: Looks, placement_s: float, waited_s: float = 0.0) -> float:
     """Expected cost [s] of waiting.
 
     Args:
         looks: see `after_looks`.
+        placement_s: to wait for one placement by the person.
         waited_s: since a part was placed last; who has waited long will wait longer.
     """
-    look_s = max(WAIT_S, waited_s / 2)
+    look_s = max(placement_s, waited_s / 2)
     return min(number * look_s + cost_s for number, cost_s in looks)
 
 

@@ -78,6 +78,11 @@ class AssemblyState:
         return replace(self, told_goal=told, denied=(*self.denied, goal))
 
     @property
+    def by_people(self) -> AssemblyState:
+        """The state without what the robot placed."""
+        return replace(self, placed={at: part for at, part in self.placed.items() if at not in self.by_robot})
+
+    @property
     def confirmed(self) -> Mapping[str, str]:
         """Part type by position, of what a person said is right as it is."""
         said = self.kept.keys() - self.known_wrong.keys()
@@ -176,6 +181,35 @@ class AssemblyPlan:
         }
         shares = {goal: TAKEN_IN_ERROR if goal in against else 1.0 for goal in self.goal_belief}
         return self._given(shares, product, state) if against else self
+
+    def left_in(self, product: Product, state: AssemblyState, share: float) -> AssemblyPlan:
+        """The plan for a state, made from what people placed alone: what the robot placed is filled, and little known.
+
+        A part that is right there stays; of wrong ones people leave a share in. By Bayes' rule that is how much the
+        robot's own parts say of a goal; at share 1 nothing, as they are there because the goal was believed in.
+
+        Args:
+            state: with the robot's own parts.
+            share: of its wrong parts, how many people leave where they are; more than 0.
+        """
+        right = {
+            goal: [part in product.accepted(goal).get(at, ()) for at, part in state.by_robot.items()]
+            for goal in product.goals
+        }
+        shares = {goal: share ** fits.count(False) for goal, fits in right.items()}
+        none = self.goal_belief.get(UNKNOWN_GOAL, 0.0)
+        by_chance = 1.0
+        for number, (at, part) in enumerate(state.by_robot.items()):
+            known = sum(self.goal_belief.get(goal, 0.0) for goal in product.goals if right[goal][number])
+            chance = min(max(self.next_belief.get((part, at), 0.0) - known, 0.0) / none, 1.0) if none else 0.0
+            by_chance *= chance + (1.0 - chance) * share
+        weighed = {goal: shares.get(goal, by_chance) for goal in self.goal_belief}
+        plan = self._given(weighed, product, state) if share < 1.0 else self
+        nexts = {edge: belief for edge, belief in plan.next_belief.items() if edge[1] not in state.placed}
+        guidance = {part: tuple(at for at in to if at not in state.placed) for part, to in plan.guidance.items()}
+        most = max(guidance, key=lambda part: len(guidance[part]), default=None)
+        following = plan.next_part if guidance.get(plan.next_part or "") else most if any(guidance.values()) else None
+        return replace(plan, next_belief=nexts, guidance=guidance, next_part=following)
 
     def _given(self, shares: Mapping[str, float], product: Product, state: AssemblyState) -> AssemblyPlan:
         """The plan after evidence that has these likelihoods, by goal."""

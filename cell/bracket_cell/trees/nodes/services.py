@@ -97,13 +97,13 @@ class Tools:
             job: the work order, if there is one: what is expected before anything is placed.
         """
         try:
-            plan = self.semantic.plan(state)
+            plan = self.guard.planned(self.semantic, state)
             refusal = self.guard.refusal(plan, state)
         except ModelError as error:
             refusal = str(error)
         if refusal is not None:
             self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
-            plan = self.rule_semantic.plan(state)
+            plan = self.guard.planned(self.rule_semantic, state)
         plan = plan.after_reactions(self.product, state)
         if job is not None:
             plan = plan.expecting(job.variant, self.product, state)

@@ -28,13 +28,12 @@ from btxml.views.editing import made_at
 from btxml.views.picture import to_png
 
 DENSITY_KG_M3 = 2700.0  # of aluminium, where nobody says what the part weighs
-MILLIMETRES = 0.001
 APART = 1e-4  # by which pieces that touch are shrunk: a shell is what hangs together by common points
 LARGEST_M = 1.0  # of a part; what is larger is in millimetres
 
 
 def part(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh of the part: STL or OBJ.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Shape of the part: STEP, STL or OBJ.")],
     product: Annotated[Path, typer.Option(help="Product file that gets the type.")] = Path("config/products.yaml"),
     stance: Annotated[int, typer.Option(min=1, help="Number of the stance in the picture.")] = 1,
     scale: Annotated[
@@ -44,25 +43,22 @@ def part(
         float | None, typer.Option("--mass-kg", min=0.001, max=10, help="Mass; by default as of aluminium.")
     ] = None,
 ) -> None:
-    """Add a type of part, named as its mesh file, to a product, and draw how it stands and is held.
+    """Add a type of part, named as its file (STEP, STL, OBJ), to a product, and draw how it stands and is held.
 
     Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another
     --stance makes the type anew.
     """
-    from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
+    from bracket_cell.skills.motion.mesh_part import MILLIMETRES, convex_pieces, read_part, stances
     from bracket_cell.skills.motion.settings import MotionSettings
     from bracket_cell.viewing.part_picture import described, part_picture
-    from bracket_ground.interfaces.meshes import Mesh, loaded
+    from bracket_ground.interfaces.meshes import Mesh
 
     name = file.stem
     stl_file, png_file = (product.parent / f"{name}.part.{kind}" for kind in ("stl", "png"))
     if name in load_yaml(product, Product).parts and not stl_file.exists():
         raise InputError(f"{product} has a type {name} already, and not from a mesh; name the file otherwise")
-    try:
-        read = loaded(file)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    scale = scale or (MILLIMETRES if float(np.ptp(read.points_m, axis=0).max()) > LARGEST_M else 1.0)
+    read, unit_m = read_part(file)
+    scale = scale or unit_m or (MILLIMETRES if float(np.ptp(read.points_m, axis=0).max()) > LARGEST_M else 1.0)
     mesh = Mesh(read.points_m * scale, read.triangles)
     pieces = convex_pieces(mesh)
     found = stances(mesh, pieces, MotionSettings())

@@ -115,7 +115,7 @@ def loaded(path: Path) -> Mesh:
         ValueError: there is none that can be read, or it is flat.
     """
     if path.suffix.lower() not in MESHES:
-        legal = f"legal: {', '.join(MESHES)}; export others, such as STEP, as one of these"
+        legal = f"legal: {', '.join(MESHES)}; `cell new part` makes them of STEP"
         raise ValueError(f"{path.name} is no mesh that can be read; {legal}")
     if not path.is_file():
         raise ValueError(f"there is no file {path}")

@@ -17,6 +17,7 @@ from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from tests import ROOT
+from tests.cell.commands.step_file import step_file
 from tests.cell.interfaces.test_meshes import box
 
 HOUSING = ROOT / "config" / "examples" / "mesh" / "housing.stl"  # in millimetres, turned and beside the origin
@@ -57,10 +58,23 @@ def test_another_stance_makes_the_type_anew(product: Path) -> None:
     assert load_yaml(product, Product).parts["housing"].size_m == pytest.approx((0.06, 0.04, 0.03), abs=1e-4)
 
 
+@pytest.mark.parametrize(("unit", "millimetres"), [(".MILLI.", 1.0), ("$", 0.001)])
+def test_a_step_file_is_a_part_too_in_whichever_unit(unit: str, millimetres: float, product: Path) -> None:
+    read = loaded(HOUSING)
+    file = product.parent / "housing.STEP"
+    file.write_text(step_file(Mesh(read.points_m * millimetres, read.triangles), unit))
+    assert main(["new", "part", str(file), "--product", str(product)]) == 0
+    kind = load_yaml(product, Product).parts["housing"]
+    assert kind.size_m == pytest.approx((0.06, 0.03, 0.04), abs=1e-4)
+    assert kind.mass_kg == pytest.approx(2700 * 46.8e-6, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["{folder}/part.step"], "export others, such as STEP"),
+        (["{folder}/part.step"], "there is no file"),
+        (["{folder}/bad.stp"], "cannot be read as a STEP file"),
+        (["{folder}/part.iges"], "is no mesh that can be read"),
         (["{folder}/nothing.stl"], "there is no file"),
         ([str(HOUSING), "--stance", "9"], "there are 3"),
     ],
@@ -68,7 +82,7 @@ def test_another_stance_makes_the_type_anew(product: Path) -> None:
 def test_what_cannot_be_added_leaves_the_product_as_it_was(
     arguments: list[str], why: str, product: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (product.parent / "part.step").write_text("ISO-10303-21;")
+    (product.parent / "bad.stp").write_text("ISO-10303-21;")
     before = product.read_text()
     given = [word.format(folder=product.parent) for word in arguments]
     assert main(["new", "part", *given, "--product", str(product)]) == 2

@@ -67,7 +67,7 @@ def test_the_shipped_example_is_made_of_its_shells_and_needs_no_file_any_more() 
     ("change", "why"),
     [
         ("mesh: nothing.stl", "there is no file"),
-        ("mesh: product.yaml", "export others, such as STEP"),
+        ("mesh: product.yaml", "makes them of STEP"),
         ("mesh: housing.stl", "is it in millimetres"),
         ("mesh: housing.part.stl\n    shape: box", "give either mesh or shape"),
         ("mesh: housing.part.stl\n    peg_diameter_m: 0", "a peg has a diameter and a length"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,9 @@ from bracket_cell.packages import needed
 from bracket_cell.skills.motion.grasp_pose import fingertips_m
 from bracket_cell.skills.motion.grip import Grip, possible_grips
 from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.grasping import PAD_WIDTH_M
-from bracket_ground.interfaces.meshes import Mesh, hull_of
+from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import PartType
 from bracket_ground.interfaces.solid import Solid, span_m
@@ -24,6 +27,8 @@ FACET = 0.9998  # cosine of 1.1 degrees: hull triangles that differ less are one
 PARALLEL = 0.996  # cosine of 5 degrees: pads of rubber give way to so much
 STEEP_MOST = 0.05  # cosine to the vertical of a face that fingers can close on
 LEAST_MARGIN_M = 0.001  # of the middle of mass, inside of the face that a part stands on
+STEP = (".step", ".stp")
+SAG_MM, MILLIMETRES = 0.05, 0.001  # of a round face beside the triangles that stand for it; OpenCASCADE's unit
 PAD_HIGH_M = 0.022  # of the 2F-85's fingertips
 CENTRED_M = 0.003  # by which what the fingers hold may be beside the part's middle
 LEAST_FACE_M2 = 5e-5  # below a part that stands on a face
@@ -70,6 +75,27 @@ class Stance:
         """What it is sorted by: it can be held, stands on a face, is held by parallel faces, and stands firmly."""
         best = self.grips[0].face_m2 / (PAD_WIDTH_M * PAD_HIGH_M) if self.grips else -1.0
         return self.grips != (), self.flat, min(best, 1.0) + min(self.tips_deg, 30.0) / 30.0, -self.size_m[2]
+
+
+def read_part(path: Path) -> tuple[Mesh, float | None]:
+    """A mesh from a file of any kind, and metres to its unit where that is sure, as of STEP (by OpenCASCADE).
+
+    Raises:
+        InputError: it cannot be read, or it is a STEP file and the package that reads these is not installed.
+    """
+    try:
+        if path.suffix.lower() not in STEP:
+            return loaded(path), None
+        if not path.is_file():
+            raise InputError(f"there is no file {path}")
+        cascadio: Any = needed("cascadio", "a STEP file", extra="mesh")
+        with TemporaryDirectory() as folder:
+            obj = Path(folder, "part.obj")
+            if cascadio.step_to_obj(str(path), str(obj), SAG_MM, use_colors=False) or not obj.exists():
+                raise InputError(f"{path} cannot be read as a STEP file; does the program that made it open it?")
+            return loaded(obj), MILLIMETRES
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def convex_pieces(mesh: Mesh) -> tuple[Mesh, ...]:

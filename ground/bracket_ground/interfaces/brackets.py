@@ -1,73 +1,151 @@
-"""Several brackets on the bench at a time: a product file's content with a copy of everything for each of them."""
+"""Several brackets on the bench at a time: a product file's content with everything that each of them has."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import product
+from math import prod
+from pathlib import Path
 from typing import Any
 
 from bracket_ground.files.model import Disagreement
+from bracket_ground.interfaces.variants import EMPTY, OtherBracket
 
 JOINT = "+"  # between the goals of the brackets, as in g0+g2
 MOST_GOALS = 400  # of which a plan takes some 10 ms
 
+File = Mapping[str, Any]  # a product file's content, its goals by list
 
-def with_brackets(file: dict[str, Any]) -> dict[str, Any]:
+
+@dataclass(frozen=True)
+class _Bracket:
+    """One on the bench.
+
+    Attributes:
+        file: whose holes, goals and steps it has.
+        goals: by name, what each slot takes; of one that may stay empty also that.
+    """
+
+    name: str
+    at: tuple[float, float]
+    file: File
+    goals: Mapping[str, Any]
+
+    def of(self, step: str) -> str:
+        return f"{self.name}_{step}"
+
+
+def with_brackets(file: dict[str, Any], read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     """A product file's content without `brackets`: slots are named like left_p1, goals like g0+g2.
 
     A bracket's goal says nothing of the others': every combination is a goal. Where goals are by slot name, they have
     been listed before.
+
+    Args:
+        read: content of the product file of another bracket.
+
+    Raises:
+        Disagreement: there are too many combinations, or another file's parts or plate are not as this one's.
     """
-    offsets, plate, goals = file.get("brackets", {}), file["bracket"], file["goals"]
-    if not offsets:
+    if not file.get("brackets"):
         return file
-    names = list(offsets)
-    if (combined := len(goals) ** len(names)) > MOST_GOALS:
-        what = f"{len(goals)} goals at {len(names)} brackets combine to {combined}, more than {MOST_GOALS}"
+    some = [_bracket(name, entry, file, read) for name, entry in file["brackets"].items()]
+    if (combined := prod(len(one.goals) for one in some)) > MOST_GOALS:
+        each = {len(one.goals) for one in some}
+        goals = f"{each.pop()} goals at" if len(each) == 1 else "the goals of"
+        what = f"{goals} {len(some)} brackets combine to {combined}, more than {MOST_GOALS}"
         raise Disagreement([(("brackets",), what)])
-    holes = {_of(name, slot): _moved(at, offsets[name]) for name in names for slot, at in plate["holes_m"].items()}
-    plates = [[_of(name, slot) for slot in plate["holes_m"]] for name in names]
+    holes = {one.of(slot): _moved(hole, one.at) for one in some for slot, hole in _holes(one.file).items()}
+    plates = [[one.of(slot) for slot in _holes(one.file)] for one in some]
     made = {
-        "bracket": {**plate, "holes_m": holes, "plates": plates},
-        **_combined(goals, file.get("goal_titles", {}), file.get("goal_quantities", {}), len(names)),
-        "accepts": {_of(name, slot): types for name in names for slot, types in file.get("accepts", {}).items()},
-        "carried_by": {
-            _of(name, slot): _of(name, low) for name in names for slot, low in file.get("carried_by", {}).items()
-        },
-        "before": [[_of(name, step) for step in pair] for name in names for pair in file.get("before", ())],
-        "fastenings": {
-            _of(name, step): {**one, "at": [_of(name, slot) for slot in one["at"]]}
-            for name in names
-            for step, one in file.get("fastenings", {}).items()
-        },
-        "parts": {name: _times(part, len(names)) for name, part in file.get("parts", {}).items()},
+        "parts": _parts(file, some),
+        "bracket": {**file["bracket"], "holes_m": holes, "plates": plates},
+        **_combined(some),
+        **_steps(some),
     }
     return {**{key: value for key, value in file.items() if key != "brackets"}, **made}
 
 
-def _combined(
-    goals: dict[str, Any], titles: dict[str, str], limits: dict[str, dict[str, int]], brackets: int
-) -> dict[str, Any]:
+def _combined(some: list[_Bracket]) -> dict[str, Any]:
     """Every combination of goals as a goal, with its title, and its quantities where each of them has some."""
-    chosen = {JOINT.join(some): some for some in product(goals, repeat=brackets)}
+    chosen = [goals for goals in product(*(one.goals for one in some)) if set(goals) != {EMPTY}]
+    each = {JOINT.join(goals): list(zip(some, goals, strict=True)) for goals in chosen}
+    titles = {
+        name: ", ".join(one.file.get("goal_titles", {}).get(goal, goal) for one, goal in pairs)
+        for name, pairs in each.items()
+    }
     return {
-        "goals": {name: [choice for goal in some for choice in goals[goal]] for name, some in chosen.items()},
-        "goal_titles": {name: ", ".join(titles.get(goal, goal) for goal in some) for name, some in chosen.items()},
-        "goal_quantities": {
-            name: dict(sum((Counter(limits[goal]) for goal in some), Counter()))
-            for name, some in chosen.items()
-            if all(goal in limits for goal in some)
+        "goals": {name: [choice for one, goal in pairs for choice in one.goals[goal]] for name, pairs in each.items()},
+        "goal_titles": titles,
+        "goal_quantities": {name: dict(found) for name, pairs in each.items() if (found := _limits(pairs))},
+    }
+
+
+def _steps(some: list[_Bracket]) -> dict[str, Any]:
+    """What the slots of all take and carry, their fastenings, and what comes before what."""
+    carried = [(one, one.file.get("carried_by", {})) for one in some]
+    fastenings = [(one, one.file.get("fastenings", {})) for one in some]
+    return {
+        "accepts": {one.of(slot): types for one in some for slot, types in one.file.get("accepts", {}).items()},
+        "carried_by": {one.of(slot): one.of(low) for one, slots in carried for slot, low in slots.items()},
+        "before": [[one.of(step) for step in pair] for one in some for pair in one.file.get("before", ())],
+        "fastenings": {
+            one.of(step): {**fastening, "at": [one.of(slot) for slot in fastening["at"]]}
+            for one, steps in fastenings
+            for step, fastening in steps.items()
         },
     }
 
 
-def _of(bracket: str, step: str) -> str:
-    return f"{bracket}_{step}"
+def _bracket(name: str, entry: Any, file: File, read: Callable[[Path], dict[str, Any]]) -> _Bracket:
+    other = OtherBracket.model_validate(entry) if isinstance(entry, dict) else OtherBracket(at_m=tuple(entry))
+    of = file if other.file is None else read(other.file)
+    own, its = file["bracket"].get("thickness_m"), of["bracket"].get("thickness_m")
+    if own != its:
+        raise Disagreement([(("brackets", name), f"{other.file} has a plate of {its} m, this file one of {own} m")])
+    empty = {EMPTY: [EMPTY] * len(_holes(of))} if other.may_stay_empty else {}
+    return _Bracket(name, other.at_m, of, {**of["goals"], **empty})
+
+
+def _parts(file: File, some: list[_Bracket]) -> dict[str, Any]:
+    """Types of all files, by what all brackets take of them together, where a file says how many lie ready."""
+    found: dict[str, Any] = {}
+    for one in some:
+        for name, part in one.file["parts"].items():
+            before = found.setdefault(name, {**part, "quantity": 0} if "quantity" in part else part)
+            if one.file is not file and name in file["parts"] and _unlike(part, file["parts"][name]):
+                what = f"type {name} is another one in the file of bracket {one.name}"
+                raise Disagreement([(("parts", name), what)])
+            if "quantity" in before and "quantity" in part:
+                found[name] = {**before, "quantity": before["quantity"] + part["quantity"]}
+            else:
+                found[name] = {key: value for key, value in before.items() if key != "quantity"}
+    return found
+
+
+def _unlike(part: File, own: File) -> bool:
+    """Whether two entries of a type differ in what both say, but for the quantity."""
+    return any(
+        _plain(part[key]) != _plain(own[key]) for key in own.keys() & part.keys() - {"quantity", "mesh", "shape"}
+    )
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _limits(pairs: list[tuple[_Bracket, str]]) -> Counter[str]:
+    """Quantities of a combination; none where one of its goals has none."""
+    each = [{} if goal == EMPTY else one.file.get("goal_quantities", {}).get(goal) for one, goal in pairs]
+    return Counter() if None in each else sum((Counter(one) for one in each), Counter())
+
+
+def _holes(file: File) -> dict[str, Any]:
+    holes: dict[str, Any] = file["bracket"]["holes_m"]
+    return holes
 
 
 def _moved(at: Any, by: Any) -> list[float]:
     return [a + b for a, b in zip(at, by, strict=True)]
-
-
-def _times(part: Any, brackets: int) -> Any:
-    return {**part, "quantity": part["quantity"] * brackets} if "quantity" in part else part

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Coordinate, Gap, Length, Rgb
+from bracket_ground.files.yaml_file import has_key, load_yaml
 from bracket_ground.interfaces.brackets import with_brackets
 from bracket_ground.interfaces.meshes import hull_of, read_mesh
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
@@ -20,6 +21,7 @@ from bracket_ground.interfaces.steps import Fastening, in_order
 from bracket_ground.interfaces.variants import (
     EMPTY,
     Choice,
+    OtherBracket,
     can_be_expanded,
     completed,
     types_of,
@@ -169,8 +171,9 @@ class Product(Model):
         before: pairs of steps of which the first comes before the second: slots, and names of fastenings.
         carried_by: by slot of a second layer, the slot whose part carries it. Its place (x, y) is among
             `bracket.holes_m`, its height is that of the part.
-        brackets: by name, where copies of the bracket stand (x, y), in its frame. Each is built as any goal, whatever
-            the others are: slots are named like left_p1, goals like g0+g2.
+        brackets: by name, where brackets stand (x, y), in the frame of the own one: copies of it, or others by their
+            product files. Each is built as any goal, whatever the others are: slots are named like left_p1, goals
+            like g0+g2.
     """
 
     name: str
@@ -183,7 +186,7 @@ class Product(Model):
     fastenings: dict[str, Fastening] = {}  # noqa: RUF012
     before: tuple[tuple[str, str], ...] = ()
     carried_by: dict[str, str] = {}  # noqa: RUF012
-    brackets: dict[str, tuple[Coordinate, Coordinate]] = {}  # noqa: RUF012 - gone after loading, see with_brackets
+    brackets: dict[str, tuple[Coordinate, Coordinate] | OtherBracket] = {}  # noqa: RUF012 - gone after loading, see with_brackets
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -346,12 +349,18 @@ class Product(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _shorthands(cls, value: Any) -> Any:
+    def _shorthands(cls, value: Any, info: ValidationInfo) -> Any:
         """Goals by slot name become lists, brackets copies, and quantities that are left out what the goals take."""
         if not isinstance(value, dict):
             return value
-        listed = with_listed_goals(value)
-        return with_quantities(with_brackets(listed)) if can_be_expanded(listed) else listed
+        listed, folder = with_listed_goals(value), Path((info.context or {}).get("folder", "."))
+
+        def read(other: Path) -> dict[str, Any]:
+            if has_key(path := folder / other, "brackets"):
+                raise Disagreement([(("brackets",), f"{path} has brackets itself")])
+            return load_yaml(path, cls).model_dump()
+
+        return with_quantities(with_brackets(listed, read)) if can_be_expanded(listed) else listed
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:

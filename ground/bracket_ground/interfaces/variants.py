@@ -6,9 +6,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
 from math import prod
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, StrictFloat, StrictInt, ValidationError
+
+from bracket_ground.files.model import Model
+from bracket_ground.files.units import Coordinate
 
 EMPTY = "empty"  # in a goal: nothing goes into this slot
 Choice = str | tuple[str, ...]  # a part type, several of which any one is right, or EMPTY
@@ -82,6 +86,20 @@ def _assigned(accepted: Accepted, quantities: Mapping[str, int], fixed: Mapping[
 _Place = tuple[StrictInt | StrictFloat, StrictInt | StrictFloat]
 
 
+class OtherBracket(Model):
+    """A bracket beside others on the bench.
+
+    Attributes:
+        at_m: where it stands (x, y), in the frame of the file's own.
+        file: product file whose bracket it is, beside this file: its holes, goals and steps; by default this file's.
+        may_stay_empty: nothing may be built on it; goals are then named like g0+empty.
+    """
+
+    at_m: tuple[Coordinate, Coordinate]
+    file: Path | None = None
+    may_stay_empty: bool = False
+
+
 class _Plate(BaseModel):
     holes_m: dict[str, _Place]
 
@@ -102,7 +120,7 @@ class _Shape(BaseModel):
     fastenings: dict[str, _Fastened] = {}
     before: tuple[tuple[str, str], ...] = ()
     carried_by: dict[str, str] = {}
-    brackets: dict[str, _Place] = {}
+    brackets: dict[str, _Place | OtherBracket] = {}
 
 
 def can_be_expanded(file: dict[str, Any]) -> bool:

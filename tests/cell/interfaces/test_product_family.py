@@ -103,6 +103,51 @@ def test_two_brackets_are_built_as_any_goals() -> None:
     assert some.parts["o1"].quantity == 6
 
 
+def beside(tmp_path: Path, **changes: Any) -> Product:
+    """The product with the bracket of another file beside it, which takes a type that only that file knows."""
+    small = {**BASE, "name": "small", "goal_titles": {"s": "small"}, "goals": {"s": ["o4", "o1"]}}
+    small["bracket"] = {**BASE["bracket"], "holes_m": {"a": [0.0, 0.05], "b": [0.0, -0.05]}}
+    small["parts"] = {"o1": {**BASE["parts"]["o1"], "quantity": 1}, "o4": {**BASE["parts"]["o2"], "quantity": 1}}
+    small["before"] = [["b", "a"]]
+    (tmp_path / "small.yaml").write_text(yaml.safe_dump({**small, **changes}))
+    path = tmp_path / "product.yaml"
+    entries = {"big": [0.0, 0.0], "small": {"at_m": [0.2, 0.0], "file": "small.yaml", "may_stay_empty": True}}
+    path.write_text(yaml.safe_dump({**BASE, "brackets": entries}))
+    return load_yaml(path, Product)
+
+
+def test_a_bracket_of_another_file_has_its_own_holes_goals_steps_and_parts(tmp_path: Path) -> None:
+    some = beside(tmp_path)
+    assert list(some.goals) == ["g0+s", "g0+empty", "g1+s", "g1+empty", "g2+s", "g2+empty"]
+    assert some.bracket.holes_m["small_b"] == (0.2, -0.05)
+    assert some.bracket.plates[1] == ("small_a", "small_b")
+    assert some.goal_placements("g1+s")["small_a"] == "o4"
+    assert "small_a" not in some.goal_placements("g1+empty")
+    assert some.missing_before("small_a", ()) == ["small_b"]
+    assert some.goal_title("g0+s").endswith(", small")
+    assert {name: part.quantity for name, part in some.parts.items()} == {"o1": 4, "o2": 2, "o3": 1, "o4": 1}
+    assert Product.model_validate(some.model_dump(mode="json")) == some
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"parts": {"o1": {**BASE["parts"]["o1"], "mass_kg": 0.5}, "o4": BASE["parts"]["o2"]}}, "type o1 is another"),
+        (
+            {"bracket": {**BASE["bracket"], "thickness_m": 0.02, "holes_m": {"a": [0, 0], "b": [0, 0.1]}}},
+            "plate of 0.02",
+        ),
+        ({"brackets": {"small": {"at_m": [0.0, 0.0], "file": "small.yaml"}}}, "has brackets itself"),
+        ({"goals": {"s": ["o9", "o1"]}}, "small.yaml"),
+    ],
+)
+def test_a_bracket_of_another_file_that_does_not_go_with_this_one_is_refused(
+    changes: dict[str, Any], what: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=what):
+        beside(tmp_path, **changes)
+
+
 def test_a_slot_on_a_part_is_as_high_as_the_part_and_comes_after_it() -> None:
     goals = {"a": ["o3", "o1", "o2", "o1", "o1", "o1"], "b": ["o3", "o2", "o1", "o1", "o1", EMPTY]}
     some = family(goals=goals, goal_titles={}, carried_by={"p2": "p1"})

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from bracket_cell.configuration import load_configuration
+from bracket_cell.learned.semantic.model import BayesPlanner
 from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.perception import HoleView
@@ -176,6 +177,51 @@ def test_a_part_taken_out_speaks_against_every_goal_that_wants_it_there() -> Non
     assert GUARD.judge(after, gone, EMPTY, "o2", "p4", reachable=True, may_ask=False).decision == "wait"
     told = replace(gone, told_goal="g0")
     assert plan.after_reactions(PRODUCT, told) is plan
+
+
+def test_own_parts_say_as_much_of_a_goal_as_people_look_at_them() -> None:
+    """P(g0 | a person's part at p6, the robot's at p1) by hand; 20 arrangements are left of the 60, 57 unlisted."""
+    people, both = {"p6": "o3"}, {"p6": "o3", "p1": "o1"}
+    planner, beliefs = BayesPlanner(PRODUCT), []
+    for share in (0.0, 0.3, 1.0):
+        guard = Guard(PRODUCT, GuardSettings(left_in_share=share))
+        plan = guard.planned(planner, AssemblyState(both, by_robot={"p1": "o1"}))
+        assert guard.refusal(plan, AssemblyState(both, by_robot={"p1": "o1"})) is None
+        assert not any(at in both for _, at in plan.next_belief)
+        assert plan.guidance["o1"] == ("p2", "p3")
+        assert sum(plan.goal_belief.values()) == pytest.approx(1.0)
+        beliefs.append(plan.goal_belief[UNKNOWN_GOAL])
+    before = planner.plan(AssemblyState(people)).goal_belief[UNKNOWN_GOAL]
+    assert beliefs[0] == pytest.approx(planner.plan(AssemblyState(both)).goal_belief[UNKNOWN_GOAL])
+    assert beliefs[2] == pytest.approx(before), "what the robot did itself is no news"
+    assert beliefs[0] < beliefs[1] < beliefs[2]
+    told = AssemblyState(both, by_robot={"p1": "o1"}, told_goal="g0")
+    assert Guard(PRODUCT, GuardSettings(left_in_share=1.0)).planned(planner, told) == planner.plan(told)
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_whatever_the_robot_placed_the_plan_can_be_used(share: float) -> None:
+    guard, planner = Guard(PRODUCT, GuardSettings(left_in_share=share)), BayesPlanner(PRODUCT)
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        arrangement = rng.permutation([name for name, part in PRODUCT.parts.items() for _ in range(part.quantity)])
+        count = int(rng.integers(1, 7))
+        placed = dict(zip(rng.permutation(PRODUCT.positions)[:count].tolist(), arrangement.tolist(), strict=False))
+        own = {at: part for at, part in placed.items() if rng.random() < 0.5}
+        plan = guard.planned(planner, AssemblyState(placed, by_robot=own))
+        assert sum(plan.goal_belief.values()) == pytest.approx(1.0)
+        assert all(0.0 <= belief <= 1.0 for belief in plan.next_belief.values())
+        assert not placed.keys() & {at for _, at in plan.next_belief}
+        assert (plan.next_part is None) or count < 6
+
+
+def test_the_dearer_it_is_to_wait_the_sooner_the_robot_acts() -> None:
+    plan, state = believed(g0=0.955, g1=0.02, g2=0.0), AssemblyState({"p1": "o1"})
+    decided = [
+        Guard(PRODUCT, GuardSettings(placement_s=cost_s)).judge(plan, state, EMPTY, "o2", "p4", True, False).decision
+        for cost_s in (0.5, 20.0)
+    ]
+    assert decided == ["wait", "act"]
 
 
 @pytest.mark.parametrize("key", ["act_probability", "doubt_probability", "ask_probability", "wrong_share"])

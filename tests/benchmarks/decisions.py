@@ -27,6 +27,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.experiments.semantic_streams import assemble, unlisted
 
 LISTED = (3, 12, 60)  # goals; 60 are all arrangements that there are
+SHIPPED = load_configuration().guard
 Brackets = Sequence[Sequence[dict[str, bool]]]
 
 
@@ -44,11 +45,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--brackets", type=int, default=400)
     parser.add_argument("--seed", type=int, default=101)
-    parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_act_s, help="guard.wrong_act_s")
-    parser.add_argument("--question", type=float, default=GuardSettings().question_s, help="guard.question_s")
+    parser.add_argument("--wrong", type=float, default=SHIPPED.wrong_act_s, help="guard.wrong_act_s")
+    parser.add_argument("--question", type=float, default=SHIPPED.question_s, help="guard.question_s")
     parser.add_argument("--goals", type=int, nargs="+", default=LISTED, choices=LISTED, help="listed goals")
     options = parser.parse_args()
-    guard = GuardSettings(wrong_act_s=options.wrong, question_s=options.question)
+    guard = SHIPPED.model_copy(update={"wrong_act_s": options.wrong, "question_s": options.question})
     print("goals bracket  reports answers | wrong acts | brackets with a wrong act | asked | acts in | first act after")
     for row in (row for row in rows() if row.goals in options.goals):
         print(told(row, drawn(row, guard, options.brackets, options.seed)), flush=True)

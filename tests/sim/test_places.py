@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.bench_watcher import ClassicalDetectors
+from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.viewing.page.scene import solid_of
 from bracket_ground.interfaces.places import BenchPlace
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
+from bracket_sim.cell import SimCell
 from bracket_sim.scene.jobs import Job
 from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.settings import SimSettings
 from bracket_sim.scene.storage import at_places, overlapping
 from bracket_sim.scene.world import World, build_world
 from bracket_sim.truth.score import Score
@@ -46,6 +52,46 @@ def test_parts_stand_where_the_bench_file_fills_places() -> None:
     assert places["fixture"] == ["o1", "o2", "o2", "o1"]
     assert places["chuck"] == ["o2"], "its peg is in the hole"
     assert places["pallet"] == ["empty"] * 4
+
+
+@pytest.mark.parametrize("filled", [("o2", "empty", "o1"), ("empty", "o3", "o3"), ("empty", "empty", "empty")])
+@pytest.mark.parametrize("turn_rad", [0.0, 0.5])
+def test_the_camera_sees_what_stands_at_a_place(filled: tuple[str, ...], turn_rad: float) -> None:
+    upright = (math.cos(turn_rad / 2), 0.0, 0.0, math.sin(turn_rad / 2))
+    nest = BenchPlace(
+        position_m=(0.47, 0.24, 0.036),
+        quaternion_wxyz=upright,
+        seat="hole",
+        rows=3,
+        known_by="seen",
+        filled=filled,
+    )
+    bench, looking = TENDING.bench.model_copy(update={"places": {"nest": nest}, "obstacles": ()}), {}
+    expected = {f"nest {number}": None if part == "empty" else part for number, part in enumerate(filled)}
+    for rendered in (False, True):
+        cell = SimCell(
+            VALVES,
+            bench,
+            SimSettings(),
+            "virtual",
+            f"nest-{rendered}",
+            3,
+            "g0",
+            worker=False,
+            clutter=[],
+            rendered=rendered,
+        )
+        reader = (
+            ClassicalDetectors(bench, VALVES, PerceptionSettings()).places().read
+            if cell.sight is None
+            else cell.sight.spots
+        )
+        for _ in range(8):
+            cell.devices.clock.sleep_until(cell.devices.clock.now_s() + 0.1)
+            frame = cell.devices.overhead.latest()
+            looking = {} if frame is None else reader(frame, None)
+        cell.close()
+        assert {name: view.part for name, view in looking.items()} == expected, rendered
 
 
 def test_a_part_beside_its_spot_does_not_count() -> None:

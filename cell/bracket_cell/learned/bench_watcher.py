@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from bracket_cell.learned.classical.hand_tracker import ClassicalHandTracker
 from bracket_cell.learned.classical.hole_reader import ClassicalHoleReader
 from bracket_cell.learned.classical.image_health import ImageHealth
 from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
+from bracket_cell.learned.classical.place_reader import PlaceReader
 from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.learned.classical.track_health import TrackHealth
 from bracket_cell.learned.inference.prefetch import Image
@@ -40,10 +41,17 @@ class DetectorChain:
     """Runs a tracker, a hole reader and an action detector on each frame."""
 
     def __init__(
-        self, bench: Bench, product: Product, tracker: HandTracker, reader: HoleReader, detector: ActionDetector
+        self,
+        bench: Bench,
+        product: Product,
+        tracker: HandTracker,
+        reader: HoleReader,
+        detector: ActionDetector,
+        spots: Callable[[Frame, HandSample | None], Mapping[str, HoleView]] = lambda *_: {},
     ) -> None:
         self._overhead = bench.overhead
         self._tracker, self._reader, self._detector = tracker, reader, detector
+        self._spots = spots
         self._health = ImageHealth(bench, product)
         self._track = TrackHealth(bench)
         self._calibration = CalibrationCheck(bench, product)
@@ -85,6 +93,7 @@ class DetectorChain:
             calibration=self._calibration.judge(frame, hand),
             unseen=self._health.unseen,
             unexplained=self._health.unexplained,
+            spots=self._spots(frame, hand),
         )
 
     def _keep(self, frame: Frame, hand: HandSample | None) -> None:
@@ -123,6 +132,10 @@ class ClassicalDetectors:
     def holes(self) -> ClassicalHoleReader:
         """Reads the holes by the parts' colours."""
         return ClassicalHoleReader(self._bench, self._product, self._settings, self._colours)
+
+    def places(self) -> PlaceReader:
+        """Reads the places that the camera sees."""
+        return PlaceReader(self._bench, self._product, self._settings)
 
     def actions(self) -> ClassicalActionDetector:
         """Names actions by what changed in the holes."""

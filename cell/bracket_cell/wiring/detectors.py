@@ -23,7 +23,7 @@ from bracket_ground.errors import ModelError, SettingError
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.perception import BenchView, PartDetector, PartsView
+from bracket_ground.interfaces.perception import BenchView, HandSample, HoleView, PartDetector, PartsView
 from bracket_ground.interfaces.product import Product
 
 LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
@@ -47,7 +47,8 @@ def detectors_of(
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
     """What answers overhead frames."""
     detectors = Detectors(bench, product, perception)
-    return DetectorChain(bench, product, detectors.make("hands"), detectors.make("holes"), detectors.make("actions"))
+    chosen = (detectors.make(task) for task in ("hands", "holes", "actions"))
+    return DetectorChain(bench, product, *chosen, detectors.places())
 
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
@@ -88,6 +89,10 @@ class Detectors:
         except ModelError as error:
             raise SettingError((("perception", task), str(error))) from error
         return self._with_crops(task, detector)
+
+    def places(self) -> Callable[[Frame, HandSample | None], Mapping[str, HoleView]]:
+        """Reads the places that the overhead camera sees."""
+        return self._classical.places().read
 
     def _with_crops(self, task: str, detector: Any) -> Any:
         """The part detector with the features of crops that a grasp planner wants; others as they are."""

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
-from bracket_ground.files.model import Disagreement, Model
+from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Gap, Joints, Length, Point
 from bracket_ground.interfaces.camera_model import CameraModel
 from bracket_ground.interfaces.meshes import MeshFile, read_mesh
@@ -204,6 +205,22 @@ class Bench(Model):
             what = "there are two obstacles of the name {!r}; give each its own"
             places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]
             raise Disagreement(places)
+        return self
+
+    @model_validator(mode="after")
+    def _seen_places_are_in_view(self) -> Bench:
+        camera, mount = self.overhead.model, self.overhead.mount.pose
+        problems: list[tuple[Location, str]] = []
+        for name, place in self.places.items():
+            if place.known_by == "seen":
+                spots = np.array([place.spot(number).position_m for number in range(len(place.spots_m))])
+                pixels = camera.project(mount, spots)
+                inside = ((pixels >= 0) & (pixels < (camera.width_px, camera.height_px))).all(axis=1)
+                if not inside.all():
+                    what = f"the overhead camera does not see spot {int(np.argmin(inside))}"
+                    problems.append((("places", name, "known_by"), f"{what}; legal: counted, felt"))
+        if problems:
+            raise Disagreement(problems)
         return self
 
     @model_validator(mode="after")

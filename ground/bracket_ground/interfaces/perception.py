@@ -135,6 +135,7 @@ class BenchView:
             The next two are part of it.
         unseen: why the image does not show this bench, in words; empty where it does.
         unexplained: what differs from the empty bench where no hand is seen, in words; empty for nothing.
+        spots: by name, as "pallet 3", what stands at places of the bench that the camera sees, as of holes.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
         other_hands: hands in view that do not work.
         left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen. Before
@@ -154,6 +155,7 @@ class BenchView:
     calibration: str = ""
     unseen: str = ""
     unexplained: str = ""
+    spots: Mapping[str, HoleView] = field(default_factory=dict)
 
     @property
     def hands(self) -> tuple[HandSample, ...]:

@@ -16,6 +16,11 @@ EDGE_M = 0.03  # of a place's body beyond the parts at its outer spots
 UPRIGHT = 0.999  # cosine of the largest tilt of a place that parts stand on
 
 
+def spot_name(place: str, number: int) -> str:
+    """Name of a spot, as in "pallet 3"."""
+    return f"{place} {number}"
+
+
 class Mount(Model):
     """A fixed pose.
 
@@ -46,7 +51,8 @@ class BenchPlace(Mount):
         wall_m: height of a rim around it.
         filled: types that stand there when a run begins, by spot, the first row first; `empty` for a free spot.
         known_by: `counted`: by `filled` and what the robot took and put there; `felt`: any spot may hold a part, and
-            fingers that close on nothing tell that it does not.
+            fingers that close on nothing tell that it does not; `seen`: by the overhead camera, too, which must see
+            holes (`seat: hole`).
         enter_from_m: from where the tool comes, seen from straight above a spot (x, y, z in the place's frame); then it
             goes there, and back again, on a straight line. By default it comes from above.
     """
@@ -58,7 +64,7 @@ class BenchPlace(Mount):
     seat: Literal["flat", "hole"] = "flat"
     wall_m: Gap = 0.0
     filled: tuple[str, ...] = ()
-    known_by: Literal["counted", "felt"] = "counted"
+    known_by: Literal["counted", "felt", "seen"] = "counted"
     enter_from_m: Point | None = None
 
     @model_validator(mode="after")
@@ -73,6 +79,8 @@ class BenchPlace(Mount):
             problems.append((("filled",), f"{', '.join(barred)} cannot stand there: it holds {', '.join(self.holds)}"))
         if self.known_by == "felt" and len(self.holds) != 1:
             problems.append((("known_by",), "fingers tell that a part is there, not which: holds must name one type"))
+        if self.known_by == "seen" and self.seat != "hole":
+            problems.append((("known_by",), "the camera tells a free spot by its dark hole: seat must be hole"))
         if self.enter_from_m is not None and self.enter_from_m[2] < 0:
             problems.append((("enter_from_m",), "the tool cannot come from below; z must be 0 or more"))
         if problems:

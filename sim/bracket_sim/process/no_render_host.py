@@ -25,7 +25,7 @@ class NoRenderHost:
 
     def __init__(self, sight: GroundTruthPerception, bench: Bench, product: Product, perception: Perception) -> None:
         actions = ClassicalDetectors(bench, product, perception.classical).actions()  # others look at images
-        self._sight, self._watch = sight, DetectorChain(bench, product, sight, sight, actions).watch
+        self._sight, self._watch = sight, DetectorChain(bench, product, sight, sight, actions, sight.spots).watch
 
     def await_ready(self) -> None:
         """They are."""

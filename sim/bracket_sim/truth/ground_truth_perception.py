@@ -7,7 +7,7 @@ in view and nothing hides it; a hole, where nothing hides it; parts, where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HandSample, HoleView, PartDetection
+from bracket_ground.interfaces.places import spot_name
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from bracket_sim.rendering.studio import visible_poses
@@ -56,6 +57,7 @@ class GroundTruthPerception:
         self._noise, self._still = np.rint(noise).astype(np.int16), still.image.astype(np.int16)
         self._depth_mm = still.depth_mm
         self._holes: dict[str, HoleView] = {}
+        self._spots: dict[str, HoleView] = {}
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
@@ -67,7 +69,8 @@ class GroundTruthPerception:
         if exposure.camera == "wrist":
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:
-            self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
+            seen = self._hand_seen(exposure), self._holes_seen(exposure), self._spots_seen(exposure)
+            self._seen[exposure.camera, exposure.sequence] = seen
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
         image = self._image(exposure.sequence)
         if exposure.camera == "wrist":
@@ -95,6 +98,10 @@ class GroundTruthPerception:
     def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
         """The holes in a frame."""
         return self._seen[frame.camera, frame.sequence][1]
+
+    def spots(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
+        """The places in a frame that the camera sees."""
+        return self._seen[frame.camera, frame.sequence][2]
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """The parts in a frame of the wrist camera."""
@@ -138,6 +145,26 @@ class GroundTruthPerception:
         eye = np.array(exposure.world_from_camera.position_m)
         slots = {name: np.array(world.product.slot_m(name)) for name in world.product.positions}
         holes = {name: world.bench.bracket.pose.transform(slot) for name, slot in slots.items()}
+        for name, view in self._seen_at(exposure, eye, holes, "bracket"):
+            self._holes[name] = view
+        return dict(self._holes)
+
+    def _spots_seen(self, exposure: Exposure) -> Mapping[str, HoleView]:
+        eye = np.array(exposure.world_from_camera.position_m)
+        for name, place in self._world.bench.places.items():
+            if place.known_by == "seen":
+                spots = {
+                    spot_name(name, number): np.array(place.spot(number).position_m)
+                    for number in range(len(place.spots_m))
+                }
+                self._spots.update(self._seen_at(exposure, eye, spots, f"place {name}"))
+        return dict(self._spots)
+
+    def _seen_at(
+        self, exposure: Exposure, eye: Array, holes: Mapping[str, Array], of: str
+    ) -> Iterator[tuple[str, HoleView]]:
+        """Views of those holes of a body that nothing hides."""
+        world = self._world
         for name, hole in holes.items():
             near = (
                 one
@@ -147,10 +174,9 @@ class GroundTruthPerception:
             )
             part = next(near, None)
             top_m = 0.0 if part is None else world.product.parts[world.parts[part]].size_m[2]
-            if self._visible(eye, hole + np.array([0.0, 0.0, top_m + ABOVE_M]), part or "bracket"):
+            if self._visible(eye, hole + np.array([0.0, 0.0, top_m + ABOVE_M]), part or of):
                 upright = part is None or float(world.data.body(part).xmat[8]) > math.cos(math.radians(10))
-                self._holes[name] = HoleView(None if part is None else world.parts[part], 1.0, exposure.time_s, upright)
-        return dict(self._holes)
+                yield name, HoleView(None if part is None else world.parts[part], 1.0, exposure.time_s, upright)
 
     def _parts_seen(self, exposure: Exposure) -> tuple[PartDetection, ...]:
         camera, found = self._world.bench.wrist.model, []

@@ -35,6 +35,8 @@ def test_a_peg_stands_on_a_flat_place_and_in_a_hole() -> None:
         (("filled: [o1, o2, o2, o1]", "filled: [o3]"), "o3 cannot stand there"),
         (("holds: [o1, o2]", "holds: [o9]"), "o9"),
         (("seat: hole", "known_by: felt"), "holds must name one type"),
+        (("pitch_m: [0.11, 0.10]", "pitch_m: [0.11, 0.10]\n      known_by: seen"), "seat must be hole"),
+        (("seat: hole", "seat: hole\n      known_by: seen"), "camera does not see spot 0"),
         (("enter_from_m: [0.0, -0.18, 0.0]", "enter_from_m: [0.0, -0.18, -0.1]"), "cannot come from below"),
         (
             (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from bracket_cell.trees.nodes.services import Services
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command
+from bracket_ground.interfaces.perception import Action, BenchView, HoleView
 from bracket_ground.interfaces.places import BenchPlace
 from btxml.engine.node import TreeNode
 from btxml.engine.status import Status
@@ -104,6 +106,30 @@ def test_what_others_did_is_noted_and_counted() -> None:
     run(alone(NoteAt(), place="fixture", now_there="empty;o2"), to, robot)
     assert there(to, "fixture") == [None, "o2", None, None]
     fails(alone(NoteAt(), place="fixture", now_there="o9"), to, robot, "fixture has 4 spots")
+
+
+NEST = BenchPlace(position_m=(0.45, 0.3, 0.036), seat="hole", rows=2, known_by="seen", filled=("o2", "o1"))
+
+
+def looked_at(to: Services, time_s: float, *parts: str | None) -> list[str | None]:
+    """What is known of the nest when the camera has seen this of its spots at this time."""
+    spots = {f"nest {number}": HoleView(part, 1.0, time_s) for number, part in enumerate(parts)}
+    view = BenchView(1, time_s, None, {}, Action("idle", 1.0), spots=spots)
+    to.now.observation = replace(to.now.observation, time_s=time_s, bench=view)
+    return [None if one is None else one.part for one in to.at_place("nest")]
+
+
+def test_at_a_place_that_is_seen_the_camera_counts_once_it_saw_it_after_what_the_robot_did() -> None:
+    to = known(BENCH.model_copy(update={"places": {"nest": NEST}}))
+    assert there(to, "nest") == ["o2", "o1"], "as the file says, until it was seen"
+    assert looked_at(to, 1.0, None, "o1") == [None, "o1"]
+    assert looked_at(to, 2.0, "o3") == ["o3", "o1"], "what is hidden stays as it was"
+    to.now.observation = replace(to.now.observation, time_s=3.0)
+    to.note_at("nest", 0, None)
+    late = replace(to.now.observation.bench or BenchView(0, 0, None, {}, Action("idle", 1.0)), time_s=2.9)
+    to.now.observation = replace(to.now.observation, bench=late)
+    assert to.at_place("nest")[0] is None, "the view is older than the robot's act"
+    assert looked_at(to, 3.2, "o1", "o1") == ["o1", "o1"]
 
 
 def test_what_stands_at_places_is_kept_clear_of() -> None:

@@ -19,7 +19,7 @@ from bracket_ground.interfaces.notes import Journal
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import Question, QuestionKind, WorkOrder
 from bracket_ground.interfaces.perception import PartDetection, PartsView
-from bracket_ground.interfaces.places import EMPTY
+from bracket_ground.interfaces.places import EMPTY, spot_name
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from bracket_ground.interfaces.product import Product
 from btxml.engine.blackboard import Scope
@@ -125,6 +125,7 @@ class Services:
     memory: Memory = field(default_factory=Memory)
     learned: list[tuple[str, ...]] = field(default_factory=list)
     held_at: str = ""
+    _noted_s: dict[tuple[str, int], float] = field(default_factory=dict)
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None
@@ -189,12 +190,28 @@ class Services:
                 parts = [place.holds[0]] * len(parts)
             there = [None if one == EMPTY else self.standing_at(name, n, one) for n, one in enumerate(parts)]
             self.memory.places = {**self.memory.places, name: tuple(there)}
+        if place.known_by == "seen":
+            self._look_at(name)
         return self.memory.places[name]
+
+    def _look_at(self, name: str) -> None:
+        """Take over what the camera has seen at a place since it was noted what stands there."""
+        view, there = self.now.observation.bench, list(self.memory.places[name])
+        for number, one in enumerate(there):
+            seen = None if view is None else view.spots.get(spot_name(name, number))
+            if seen is not None and seen.seen_s > self._noted_s.get((name, number), -math.inf):
+                if seen.part is None:
+                    there[number] = None
+                elif one is None or one.part != seen.part:
+                    there[number] = self.standing_at(name, number, seen.part)
+        if tuple(there) != self.memory.places[name]:
+            self.memory.places = {**self.memory.places, name: tuple(there)}
 
     def note_at(self, name: str, number: int, part: PartDetection | None) -> None:
         """Note what stands at a spot of a place from now on; None for nothing."""
         there = list(self.at_place(name))
         there[number] = part
+        self._noted_s[name, number] = self.now.observation.time_s
         self.memory.places = {**self.memory.places, name: tuple(there)}
 
     def learn(self, parts: tuple[str, ...]) -> str | None:

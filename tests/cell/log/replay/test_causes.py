@@ -59,11 +59,12 @@ def tree(*edits: tuple[str, str]) -> Change:
 
 
 def configured(old: str, new: str) -> Change:
-    """The shipped configuration, changed, with the prior that the kept logs were made with."""
+    """The shipped configuration, changed, with the prior and the guard that the kept logs were made with."""
 
     def change(folder: Path) -> Changes:
         made = changed_configuration(folder, old, new)
-        made.write_text(made.read_text().replace("none_probability: 0.1", "none_probability: 0.02"))
+        text = re.sub(r"  (placement_s|left_in_share): .*\n", "", made.read_text())
+        made.write_text(text.replace("none_probability: 0.1", "none_probability: 0.02"))
         return Changes(configuration=made, nodes=(str(NODE),))
 
     return change

@@ -57,6 +57,16 @@ def test_plain_progress_tells_each_change_once() -> None:
     ]
 
 
+def test_what_a_placement_needs_may_fall_without_a_line_for_each_step() -> None:
+    text = io.StringIO()
+    progress = LiveProgress(Console(file=text, width=200), 0.04)
+    for tick, words in enumerate(("0.50 < 0.953", "0.50 < 0.952", "0.50 < 0.951", "0.60 < 0.951", "0.60")):
+        shown = replace(DISPLAY, message=f"holding o1; o1 at p5 has probability {words}")
+        progress.tick(record(tick, Command(display=shown)))
+    ends = [line.rpartition("probability ")[2] for line in text.getvalue().splitlines() if "holding" in line]
+    assert ends == ["0.50 < 0.953", "0.60 < 0.951"]
+
+
 def test_a_terminal_shows_a_panel() -> None:
     text = io.StringIO()
     progress = LiveProgress(Console(file=text, width=100, force_terminal=True), 0.04)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 
@@ -22,6 +23,7 @@ from bracket_ground.interfaces.operator import Question
 REFRESH_S = 0.1  # of wall time
 LOOK_BACK_TICKS = 50  # the tick rate is a mean over these
 STYLES = {"info": "default", "warning": "yellow", "error": "bold red"}
+FALLING = re.compile(r" < \d+\.\d+$")  # what a placement needs; it falls while the robot waits, which is no news
 URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # shown only where there is something
 
 
@@ -127,10 +129,11 @@ class LiveProgress(Observer):
             "help": self._display.help_request or "",
             "asks": listed(list(map(question_text, self._display.questions))),
         }
+        news = {name: FALLING.sub("", self._words(text)) for name, text in told.items()}
         for name, text in told.items():
-            if text and text != self._said.get(name):
+            if text and news[name] != self._said.get(name):
                 self._console.print(_line(time_s, name, self._words(text)), markup=False, highlight=False)
-        self._said = told
+        self._said = news
 
 
 def belief_text(belief: Mapping[str, float]) -> str:

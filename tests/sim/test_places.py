@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.bench_watcher import ClassicalDetectors
 from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.viewing.page.scene import solid_of
+from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.places import BenchPlace
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
@@ -66,7 +68,8 @@ def test_the_camera_sees_what_stands_at_a_place(filled: tuple[str, ...], turn_ra
         known_by="seen",
         filled=filled,
     )
-    bench, looking = TENDING.bench.model_copy(update={"places": {"nest": nest}, "obstacles": ()}), {}
+    bench = TENDING.bench.model_copy(update={"places": {"nest": nest}, "obstacles": ()})
+    looking: Mapping[str, HoleView] = {}
     expected = {f"nest {number}": None if part == "empty" else part for number, part in enumerate(filled)}
     for rendered in (False, True):
         cell = SimCell(

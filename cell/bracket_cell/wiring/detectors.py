@@ -47,8 +47,8 @@ def detectors_of(
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
     """What answers overhead frames."""
     detectors = Detectors(bench, product, perception)
-    chosen = (detectors.make(task) for task in ("hands", "holes", "actions"))
-    return DetectorChain(bench, product, *chosen, detectors.places())
+    hands, holes, actions = (detectors.make(task) for task in ("hands", "holes", "actions"))
+    return DetectorChain(bench, product, hands, holes, actions, detectors.places())
 
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:

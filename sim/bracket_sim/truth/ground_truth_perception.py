@@ -58,7 +58,7 @@ class GroundTruthPerception:
         self._depth_mm = still.depth_mm
         self._holes: dict[str, HoleView] = {}
         self._spots: dict[str, HoleView] = {}
-        self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
+        self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView], Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
         self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import bracket_sim as _sim  # noqa: F401  (it says how MuJoCo renders, before a test imports that)
 from tests.processes import children
 
 KEPT = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")  # Python's own; they end with the process

@@ -81,7 +81,7 @@ def replay(
         spared(html, log)
     recorded = read(log)
     again = Replay(recorded, changes, bracket)
-    changed = changed_keys(recorded, changes, again.tree)
+    changed = changed_keys(again)
     _remark(recorded, again.remarks)
     told, found = len(again.remarks), list[Difference]()
     show = _shower(recorded, frames) if step else lambda _: True

@@ -1,7 +1,8 @@
 """Runs on Dask: on this machine, or on any cluster whose scheduler is named.
 
-A worker's trouble is not the run's: it goes elsewhere once more, and a worker that had two is left out. Where the
-scheduler is gone, it is waited for, and what was under way is handed out again.
+A worker's trouble is not the run's: it goes elsewhere once more, and a worker that had two is left out. A frozen one
+the scheduler begins anew, and gives its runs to others. Where the scheduler is gone, it is waited for, and what was
+under way is handed out again.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ from bracket_ground.errors import CellError, InputError
 
 WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
 LOSSES = 20  # workers that may be lost over one run before it is given up
-COLD_S = 60.0  # how long a cluster may be without a worker that can do the work
-REFUSED_S = 10.0  # ... where all that are there were refused: others may be about to come
+COLD_S = 90.0  # how long a cluster may be without a worker that can do the work
+REFUSED_S = 10.0  # ... where none ever could, and all that are there were refused: others may be about to come
 CONNECT_S = 15.0
 AWAY_S = 90.0  # in which a scheduler must be back
 TROUBLES = 2  # after which a worker is left out, and a run goes nowhere else
-FROZEN = "60s"  # a worker of this machine that says nothing for so long is gone
+FROZEN = "60s"  # a worker of this machine that says nothing for so long is begun anew
 POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
 # Asked of every worker before its first run; sent as source, as a worker may lack the package.
 FACTS = """
@@ -242,9 +243,9 @@ def _done(
     troubled = dict[int, set[str]]()
     try:
         while True:
-            crew.look(idle=not pending)
+            crew.look()
             for one in itertools.islice(waiting, max(0, crew.room - len(pending))):
-                pending[_submitted(client, work, one, crew)] = one, crew.agreeing
+                pending[_submitted(client, work, one, crew)] = one, set(crew.agreeing)
             if not pending:
                 return
             first = next(iter(pending))
@@ -255,7 +256,7 @@ def _done(
                 one, _ = pending.pop(future)
                 trouble = future.result() if future.status == "finished" else None
                 if isinstance(trouble, Trouble) and crew.had(trouble, troubled, one):
-                    pending[_submitted(client, work, one, crew)] = one, crew.agreeing
+                    pending[_submitted(client, work, one, crew)] = one, set(crew.agreeing)
                     continue
                 troubled.pop(id(one), None)
                 yield one, future
@@ -290,7 +291,7 @@ class _Crew:
     """
 
     def __init__(self, client: Any) -> None:
-        self._client, self._refused = client, dict[str, str]()
+        self._client, self._refused, self._asked = client, dict[str, str](), dict[str, Any]()
         self._here = {**versions(), **code_version()}
         self._since_s, self._troubles = time.monotonic(), Counter[str]()
         self._facts: dict[str, Any] = {"__name__": "__main__"}
@@ -298,28 +299,42 @@ class _Crew:
         self.agreeing: set[str] = set()
         self.room = 0
 
-    def look(self, idle: bool) -> None:
-        """Ask workers that are new, and forget those that are gone.
+    def look(self) -> None:
+        """Ask workers that are new, and forget those that are gone, until there is one that agrees.
 
         Raises:
-            InputError: for a minute there was none that agrees; says why.
+            InputError: for a while there was none; says why.
         """
+        ever = bool(self.agreeing)
         while True:
             there = self._client.scheduler_info(n_workers=-1)["workers"]
-            new = [address for address in there if address not in self.agreeing | self._refused.keys()]
-            answers = self._client.run(self._facts["facts"], workers=new, on_error="return") if new else {}
-            for address, told in answers.items():
-                self._judge(str(there[address].get("name") or address), address, told)
-            self.agreeing = {
-                address for address in (*self.agreeing, *answers) if address in there
-            } - self._refused.keys()
+            for address in self._asked.keys() - there.keys():
+                del self._asked[address]
+            for address in sorted(self.agreeing - there.keys()):
+                sys.stderr.write(f"cell: worker {address} is gone; others do its runs\n")
+            self.agreeing &= there.keys()
+            for address, worker in there.items():
+                self._ask(address, str(worker.get("name") or address))
             self.room = WAITING_PER_WORKER * sum(there[address]["nthreads"] for address in self.agreeing)
-            if self.agreeing or not idle:
+            if self.agreeing or not all(told.done() for told in self._asked.values()):  # one that is asked may agree
+                self._since_s = time.monotonic()
+            if self.agreeing:
                 return
-            patience_s = REFUSED_S if self._refused and there.keys() <= self._refused.keys() else COLD_S
-            if time.monotonic() - self._since_s > patience_s:
+            refused = not ever and bool(self._refused) and there.keys() <= self._refused.keys()
+            if time.monotonic() - self._since_s > (REFUSED_S if refused else COLD_S):
                 raise InputError("; ".join(self._refused.values()) or f"no worker came within {COLD_S:g} s")
-            time.sleep(POLL_S / 4)
+            time.sleep(POLL_S / 10)
+
+    def _ask(self, address: str, name: str) -> None:
+        """Whether it agrees; one that does not answer is waited for beside the work, as it may be frozen."""
+        if address in self.agreeing or address in self._refused:
+            return
+        if address not in self._asked:
+            self._asked[address] = self._client.submit(self._facts["facts"], pure=False, workers=[address], priority=1)
+        elif self._asked[address].status == "finished":
+            self._judge(name, address, self._asked[address].result())
+        elif self._asked[address].done():
+            del self._asked[address]  # it went while it was asked, and is here again
 
     def had(self, trouble: Trouble, troubled: dict[int, set[str]], one: tuple[Any, ...]) -> bool:
         """Note a worker's trouble; whether the run is to go to another worker."""
@@ -332,10 +347,7 @@ class _Crew:
             sys.stderr.write(f"cell: {self._refused[trouble.worker]}\n")
         return len(where) < TROUBLES and bool(self.agreeing)
 
-    def _judge(self, name: str, address: str, told: Any) -> None:
-        if isinstance(told, Exception):
-            return  # it is gone already
-        self._since_s = time.monotonic()
+    def _judge(self, name: str, address: str, told: dict[str, str]) -> None:
         others = [
             f"{key.removeprefix('version.')} {told.get(key)}, here {value}"
             for key, value in self._here.items()
@@ -344,6 +356,8 @@ class _Crew:
         if why := told.get("lacks") or ", ".join(others):
             self._refused[address] = f"worker {name} does not agree and gets no runs: {why}"
             sys.stderr.write(f"cell: {self._refused[address]}\n")
+        else:
+            self.agreeing.add(address)
 
 
 def unpacked(packed: bytes, *arguments: Any) -> Any:

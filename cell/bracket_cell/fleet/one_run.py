@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import errno
 import io
+import math
 import os
 import pickle
 import queue
+import resource
 import select
 import shutil
 import signal
@@ -17,8 +19,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +33,7 @@ Row = dict[str, Any]
 T = TypeVar("T")
 RUNS_A_PROCESS = 100  # then it is begun anew, so that nothing grows
 TRIES = 2  # a run that kills its process is tried once more
+MOST_CPU_S, MOST_CPU_SHARE = 3600.0, 20.0  # of a run, and for each second that it may last: more, and it hangs
 IDLE_S = 60.0  # a process that was asked and used no processor for this long is stopped, or waits for ever
 GLANCE_S = 0.5  # between looks at it
 LEAVES_S = 5.0  # in which one ends that is asked no more
@@ -83,6 +86,7 @@ class _Child:
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
             status = self._process.wait()
             ended = f"by {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
+            ended = "for using the processor without end" if status == -signal.SIGXCPU else ended
             self.close()
             raise ChildDied(f"the run's process (pid {self._process.pid}) ended {ended}") from None
         if error is not None:
@@ -212,7 +216,8 @@ def run_here(task: Task) -> Row:
     """Run in this process; needs its main thread. Bad input is a row, too: the other runs go on."""
     global _folder
     began_s, began_cpu_s = time.perf_counter(), time.process_time()
-    with tempfile.TemporaryDirectory(prefix="cell-sweep-") as _folder:
+    most_s = MOST_CPU_S + MOST_CPU_SHARE * (task.max_duration_s or 0.0)
+    with limited(most_s), tempfile.TemporaryDirectory(prefix="cell-sweep-") as _folder:
         try:
             summary = _run(task, Path(_folder))
         except CellError as error:
@@ -221,6 +226,17 @@ def run_here(task: Task) -> Row:
             summary = {"end": "refused", "reason": str(error).replace(f"{_folder}/", ""), "finished": False}
     took = {"took_s": round(time.perf_counter() - began_s, 3), "cpu_s": round(time.process_time() - began_cpu_s, 3)}
     return {**_heading(task), **summary, **took}
+
+
+@contextmanager
+def limited(cpu_s: float) -> Iterator[None]:
+    """The system ends this process if it uses so much more processor time."""
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + cpu_s), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, before)
 
 
 def _run(task: Task, folder: Path) -> dict[str, Any]:

@@ -44,6 +44,12 @@ def test_an_error_that_cannot_be_made_again_is_told_in_words_and_the_next_call_i
     assert next_call_is_answered()
 
 
+def test_a_call_that_never_ends_is_ended_and_the_next_call_is_answered() -> None:
+    with pytest.raises(ChildDied, match="ended for using the processor without end"):
+        in_child(working.spin)
+    assert next_call_is_answered()
+
+
 def test_a_process_that_is_stopped_is_known_named_and_its_worker_freed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(one_run, "IDLE_S", 1.0)
     stopped: list[int] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -31,6 +32,24 @@ def test_a_worker_with_a_full_disk_is_named_and_left_out(capfd: pytest.CaptureFi
     told = capfd.readouterr().err
     assert told.count("is left out, as it had trouble: OSError: [Errno 28] No space left on device") == 1
     assert "Traceback" not in told
+
+
+@pytest.mark.slow
+def test_a_frozen_worker_is_told_and_its_runs_go_to_the_other(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("bracket_cell.fleet.engine.FROZEN", "5s")
+    rows: list[dict[str, Any]] = []
+    with cluster(2) as client:
+        client.wait_for_workers(2, timeout=60)
+        address, pid = next(iter(client.run(os.getpid).items()))
+        for row in results(client, map(task, range(200)), working.row):
+            rows.append(row)
+            if len(rows) == 5:
+                os.kill(pid, signal.SIGSTOP)
+    assert Counter(row["seed"] for row in rows) == Counter(range(200))
+    assert {row["end"] for row in rows} == {"finished"}
+    assert f"worker {address} is gone; others do its runs" in capfd.readouterr().err
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import signal
 import time
 from pathlib import Path
 
-from bracket_cell.fleet.one_run import in_child
+from bracket_cell.fleet.one_run import in_child, limited
 from bracket_cell.fleet.spec import Task
 from bracket_ground.errors import InputError
 
@@ -59,6 +59,13 @@ def busy(for_s: float) -> float:
     while time.monotonic() - began_s < for_s:
         sum(range(1000))
     return time.monotonic() - began_s
+
+
+def spin() -> None:
+    """Uses the processor until it may no more."""
+    with limited(0.5):
+        while True:
+            pass
 
 
 def row_of_the_sound(task: Task) -> dict[str, object]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -16,8 +15,8 @@ from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Judgement
 from btxml.engine.causes import RELATIONS, Cause
 from btxml.engine.node import StatusChange
+from btxml.engine.status import Status
 
-_NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
 MEMORY = "memory"
 CAUSE, WHY = "cause", "why"  # notes that explain, and decide nothing
@@ -61,6 +60,7 @@ class Difference:
     node: str = ""
 
 
+Compared = tuple[Sequence[StatusChange], Iterable[Cause]]  # of one tick, with the nodes that changed in it
 Known = dict[tuple[str, str, str], tuple[int, Cause]]  # by key: in which tick a comparison was noted last
 
 
@@ -95,7 +95,6 @@ class Comparison:
         first_by_aspect, ticks_by_aspect, ticks_by_node: by name.
         at_first: all differences of the first tick that differs.
         command_node: the first node that differs in the tick of the first other command, or before it.
-        by_name: places of a tree are compared without their numbers.
         turns: comparisons that turned out otherwise, up to the first other command.
         first_by_node: the first difference of each node up to there.
         recorded: whether the first run noted any comparison.
@@ -109,11 +108,11 @@ class Comparison:
     ticks_by_node: Counter[str] = field(default_factory=Counter)
     at_first: list[Difference] = field(default_factory=list)
     command_node: str = ""
-    by_name: bool = False
     turns: list[Turn] = field(default_factory=list)
     first_by_node: dict[str, Difference] = field(default_factory=dict)
     recorded: bool = False
     _causes: tuple[Known, Known] = field(default_factory=lambda: ({}, {}))
+    _idle: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
 
     @property
     def leading(self) -> Difference | None:
@@ -139,20 +138,26 @@ class Comparison:
         self.ticks_by_aspect.update({difference.aspect for difference in differences})
         self.ticks_by_node.update(difference.node for difference in differences if difference.node)
 
-    def compared(self, number: int, time_s: float, was: Iterable[Cause], now: Iterable[Cause]) -> None:
-        """The comparisons of one more tick, before its differences are added."""
+    def compared(self, number: int, time_s: float, was: Compared, now: Compared) -> None:
+        """The comparisons of one more tick, before its differences are added.
+
+        A node that one of the runs does not tick then makes no turn there: something else keeps it from it.
+        """
         if "command" in self.first_by_aspect:
             return
-        touched: dict[tuple[str, str, str], None] = {}
-        for known, noted in zip(self._causes, (was, now), strict=True):
+        touched, silent = dict[tuple[str, str, str], None](), set[str]()
+        for known, idle, (changes, noted) in zip(self._causes, self._idle, (was, now), strict=True):
+            silent |= idle - {change.path for change in changes}
+            for change in changes:
+                (idle.add if change.new is Status.INVALID else idle.discard)(change.path)
             for cause in noted:
-                key = (_NUMBER.sub("", cause.by) if self.by_name else cause.by, cause.parameter, cause.of)
-                known[key] = number, cause
-                touched[key] = None
+                known[cause.key] = number, cause
+                touched[cause.key] = None
         before, after = self._causes
         self.recorded |= bool(before)
         for key in touched:
-            if key in before and key in after and before[key][1].holds is not after[key][1].holds:
+            both = key in before and key in after and key[0] not in silent
+            if both and before[key][1].holds is not after[key][1].holds:
                 noted_n = before[key][0], after[key][0]
                 self.turns.append(Turn(number, time_s, before[key][1], after[key][1], noted_n))
 
@@ -228,18 +233,15 @@ def remembers(log: Log) -> bool:
     return any(topic == MEMORY for tick in log.ticks for topic, _ in tick.notes)
 
 
-def differences(
-    number: int, time_s: float, was: Decisions, now: Decisions, by_name: bool = False, memory: bool = True
-) -> list[Difference]:
+def differences(number: int, time_s: float, was: Decisions, now: Decisions, memory: bool = True) -> list[Difference]:
     """Where two ticks decided otherwise, nodes first, in the order in which they were ticked.
 
     Args:
         memory: both tell what nodes remember.
-        by_name: the two come from different trees: nodes are the same if their paths without numbers are.
     """
     found = [
         Difference(number, time_s, "node", before, after, node)
-        for node, before, after in _changed_nodes(was.changes, now.changes, by_name)
+        for node, before, after in _changed_nodes(was.changes, now.changes)
     ]
     topics = dict.fromkeys(topic for topic, _ in (*was.notes, *now.notes) if memory or topic != MEMORY)
     pairs: list[tuple[str, Any, Any]] = [(topic, _about(was, topic), _about(now, topic)) for topic in topics]
@@ -272,25 +274,22 @@ def input_differences(one: LoggedTick, other: LoggedTick) -> list[Difference]:
     return [Difference(one.number, one.time_s, name, *_narrowed(plain(x), plain(y))) for name, x, y in pairs if x != y]
 
 
-def _changed_nodes(
-    was: Sequence[StatusChange], now: Sequence[StatusChange], by_name: bool
-) -> Iterator[tuple[str, Any, Any]]:
+def _changed_nodes(was: Sequence[StatusChange], now: Sequence[StatusChange]) -> Iterator[tuple[str, Any, Any]]:
     if was == now:
         return
-    before, after = _by_node(was, by_name), _by_node(now, by_name)
-    if before == after and not by_name:
+    before, after = _by_node(was), _by_node(now)
+    if before == after:
         yield "", "the same changes in another order", [change.path for change in now]
     for node in dict.fromkeys((*before, *after)):
         if before.get(node) != after.get(node):
             yield node, before.get(node, NOTHING), after.get(node, NOTHING)
 
 
-def _by_node(changes: Sequence[StatusChange], by_name: bool) -> dict[str, list[str]]:
+def _by_node(changes: Sequence[StatusChange]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for change in changes:
-        path = _NUMBER.sub("", change.path) if by_name else change.path
         told = f" ({change.feedback})" if change.feedback else ""
-        found.setdefault(path, []).append(f"{change.old.name} -> {change.new.name}{told}")
+        found.setdefault(change.path, []).append(f"{change.old.name} -> {change.new.name}{told}")
     return found
 
 

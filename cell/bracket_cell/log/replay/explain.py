@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,12 @@ from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.replay.compare import Comparison, Difference, Turn
 from bracket_cell.log.replay.loading import Changes
 from bracket_cell.log.replay.logged_tree import logged_tree, other_nodes
+from bracket_cell.log.replay.matching import NUMBER, partners
 from bracket_cell.log.replay.replay import Replay
 from bracket_cell.recording.schemas import plain
 from bracket_ground.errors import InputError, LogError
 from btxml.engine.tree import Tree
 
-_PLACE = re.compile(r"::\d+")
 NOT_THERE = "not there"
 MOST_CAUSES = 6
 CONFIGURED = ("configuration.yaml", "simulation.json", "product.yaml", "faults.yaml")
@@ -40,7 +40,7 @@ class Change:
 
     Attributes:
         where: a key of the configuration, or a node's path and its attribute.
-        node: that path, without numbers; empty for a key.
+        node: that path in the log; empty for a key.
     """
 
     where: str
@@ -52,29 +52,20 @@ class Change:
         return f"{self.where}: {self.was} -> {self.now}"
 
 
-def changed_keys(log: Log, changes: Changes, tree: Tree | None = None) -> list[Change]:
-    """What configuration, weights, nodes and tree have otherwise than those of the log.
-
-    Args:
-        tree: the one that is ticked in place of the log's.
-    """
-    found: list[Change] = []
+def changed_keys(replay: Replay) -> list[Change]:
+    """What configuration, weights, nodes and tree of a replay have otherwise than those of the log."""
+    log, changes, tree, found = replay.recorded, replay.changes, replay.tree, list[Change]()
     if changes.configuration is not None and "configuration.yaml" in log.attachments:
         now = changes.configuration.read_bytes()
         found += _differing(_keys(log.attachments["configuration.yaml"]), _keys(now))
     found += [Change(f"weights.{name}", "those of the log", str(file)) for name, file in changes.weights.items()]
     if changes.perception is not None:
         found.append(Change("perception", log.metadata.get("perception", "unknown"), changes.perception))
-    if tree is not None:
-        found += [
-            Change(f"code of {_PLACE.sub('', node.full_path)}", "that of the log", file, _PLACE.sub("", node.full_path))
-            for node, file in other_nodes(log, tree)
-        ]
-    if changes.tree is not None and tree is not None:
-        try:
-            found += _other_attributes(_attributes(logged_tree(log, changes.nodes)), _attributes(tree))
-        except (LogError, InputError):
-            found.append(Change("tree", log.metadata.get("tree", "unknown"), str(changes.tree)))
+    for node, file in other_nodes(log, tree):
+        path = replay.names.get(node.full_path, node.full_path)
+        found.append(Change(f"code of {NUMBER.sub('', path)}", "that of the log", file, path))
+    if changes.tree is not None:
+        found += _other_tree(log, lambda: (logged_tree(log, changes.nodes), tree))
     return found
 
 
@@ -86,11 +77,7 @@ def changed_files(one: Log, other: Log) -> list[Change]:
             found += _differing(_keys(one.attachments[name]), _keys(other.attachments[name]))
     names = [key for key in one.metadata if key == "seed" or key.startswith(("weights.", "code."))]
     found += _differing(*({key: log.metadata.get(key, NOT_THERE) for key in names} for log in (one, other)))
-    try:
-        found += _other_attributes(*(_attributes(logged_tree(log)) for log in (one, other)))
-    except (LogError, InputError) as error:
-        found.append(Change("tree", "", str(error)))
-    return found
+    return found + _other_tree(one, lambda: (logged_tree(one), logged_tree(other)))
 
 
 def causes(comparison: Comparison, changed: Sequence[Change]) -> list[str]:
@@ -150,12 +137,12 @@ def _answered(comparison: Comparison, changed: Iterable[Change]) -> _Found:
     for one in changed:
         if one.node:
             nodes.setdefault(one.node, []).append(str(one))
-    turned = {(turn.tick, _PLACE.sub("", turn.now.by)) for turn in comparison.turns}
+    turned = {(turn.tick, turn.now.by) for turn in comparison.turns}
     for path, first in comparison.first_by_node.items():
-        place = _PLACE.sub("", path)
-        if place in nodes and (first.tick, place) not in turned:
-            was, now = (" ".join(map(str, one)) if isinstance(one, list) else one for one in (first.was, first.now))
-            yield first.tick, 3, f"{_at(first)}: {place}: {was} -> {now}; changed: {', '.join(nodes[place])}"
+        if path in nodes and (first.tick, path) not in turned:
+            was, now = (", ".join(map(str, one)) if isinstance(one, list) else one for one in (first.was, first.now))
+            name = NUMBER.sub("", path)
+            yield first.tick, 3, f"{_at(first)}: {name}: {was} -> {now}; changed: {', '.join(nodes[path])}"
 
 
 def turn_text(turn: Turn) -> str:
@@ -165,29 +152,40 @@ def turn_text(turn: Turn) -> str:
     reason = f"changed: {', '.join(named)}" if named else "no parameter of it was changed"
     place = f" ({now.source})" if now.source else ""
     sides = (f"{one}{f', since tick {at}' * (at < turn.tick)}" for one, at in zip((was, now), turn.noted, strict=True))
-    return f"tick {turn.tick}, {turn.time_s:.2f} s: {_PLACE.sub('', now.by)}{place}, {' -> '.join(sides)}; {reason}"
+    return f"tick {turn.tick}, {turn.time_s:.2f} s: {NUMBER.sub('', now.by)}{place}, {' -> '.join(sides)}; {reason}"
 
 
 def _at(first: Difference) -> str:
     return f"tick {first.tick}, {first.time_s:.2f} s"
 
 
-def _attributes(tree: Tree) -> dict[tuple[str, str], str]:
-    """Every attribute of every node, by the node's path and the attribute; a node without any is there, too."""
-    counts: dict[str, int] = {}
-    found = {}
-    for node, origin in zip(tree.nodes, tree.origins, strict=True):
-        path = _PLACE.sub("", node.full_path)
-        counts[path] = counts.get(path, 0) + 1
-        place = path if counts[path] == 1 else f"{path} ({counts[path]})"
-        found[place, ""] = origin.tag
-        found |= {(place, f".{name}"): value for name, value in origin.attributes.items() if name != "name"}
+def _other_tree(log: Log, trees: Callable[[], tuple[Tree, Tree]]) -> list[Change]:
+    """Attributes, and nodes, that are others than those of a log's tree, in the order of that."""
+    try:
+        was, tree = trees()
+    except (LogError, InputError) as error:
+        return [Change("tree", log.metadata.get("tree", "unknown"), str(error))]
+    names = partners(was, tree)
+    old, new = _attributes(was, {}), _attributes(tree, names)
+    several = Counter(NUMBER.sub("", path) for path in old.keys() | new.keys())
+    found = []
+    for path in dict.fromkeys((*old, *new)):
+        (place, a), (beside, b) = old.get(path, ("", {})), new.get(path, ("", {}))
+        name = NUMBER.sub("", path).removesuffix(" (new)")
+        name += f" ({place or beside})" if several[NUMBER.sub("", path)] > 1 else ""
+        keys = [key for key in dict.fromkeys((*a, *b)) if a.get(key) != b.get(key)]
+        found += [Change(f"{name}{key}", a.get(key, NOT_THERE), b.get(key, NOT_THERE), path) for key in keys]
     return found
 
 
-def _other_attributes(was: Mapping[tuple[str, str], str], now: Mapping[tuple[str, str], str]) -> list[Change]:
-    keys = [key for key in dict.fromkeys((*was, *now)) if was.get(key) != now.get(key)]
-    return [Change("".join(key), was.get(key, NOT_THERE), now.get(key, NOT_THERE), key[0]) for key in keys]
+def _attributes(tree: Tree, names: Mapping[str, str]) -> dict[str, tuple[str, dict[str, str]]]:
+    """Of every node by its path in the log: its place in a file, its tag, which has no name, and its attributes."""
+    found = {}
+    for node, origin in zip(tree.nodes, tree.origins, strict=True):
+        given = {f".{name}": value for name, value in origin.attributes.items() if name != "name"}
+        place = ":".join(map(str, tree.place_of(node)))
+        found[names.get(node.full_path, node.full_path)] = place, {"": origin.tag, **given}
+    return found
 
 
 def _keys(content: bytes) -> dict[str, str]:
@@ -223,6 +221,7 @@ def replay_row(path: str, changes: Changes) -> dict[str, Any]:
     for name, one in (("first", comparison.first), ("command", act)):
         at = {"tick": None, "time_s": None, "aspect": None} if one is None else plain(one)
         row |= {f"{name}_{key}": at[key] for key in ("tick", "time_s", "aspect")}
-    row["node"] = comparison.command_node if act is not None else (comparison.first.node if comparison.first else "")
-    row["why"] = "; ".join(causes(comparison, changed_keys(replay.log, changes, replay.tree)))
+    node = comparison.command_node if act is not None else (comparison.first.node if comparison.first else "")
+    row["node"] = NUMBER.sub("", node) if changes.tree is not None else node
+    row["why"] = "; ".join(causes(comparison, changed_keys(replay)))
     return row

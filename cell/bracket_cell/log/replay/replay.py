@@ -21,7 +21,8 @@ from bracket_cell.log.replay.compare import (
     remembers,
 )
 from bracket_cell.log.replay.loading import Changes, load, recorded_tree
-from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, write_files
+from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, logged_tree, write_files
+from bracket_cell.log.replay.matching import caused_by, partners, renamed
 from bracket_cell.log.replay.perceive import perceived
 from bracket_cell.recording.identity import what_changed
 from bracket_cell.running.controller import STOPPED, STOPPING
@@ -38,7 +39,7 @@ from bracket_cell.wiring.run_state import go_on_from
 from bracket_cell.wiring.safety import SAFETY, other_limits
 from bracket_cell.wiring.services import TickClock, make_services
 from bracket_cell.wiring.state_reader import StateError
-from bracket_ground.errors import LogError
+from bracket_ground.errors import InputError, LogError
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.notes import ListJournal
@@ -75,6 +76,7 @@ class Replay:
     Attributes:
         remarks: what of the log was not replayed, and why, for people; whole after `run`.
         first: number of the tick that it begins with.
+        names: paths of the recorded nodes by those of the nodes that stand for them, where the tree is another one.
         log: what it sees; `recorded` is that of the run, which other detectors may see otherwise.
 
     Raises:
@@ -91,7 +93,7 @@ class Replay:
         self.log = self.recorded = log
         self.changes = changes or Changes()
         self.remarks: list[str] = []
-        self._by_name, self._memory = self.changes.tree is not None, remembers(log)
+        self._other, self._memory = self.changes.tree is not None, remembers(log)
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         self.remarks += _other_limits(log)
         self._begin(_start(log, bracket))
@@ -103,6 +105,7 @@ class Replay:
         edited = edits[-1] if edits else {}
         configuration, product, planners, self.tree, faults = load(log, self.changes, edited)
         self._configured = configuration.nodes
+        self.names = self._named()
         self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
         if self.changes.perception is not None and log is self.recorded:
             self.log, told = perceived(log, configuration, product, self.changes.perception)
@@ -134,6 +137,15 @@ class Replay:
         if place:
             self._go_on(before)
 
+    def _named(self) -> dict[str, str]:
+        if not self._other:
+            return {}
+        try:
+            return partners(logged_tree(self.recorded, self.changes.nodes), self.tree)
+        except (LogError, InputError) as error:
+            self.remarks.append(f"nodes are compared by their paths, as the log's tree cannot be read: {error}")
+            return {}
+
     def _go_on(self, before: LoggedTick) -> None:
         """Take the state that the log holds after a tick."""
         state, where = (
@@ -148,7 +160,7 @@ class Replay:
             raise LogError(self.log.path, f"{where}: {error}") from None
         self._journal.take()
         self.remarks.append(f"begins after tick {before.number} at {before.time_s:.2f} s, with the state that was kept")
-        if anew and self._by_name:
+        if anew and self._other:
             self.remarks.append(f"begin anew: {', '.join(anew)}")
         elif anew:
             raise LogError(self.log.path, f"holds the state of another tree; it lacks {', '.join(anew)}")
@@ -164,7 +176,7 @@ class Replay:
         Args:
             watch: sees every compared tick; ends the replay by answering False.
         """
-        comparison, ticks, place = Comparison(by_name=self._by_name), self.log.ticks, self._place
+        comparison, ticks, place = Comparison(), self.log.ticks, self._place
         while place < len(ticks) and ticks[place].time_s <= until_s:
             tick = ticks[place]
             if place > self._place and tick.number != ticks[place - 1].number + 1:
@@ -180,9 +192,11 @@ class Replay:
                 break  # a second signal stopped it anywhere
             with collecting(self._causes):
                 now = self._tick(tick)
-            comparison.compared(tick.number, tick.time_s, causes_of(tick), self._causes.take())
+            now = replace(now, changes=renamed(now.changes, self.names))
+            caused = caused_by(self._causes.take(), self.names)
+            comparison.compared(tick.number, tick.time_s, (tick.changes, causes_of(tick)), (now.changes, caused))
             if tick.time_s >= from_s:
-                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name, self._memory)
+                found = differences(tick.number, tick.time_s, logged(tick), now, self._memory)
                 comparison.add(found)
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
@@ -239,7 +253,7 @@ class Replay:
 
     def _take(self, kind: str, fields: Mapping[str, Any], tick: LoggedTick) -> None:
         """Do again what came from outside, where nodes are those of the log."""
-        if self._by_name:
+        if self._other:
             what = "an edit" if kind == "edit" else "an order of a monitor"
             self.remarks.append(f"{what} at {tick.time_s:.2f} s is left out, as another tree is replayed")
         elif kind == "edit":

@@ -6,7 +6,8 @@ import json
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bracket_cell.log.read.reader import Log, LogStream, json_of
@@ -21,7 +22,10 @@ from bracket_cell.log.replay.compare import (
     logged,
     remembers,
 )
+from bracket_cell.log.replay.logged_tree import FOLDER, logged_tree
+from bracket_cell.log.replay.matching import Names, caused_by, partners, renamed
 from bracket_cell.recording.schemas import plain
+from bracket_ground.errors import InputError, LogError
 
 FOREVER = float("inf")
 OF_REASON = ("text", "otherwise", "words", "uid", "path")
@@ -141,13 +145,17 @@ def query(log: Log | LogStream, asked: Query) -> Iterator[dict[str, Any]]:
 
 def diff(one: Log, other: Log) -> Comparison:
     """Two logs tick by tick: what was seen (model outputs among it) and what was decided."""
-    by_name = one.attachments.keys() != other.attachments.keys() or any(
-        one.attachments[name] != other.attachments[name] for name in one.attachments if name.startswith("tree/")
-    )
-    comparison, memory = Comparison(by_name=by_name), remembers(one) and remembers(other)
+    trees = [{name: text for name, text in log.attachments.items() if name.startswith(FOLDER)} for log in (one, other)]
+    names: Names = {}
+    with suppress(LogError, InputError):  # of a tree that cannot be read here nodes go by their paths
+        names = partners(logged_tree(one), logged_tree(other)) if trees[0] != trees[1] else {}
+    comparison, memory = Comparison(), remembers(one) and remembers(other)
     for a, b in zip(one.ticks, other.ticks, strict=False):
-        decided = differences(a.number, a.time_s, logged(a), logged(b), by_name, memory)
-        comparison.compared(a.number, a.time_s, causes_of(a), causes_of(b))
+        now = logged(b)
+        now = replace(now, changes=renamed(now.changes, names))
+        decided = differences(a.number, a.time_s, logged(a), now, memory)
+        caused = caused_by(list(causes_of(b)), names)
+        comparison.compared(a.number, a.time_s, (a.changes, causes_of(a)), (now.changes, caused))
         comparison.add([*input_differences(a, b), *decided])
     shorter, longer = sorted((one, other), key=lambda log: len(log.ticks))
     if len(shorter.ticks) != len(longer.ticks):

@@ -134,7 +134,7 @@ WHAT_IFS = {
 def explained(log: Log, changes: Changes) -> tuple[Comparison, list[str]]:
     replay = Replay(log, changes)
     comparison = replay.run(watch=lambda step: all(one.aspect != "command" for one in step.differences))
-    return comparison, causes(comparison, changed_keys(log, changes, replay.tree))
+    return comparison, causes(comparison, changed_keys(replay))
 
 
 FAST = ("distance", "code of a node")

@@ -182,7 +182,11 @@ def test_a_mended_tree_is_explained_for_one_log_and_for_many(
     assert main(["replay", str(shift), *asked, "--html", str(page)]) == 1
     told = capsys.readouterr().out
     assert "CountTicks.least: 3 -> 4" in told
-    assert "why:" in told
+    why = told[told.index("why:\n") :].splitlines()
+    assert "tick 122, 4.88 s: CountTicks: RUNNING -> SUCCESS" in why[1]
+    assert why[1].endswith("changed: CountTicks.least: 3 -> 4")
+    assert "Sleep (mended.xml:12)" in why[2]
+    assert why[2].endswith("no parameter of it was changed"), "it begins later, as CountTicks ends later"
     assert "What follows from it" in page.read_text()
     shutil.copy(parts_of(shift)[1], tmp_path / "other.mcap")
     (tmp_path / "cut.mcap").write_bytes(parts_of(shift)[1].read_bytes()[:60])

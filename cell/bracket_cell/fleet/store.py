@@ -93,11 +93,17 @@ class _Growing:
             for one in names:
                 if system.exists(f"{path}/{one}"):
                     system.get_file(f"{path}/{one}", str(folder / one))
-            self._shards = sorted(system.find(f"{path}/{SHARDS}")) if system.exists(f"{path}/{SHARDS}") else []
+            there = system.find(f"{path}/{SHARDS}") if system.exists(f"{path}/{SHARDS}") else []
+            self._shards = sorted(one for one in there if one.endswith(".jsonl"))
             for shard in self._shards:
                 with (folder / shard.rpartition("/")[2].partition(".")[2]).open("ab") as file:
                     file.write(system.cat_file(shard))
-            system.pipe_file(f"{path}/.written", b"")  # better refused now than after all runs
+            written = f"{path}/{SHARDS}/.written"
+            try:
+                system.pipe_file(written, b"")  # better refused now than after all runs
+            except FileNotFoundError:  # a store that has folders
+                system.makedirs(f"{path}/{SHARDS}", exist_ok=True)
+                system.pipe_file(written, b"")
         self._sent = {one: self._size(one) for one in names}
 
     def more(self) -> None:
@@ -131,8 +137,7 @@ class _Growing:
         for one in self._names:
             if (file := self._folder / one).exists():
                 put(file, f"{self._place}/{one}")
-        if self._shards:
-            _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
+        _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
 
     def _size(self, one: str) -> int:
         file = self._folder / one

@@ -84,6 +84,18 @@ def test_a_store_that_was_away_has_every_row_once(flaky: list[str], capsys: pyte
     assert rows == list(range(6))
 
 
+def test_a_store_with_folders_gets_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "EVERY_S", 0.0)
+    for number in range(2):
+        with results_folder(f"file://{tmp_path}/new/out", NAMES) as (folder, more):
+            with (folder / "runs.jsonl").open("a") as file:
+                file.write(json.dumps({"key": number}) + "\n")
+            more()
+            [shard] = (tmp_path / "new" / "out" / store.SHARDS).glob("*.jsonl")
+            assert json.loads(shard.read_text()) == {"key": number}
+    assert [one.name for one in (tmp_path / "new" / "out").iterdir()] == ["runs.jsonl"]
+
+
 def test_what_a_killed_sweep_sent_is_there_next_time(flaky: list[str], tmp_path: Path) -> None:
     place = "memory://results/killed"
     growing = store._Growing(place, tmp_path, NAMES)

@@ -145,9 +145,8 @@ class Comparison:
         """
         if "command" in self.first_by_aspect:
             return
-        touched, silent = dict[tuple[str, str, str], None](), set[str]()
+        touched = dict[tuple[str, str, str], None]()
         for known, idle, (changes, noted) in zip(self._causes, self._idle, (was, now), strict=True):
-            silent |= idle - {change.path for change in changes}
             for change in changes:
                 (idle.add if change.new is Status.INVALID else idle.discard)(change.path)
             for cause in noted:
@@ -156,10 +155,15 @@ class Comparison:
         before, after = self._causes
         self.recorded |= bool(before)
         for key in touched:
-            both = key in before and key in after and key[0] not in silent
-            if both and before[key][1].holds is not after[key][1].holds:
+            both = key in before and key in after and before[key][1].holds is not after[key][1].holds
+            if both and self._ticked(key[0], was[0], now[0]):
                 noted_n = before[key][0], after[key][0]
                 self.turns.append(Turn(number, time_s, before[key][1], after[key][1], noted_n))
+
+    def _ticked(self, path: str, *changes: Sequence[StatusChange]) -> bool:
+        """Whether both runs may have ticked a node: it runs, or it changed in this tick."""
+        pairs = zip(self._idle, changes, strict=True)
+        return all(path not in idle or any(one.path == path for one in changed) for idle, changed in pairs)
 
     def as_json(self) -> dict[str, object]:
         """Keys of the commands' `--json`."""

@@ -89,6 +89,7 @@ class SimCell:
         overlap: frames in a process of their own, detectors in another, beside the physics; what comes out is the same.
         detect: makes the detectors that run there; none by default.
         rendered: with images; without, `sight` tells what the cameras would have seen.
+        watched: cameras make frames; without, faster.
         robot: the arm; by default the UR10.
         arm: makes what drives the joints; by default an arm that follows joint trajectories.
 
@@ -111,6 +112,7 @@ class SimCell:
         clutter: Sequence[ScenePart] | None = None,
         overlap: bool = False,
         rendered: bool = True,
+        watched: bool = True,
         robot: RobotModel | None = None,
         detect: Callable[[], DetectByCamera] | None = None,
         arm: Callable[[World], DrivenArm] | None = None,
@@ -144,7 +146,7 @@ class SimCell:
         cameras = self._cameras(bench, settings.hardware.camera_latency_s, chance)
         acting: Actor = sensed if arm is None else driven
         host = beside if beside is not None and beside.detects else None
-        self.devices = self._devices(sensed, self._clock(acting, driven, cameras), cameras, host)
+        self.devices = self._devices(sensed, self._clock(acting, driven, cameras if watched else {}), cameras, host)
 
     def _open_eyes(
         self,

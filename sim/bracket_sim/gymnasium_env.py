@@ -41,7 +41,7 @@ from bracket_sim.process.opening import open_simulation
 ABOVE_M, LIFTED_M, NEAR_M = 0.16, 0.06, 0.015
 HANDED_M = (0.75, -0.20, 0.25)  # where a person takes a part: between tray and bracket, over the table
 REFUSED, DONE = 0.05, 1.0
-MOST_STEPS, TICK_S, MOST_S, AWAKE_S = 100, 0.04, 2.0, 6.0
+MOST_STEPS, TICK_S, PERIOD_S, MOST_S, AWAKE_S = 100, 0.04, 0.008, 2.0, 6.0
 FARTHEST_M = 2.0
 IMAGES = ("overhead", "wrist")
 
@@ -110,19 +110,27 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         configuration: of the cell; the shipped one unless given.
         images: cameras whose images are part of the observation: "overhead", "wrist".
         person: somebody works at the bench, and the arm keeps its distance.
+        physics: of every motion; without, an arm that holds nothing is at once where it goes, if it touches nothing.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - as Gymnasium has it
 
     def __init__(
-        self, task: str = "Reach", configuration: str | None = None, images: tuple[str, ...] = (), person: bool = False
+        self,
+        task: str = "Reach",
+        configuration: str | None = None,
+        images: tuple[str, ...] = (),
+        person: bool = False,
+        physics: bool = True,
     ) -> None:
         if task not in TASKS or set(images) - set(IMAGES):
             raise ValueError(f"task {task!r}, images {images}; legal: {', '.join(TASKS)}; {', '.join(IMAGES)}")
         if person and images:
             raise ValueError("beside a person, hands are seen without images: leave one of the two out")
+        if not physics and (person or images):
+            raise ValueError("without physics there is neither a person nor an image: leave these out")
         path = DEFAULT_CONFIGURATION if configuration is None else configuration
-        self._task, self._images, self._person = TASKS[task], tuple(images), person
+        self._task, self._images, self._person, self._physics = TASKS[task], tuple(images), person, physics
         self._configuration = load_configuration(path)
         self._product = load_product(self._configuration, path)
         self._motion = MotionPlanner(self._product, self._configuration.bench, self._configuration.motion)
@@ -155,8 +163,9 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         super().reset(seed=seed)
         self.close()
         drawn, kind = int(self.np_random.integers(2**31)), (options or {}).get("part")
+        images, person = bool(self._images), self._person
         self._cell = cell = open_simulation(
-            self._configuration, self._product, drawn, rendered=bool(self._images), worker=self._person
+            self._configuration, self._product, drawn, rendered=images, worker=person, watched=images or person
         )
         rest: list[Any] = [one.fields for one in cell.devices.truth() if one.kind == "resting"]
         there = [one for one in rest if kind in (None, one["part"]) and not one["on"]]
@@ -178,12 +187,13 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         assert self._cell is not None, "reset comes first"
         devices, wanted = self._cell.devices, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         opening_m = STROKE_M if wanted[-1] > 0 else 0.0
+        same = opening_m == self._opening_m and not devices.gripper.state().holding
         if opening_m != self._opening_m:
             self._opening_m = opening_m
             devices.gripper.command(GripperCommand(opening_m))
         way = stepped(self._motion, np.array(devices.arm.state().positions_rad), wanted[:-1], opening_m)
         refused = way if isinstance(way, str) else ""
-        if not isinstance(way, str):
+        if not isinstance(way, str) and (self._physics or not same or not self._jumped(way)):
             self._way = devices.arm.follow(way)
         self._run(MOST_S, self._rests)
         if not self._rests():
@@ -209,11 +219,22 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         end_s = devices.clock.now_s() + most_s
         while devices.clock.now_s() < end_s:
             devices.arm.pace(self._share())
-            devices.clock.sleep_until(devices.clock.now_s() + TICK_S)
+            devices.clock.sleep_until(devices.clock.now_s() + (TICK_S if self._physics else PERIOD_S))
             for name, camera in (("overhead", devices.overhead), ("wrist", devices.wrist)):
                 self._frames |= {name: frame} if (frame := camera.latest()) is not None else {}
             if over():
                 return
+
+    def _jumped(self, way: JointTrajectory) -> bool:
+        """Whether the arm is at the end of a way at once, as it touches nothing there."""
+        assert self._cell is not None
+        arm, world = self._cell.arm, self._cell.world
+        before = np.array(arm.state().positions_rad)
+        arm.stand_at(way.positions_rad[-1])
+        if touches := world.arm_touches():
+            arm.stand_at(before)
+            world.arm_touches()
+        return not touches
 
     def _rests(self) -> bool:
         assert self._cell is not None

@@ -59,6 +59,39 @@ def test_a_script_reaches_and_a_way_through_the_table_is_refused() -> None:
     env.close()
 
 
+def test_without_physics_the_arm_comes_to_the_same_places_and_parts_stay() -> None:
+    places = []
+    for physics in (True, False):
+        env = CellTask("Reach", physics=physics)
+        seen, _ = env.reset(seed=3)
+        part_m = seen["part"]
+        for _ in range(6):
+            seen, *_, told = env.step(to(tool_m(env, seen), seen["target"], 1.0))
+            assert not told["refused"]
+        places.append(tool_m(env, seen))
+        assert np.allclose(seen["part"], part_m, atol=0.001)
+        env.close()
+    assert np.linalg.norm(places[0] - places[1]) < 0.003
+    with pytest.raises(ValueError, match="without physics"):
+        CellTask("Reach", physics=False, person=True)
+
+
+@pytest.mark.slow
+def test_what_is_touched_and_what_is_held_has_physics_all_the_same() -> None:
+    env = CellTask("Grasp", physics=False)
+    seen, _ = env.reset(seed=3, options={"part": "o1"})
+    jumps = []
+    jumped = env._jumped
+    env._jumped = lambda way: jumps.append(jumped(way)) or jumps[-1]  # type: ignore[method-assign, func-returns-value]
+    for _ in range(40):
+        seen, *_ = env.step(to(tool_m(env, seen), seen["part"] - (0, 0, 0.02), 1.0))
+        if jumps[-1:] == [False]:
+            break
+    assert True in jumps
+    assert False in jumps, "fingers went into a part"
+    env.close()
+
+
 def test_the_same_seed_is_the_same_episode_also_side_by_side() -> None:
     both = gymnasium.make_vec(NAME.format("Reach"), num_envs=2, vectorization_mode="sync")
     seeds: Any = [5, 5]  # as the library takes them

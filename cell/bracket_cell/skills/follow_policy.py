@@ -11,8 +11,10 @@ import numpy as np
 from bracket_cell.skills.grasping.handling import joints_of
 from bracket_cell.skills.grasping.phases import failed
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, Plan
+from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_cell.skills.move_to import FreeMove
 from bracket_ground.errors import ModelError
+from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.pose import Array, Pose
@@ -81,8 +83,13 @@ def step_goal(motion: MotionPlanner, start_rad: Array, step: Array) -> Pose:
 
 
 def stepped(motion: MotionPlanner, start_rad: Array, step: Array, opening_m: float) -> Plan:
-    """A straight motion by a step, or why it is not free, in words."""
-    return motion.straight_move(start_rad, step_goal(motion, start_rad, step), Load(opening_m, close=True))
+    """A motion by a step, all joints in phase, or why it is not free, in words."""
+    try:
+        way = joint_move(start_rad, joints_after(motion, start_rad, step), motion.settings)
+    except ModelError as error:
+        return str(error)
+    contact = motion.scene(Load(opening_m, close=True)).first_contact(way.positions_rad)
+    return way if contact is None else Message("no free way: {contact}", contact=contact)
 
 
 def joints_after(motion: MotionPlanner, start_rad: Array, step: Array) -> Array:

@@ -80,6 +80,11 @@ class SimArm:
         self._heard_s = self._time_s
         return trajectory
 
+    def stand_at(self, positions_rad: Array) -> None:
+        """Be there at once, at rest."""
+        self._world.put_arm(positions_rad)
+        self._path.stand(positions_rad)
+
     def pace(self, share: float) -> None:
         """Follow at this share of the trajectory's speed, along the path that was checked for collisions."""
         self._share, self._heard_s = min(max(share, 0.0), 1.0), self._time_s

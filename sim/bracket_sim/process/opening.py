@@ -41,6 +41,7 @@ def open_simulation(
     detect: Callable[[], DetectByCamera] | None = None,
     arm: Callable[[World], DrivenArm] | None = None,
     worker: bool = True,
+    watched: bool = True,
 ) -> SimCell:
     """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
 
@@ -48,6 +49,7 @@ def open_simulation(
         detect: makes the detectors that run beside it, where frames are made beside it, too.
         arm: makes what drives the joints; by default an arm that follows joint trajectories.
         worker: with the person, or the robot alone.
+        watched: cameras make frames; without, faster.
 
     Raises:
         CellError: it could not be opened.
@@ -70,6 +72,7 @@ def open_simulation(
         detect=detect,
         arm=arm,
         worker=worker,
+        watched=watched,
     )
 
 

@@ -206,6 +206,12 @@ class World:
         self.data.qvel[self.arm_qvel] = 0.0
         self.data.ctrl[self.arm_ctrl] = positions_rad
 
+    def arm_touches(self) -> bool:
+        """Whether arm or gripper touch anything where they are now."""
+        mujoco.mj_forward(self.model, self.data)
+        roots = self.model.body_rootid[self.model.geom_bodyid[self.data.contact.geom]]
+        return bool((roots == self.model.body_rootid[self._tool]).any())
+
     def update_poses(self) -> None:
         """Of bodies, cameras and lights, by the joints; contacts and forces, which take ten times as long, stay."""
         mujoco.mj_kinematics(self.model, self.data)

@@ -96,8 +96,7 @@ def refresh(folder: Path) -> list[str]:
         InputError: the table cannot be written.
     """
     table, problems, new = rows_of(folder) / TABLE, [], dict[str, Row]()
-    known = read_table(table) if table.exists() else []
-    seen_ns = {row["log"]: row[SEEN] for row in known}
+    seen_ns = _seen_ns(table)
     logs = _logs(folder)
     for log, changed_ns in logs.items():
         if seen_ns.get(str(log), -1) < changed_ns - KEPT_NS:
@@ -106,10 +105,23 @@ def refresh(folder: Path) -> list[str]:
             except LogError as error:
                 problems.append(str(error))
     if new:
+        known = read_table(table) if seen_ns else []
         write_table([*(row for row in known if row["log"] not in new), *new.values()], table)
         for log in logs:  # of a release that wrote a file for each log
             (table.parent / f"{whole_path(log).stem}.parquet").unlink(missing_ok=True)
     return problems
+
+
+def _seen_ns(table: Path) -> dict[str, int]:
+    """By log; a question with nothing new reads no more of the table than its own columns."""
+    duckdb = needed("duckdb", "a question about many runs")
+    if not table.exists():
+        return {}
+    try:
+        with duckdb.connect() as database:
+            return dict(database.execute(f"select log, {SEEN} from read_parquet('{_quoted(table)}')").fetchall())
+    except duckdb.Error as error:
+        raise InputError(f"{table}: is not a table of runs: {str(error).splitlines()[0]}") from None
 
 
 def ask(folder: Path, sql: str) -> Answer:
@@ -158,10 +170,9 @@ def _logs(folder: Path) -> dict[Path, int]:
     """Whole logs, and the first part that is there of each rotated one, with when any part was changed last [ns]."""
     found: dict[Path, tuple[Path, int]] = {}
     with os.scandir(folder) as entries:
-        files = sorted((Path(one.path), one.stat().st_mtime_ns) for one in entries if one.name.endswith(".mcap"))
-    for path, changed_ns in files:
-        if path.name.endswith(".recovered.mcap"):
-            continue
+        ours = (one for one in entries if one.name.endswith(".mcap") and not one.name.endswith(".recovered.mcap"))
+        files = sorted((one.path, one.stat().st_mtime_ns) for one in ours)
+    for path, changed_ns in ((Path(name), changed_ns) for name, changed_ns in files):
         whole = whole_path(path) if part_number(path) is not None else path
         first, before_ns = found.get(whole, (path, 0))
         found[whole] = first, max(before_ns, changed_ns)

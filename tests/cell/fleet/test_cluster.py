@@ -22,7 +22,7 @@ from tests import ROOT
 from tests.cell.fleet import working
 
 RUNS = 40
-BIN = Path(sys.executable).parent
+DASK = (sys.executable, "-m", "dask")
 
 
 def task(number: int) -> Task:
@@ -42,9 +42,9 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
     (lacking / "cell").mkdir(parents=True)
     (lacking / "cell" / "__init__.py").write_text("raise ImportError('no such package here')\n")
     commands = [
-        ([str(BIN / "dask"), "scheduler", "--port", str(port), *dashboard], here),
+        ([*DASK, "scheduler", "--port", str(port), *dashboard], here),
         *(
-            ([str(BIN / "dask"), "worker", address, "--nthreads", "1", "--name", name, *dashboard,
+            ([*DASK, "worker", address, "--nthreads", "1", "--name", name, *dashboard,
               "--local-directory", str(folder / name)], {**here, "PYTHONPATH": path})
             for name, path in (("one", paths), ("two", paths), ("odd", str(lacking)))
         ),

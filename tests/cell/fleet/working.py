@@ -48,6 +48,13 @@ def row(task: Task) -> dict[str, object]:
     return in_child(run_row, task.seed)
 
 
+def row_on_disk(task: Task) -> dict[str, object]:
+    """As `row`, and writes something to the disk that the worker's environment names first."""
+    with Path(os.environ.get("DISK_OF_TEST", os.devnull)).open("w") as file:
+        file.write("a row")
+    return {**row(task), "key": task.key}
+
+
 def run_row(seed: int) -> dict[str, object]:
     time.sleep(0.05)
     return {"key": str(seed), "seed": seed, "end": "finished", "took_s": 0.05}

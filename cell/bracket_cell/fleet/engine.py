@@ -35,6 +35,7 @@ CONNECT_S = 15.0
 AWAY_S = 90.0  # in which a scheduler must be back
 TROUBLES = 2  # after which a worker is left out, and a run goes nowhere else
 FROZEN = "60s"  # a worker of this machine that says nothing for so long is begun anew
+ANSWER_S = 20.0  # in which a worker hands over an answer that it has
 POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
 # Asked of every worker before its first run; sent as source, as a worker may lack the package.
 FACTS = """
@@ -118,8 +119,8 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
     address, waiting, done = client.scheduler.address, _Once(tasks), set[str]()
     while True:
         try:
-            for (task,), future in _done(client, work, ((task,) for task in waiting), in_order=False):
-                row = _row(task, future)
+            for (task,), answer, error in _done(client, work, ((task,) for task in waiting), in_order=False):
+                row = _row(task, answer, error)
                 done.add(task.key)
                 yield row
             return
@@ -130,17 +131,11 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
             waiting.again(done)
 
 
-def _row(task: Task, future: Any) -> Row:
-    error, trouble = future.exception(), None
-    if error is None:
-        answer = future.result()
-        if not isinstance(answer, Trouble):
-            row: Row = answer
-            return row
-        trouble = answer.words
-    elif future.status == "cancelled" or isinstance(error, CancelledError):
-        raise error  # the scheduler is gone: it is nobody's answer
-    told = {"end": "lost", "reason": trouble or _words(error), "took_s": 0.0}
+def _row(task: Task, answer: Row | Trouble | None, error: BaseException | None) -> Row:
+    if answer is not None and not isinstance(answer, Trouble):
+        return answer
+    reason = answer.words if error is None and answer is not None else _words(error or CellError("no answer"))
+    told = {"end": "lost", "reason": reason, "took_s": 0.0}
     return {"key": task.key, "seed": task.seed, **dict(task.label), **told}
 
 
@@ -218,10 +213,8 @@ def mapped(
         return
     with cluster(workers, address) as client:
         packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a child takes no function inside of another
-        for _, future in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
-            error = future.exception()
+        for _, answer, error in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
             if error is None:
-                answer = future.result()
                 if isinstance(answer, Trouble):
                     raise CellError(f"several workers had trouble, the last one: {answer.words}")
                 yield answer
@@ -233,8 +226,8 @@ def mapped(
 
 def _done(
     client: Any, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], *, in_order: bool
-) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Arguments with their futures, in order or as they are done; arguments are taken only as workers need them.
+) -> Iterator[tuple[tuple[Any, ...], Any, BaseException | None]]:
+    """Arguments with answer or error, in order or as they are done; arguments are taken only as workers need them.
 
     Only workers that agree with this program get any; one that is not there any more is made good by the others.
     """
@@ -253,18 +246,28 @@ def _done(
                 distributed.wait([first] if in_order else list(pending), timeout=POLL_S, return_when="FIRST_COMPLETED")
             done = [one for one in ([first] if in_order else list(pending)) if one.done()]
             for future in done:
-                one, _ = pending.pop(future)
-                trouble = future.result() if future.status == "finished" else None
-                if isinstance(trouble, Trouble) and crew.had(trouble, troubled, one):
-                    pending[_submitted(client, work, one, crew)] = one, set(crew.agreeing)
-                    continue
-                troubled.pop(id(one), None)
-                yield one, future
-            if not done:
-                pending = {_kept(client, work, one, told, crew): told for one, told in pending.items()}
+                with suppress(TimeoutError):  # else its worker has the answer, and says nothing
+                    answer, error = _answer(future)
+                    one, _ = pending.pop(future)
+                    if isinstance(answer, Trouble) and crew.had(answer, troubled, one):
+                        pending = {_submitted(client, work, one, crew): (one, set(crew.agreeing)), **pending}
+                        continue
+                    troubled.pop(id(one), None)
+                    yield one, answer, error
+            pending = {_kept(client, work, one, told, crew): told for one, told in pending.items()}
     finally:
         with suppress(Exception):  # of a scheduler that is gone there is nothing to cancel
             client.cancel(list(pending))
+
+
+def _answer(future: Any) -> tuple[Any, BaseException | None]:
+    """Of a future that is done: what its work answers, or raises; TimeoutError where that does not come."""
+    if future.status == "finished":
+        return future.result(timeout=ANSWER_S), None
+    error = future.exception(timeout=ANSWER_S)
+    if future.status == "cancelled" or isinstance(error, CancelledError):
+        raise error  # the scheduler is gone: it is nobody's answer
+    return None, error
 
 
 def _submitted(client: Any, work: Callable[..., Any], one: tuple[Any, ...], crew: _Crew) -> Any:

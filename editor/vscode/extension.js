@@ -57,10 +57,57 @@ function show(uri) {
   });
 }
 
+// Runs a tree in the debugger, which is `cell dap`: breakpoints, steps, blackboard, and its output in the debug console.
+function debug(uri) {
+  const launch = { type: "cell", request: "launch", name: basename(chosen(uri)), program: chosen(uri) };
+  return vscode.debug.startDebugging(vscode.workspace.workspaceFolders?.[0], launch);
+}
+
+const adapter = {
+  createDebugAdapterDescriptor: () =>
+    new vscode.DebugAdapterExecutable(settings().get("command"), ["dap"], { cwd: folder() }),
+};
+const completed = { // what a person left out, as for F5 without a launch.json
+  resolveDebugConfiguration: (_, asked) => {
+    const made = asked.type ? asked : { type: "cell", request: "launch", name: "This tree", program: "${file}" };
+    return made.request === "launch" ? { args: settings().get("runArguments"), ...made } : made;
+  },
+};
+
+// What the nodes of each line do, beside the text: [numbers of Groot2's protocol, mark, colour].
+const STATES = [
+  [[1], "▶", "charts.yellow"], [[2], "✔", "charts.green"], [[3], "✘", "charts.red"],
+  [[12], "✔", "disabledForeground"], [[13], "✘", "disabledForeground"],
+];
+let marks = [], states = {};
+function paint() {
+  for (const editor of vscode.window.visibleTextEditors) {
+    const lines = Object.entries(states[editor.document.uri.fsPath] ?? {});
+    STATES.forEach(([codes], turn) => {
+      const there = lines.filter(([line, code]) => codes.includes(code) && line <= editor.document.lineCount);
+      editor.setDecorations(marks[turn], there.map(([line]) => editor.document.lineAt(line - 1).range));
+    });
+  }
+}
+function live() {
+  marks = STATES.map(([, contentText, colour]) => vscode.window.createTextEditorDecorationType({
+    after: { contentText: `  ${contentText}`, color: new vscode.ThemeColor(colour) },
+  }));
+  const tell = (told) => { states = told; paint(); };
+  return [
+    ...marks,
+    vscode.debug.registerDebugAdapterDescriptorFactory("cell", adapter),
+    vscode.debug.registerDebugConfigurationProvider("cell", completed),
+    vscode.debug.onDidReceiveDebugSessionCustomEvent(({ event, body }) => event === "cell.statuses" && tell(body)),
+    vscode.debug.onDidTerminateDebugSession(() => tell({})),
+    vscode.window.onDidChangeVisibleTextEditors(paint),
+  ];
+}
+
 const COMMANDS = {
   "cell.show": show,
   "cell.check": (uri) => terminal("cell check", ["check", chosen(uri)]),
-  "cell.run": (uri) => terminal("cell run", ["run", chosen(uri), ...settings().get("runArguments")]),
+  "cell.run": debug,
   "cell.monitor": () => terminal("cell show --running", ["show", "--running"], true),
   "cell.replay": (uri) => terminal("cell replay", ["replay", chosen(uri)]),
   "cell.restart": async () => {
@@ -73,6 +120,7 @@ async function activate(context) {
   for (const [name, does] of Object.entries(COMMANDS)) {
     context.subscriptions.push(vscode.commands.registerCommand(name, does));
   }
+  context.subscriptions.push(...live());
   await serve();
 }
 

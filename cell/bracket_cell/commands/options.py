@@ -28,7 +28,7 @@ MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 _ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
-DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "live": LIVE_PORT, "opcua": OPCUA_PORT}
+DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "debugger": MONITOR_PORT, "live": LIVE_PORT, "opcua": OPCUA_PORT}
 
 CONFIG_HELP = "Configuration file of the cell."
 OUT_HELP = "File or folder to write."
@@ -185,8 +185,10 @@ def doors_of(given: Iterable[str] | None) -> dict[str, Any]:
         if not (at.isdecimal() and 0 <= int(at) < 65535):
             raise InputError(f"--open {each}: {at!r} is no port; legal: 0 to 65534")
         opened["live_port" if door == "live" else "monitor_port"] = int(at)
-        if door == "breakpoints":
+        if door in ("breakpoints", "debugger"):
             opened["monitor_hooks"] = True
+        if door == "debugger":
+            opened["await_monitor"] = True
     return opened
 
 

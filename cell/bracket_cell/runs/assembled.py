@@ -89,6 +89,8 @@ class RunParts:
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)
         self.observers = self._observers(why_now, viewers)
+        if options.await_monitor and viewers.monitor is not None:
+            viewers.monitor.await_view()
         if options.watch:
             self.ticked = _watched(options, files, self.observers, viewers.edited)
 

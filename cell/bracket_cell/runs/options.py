@@ -65,6 +65,7 @@ class RunOptions:
     log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
     monitor_port: int | None = None
     monitor_hooks: bool = False
+    await_monitor: bool = False
     watch: Annotated[bool, Option("--watch", help="Apply edits of the tree file during the run.")] = False
     live_port: int | None = None
     overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False

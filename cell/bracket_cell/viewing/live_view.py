@@ -33,7 +33,7 @@ STATUS = struct.Struct("<HB")
 PROTOCOL = 2
 TIMEOUT_MS = 2000
 REFRESH_S = 0.2
-FEEDBACK, WHY = "F", "w"
+FEEDBACK, WHY, PLACES = "F", "w", "p"
 WAIT_S = 600.0  # for a run to begin
 ARROWS = {"\x1b[A": -1, "\x1b[B": 1, "\x1b[5~": -10, "\x1b[6~": 10, "k": -1, "j": 1}
 KEY = re.compile(r"\x1b\[[0-9]*[A-Z~]|.", re.DOTALL)
@@ -110,6 +110,14 @@ class MonitorClient:
         except InputError:
             return {}
         return {int(uid): text for uid, text in told.items()}
+
+    def places(self) -> list[tuple[str, int]]:
+        """File and line of every node, in the order of the uids.
+
+        Raises:
+            InputError: the monitor is of another program, which does not know.
+        """
+        return [(file, line) for file, line in json.loads(self._ask(PLACES))]
 
     def why(self) -> str:
         """Why the robot does what it does, in one sentence; a monitor of another program does not know."""

@@ -29,6 +29,7 @@ from bracket_cell.watching.why_now import WhyNow
 from bracket_ground.errors import InputError
 from btxml.engine.hooks import ORDERS, Hooks
 from btxml.engine.literals import shown
+from btxml.engine.node import TreeNode
 from btxml.engine.tree import Tree
 from btxml.files.compile.registry import Registry
 from btxml.views.groot2 import StatusBoard, blackboards, tree_xml
@@ -36,12 +37,13 @@ from btxml.views.groot2 import StatusBoard, blackboards, tree_xml
 Key = tuple[Any, Any]
 DEFAULT_PORT = 1667
 PROTOCOL = 2
-FEEDBACK, WHY = "F", "w"  # requests of our own beside Groot2's
+FEEDBACK, WHY, PLACES = "F", "w", "p"  # requests of our own beside Groot2's
 REQUESTS_A_TICK, SERVES_S = 16, 0.004  # so that a flood of requests does not hold up the loop: a tenth of a period
 WHY_S = 0.2  # so long a reason is told again instead of being found anew: with guards asked, it takes a millisecond
 SIGNATURE, SIGNATURE_BYTES = b"\xff", 10  # of ZMTP, what a peer says before it has heard anything
 REQUEST_BYTES = 64 * 1024
 HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
+AWAIT_S = 0.02
 HEADER = struct.Struct("<BBI")
 
 
@@ -52,6 +54,11 @@ class Owners:
         self._heard_s: dict[int, float] = {}
         self._owner: dict[Key, int] = {}
         self._known: set[Key] = set()
+
+    @property
+    def viewed(self) -> bool:
+        """Whether a view is there."""
+        return bool(self._heard_s)
 
     def heard(self, session: int, view: bool) -> None:
         """A request came; a view is one that asks what only views ask."""
@@ -126,6 +133,7 @@ class Monitor(Observer):
             "t": lambda _: self._board.take_transitions(),
             FEEDBACK: self._feedback,
             WHY: lambda _: self._told_why(),
+            PLACES: lambda _: self._places,
         }
 
     def watch(self, tree: Tree) -> None:
@@ -133,6 +141,7 @@ class Monitor(Observer):
         self._tree = tree
         self._identity = uuid.uuid4().bytes
         self._xml = tree_xml(tree, self._registry).encode()
+        self._places = json.dumps([_place(tree, node) for node in tree.nodes]).encode()
         self._board = StatusBoard(len(tree.nodes))
         self._hooks = Hooks(tree, self._tell_breakpoint)
         self._owners = Owners()
@@ -154,6 +163,12 @@ class Monitor(Observer):
         for gate in self._gates:
             gate.close()
         self._context.destroy(linger=0)
+
+    def await_view(self) -> None:
+        """Answer until a view looks, which then has set its breakpoints."""
+        while not self._owners.viewed:
+            self.serve()
+            time.sleep(AWAIT_S)
 
     def serve(self) -> None:
         """Answer what was asked since the last time."""
@@ -275,6 +290,12 @@ class Monitor(Observer):
         socket.bind(f"ipc://@{name}")
         self._gates.append(Gate(listening, f"\0{name}", greets=begins(SIGNATURE, SIGNATURE_BYTES)))
         return socket
+
+
+def _place(tree: Tree, node: TreeNode) -> list[str | int]:
+    """File and line in which a node stands; an empty name where it was made in Python."""
+    place = tree.places[node.uid - 1].get("") if node.uid <= len(tree.places) else None
+    return ["", 0] if place is None else [str(place.file.resolve()), place.line or 0]
 
 
 def _packable(value: object) -> Any:

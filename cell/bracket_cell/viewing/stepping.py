@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from difflib import get_close_matches
 from typing import Any
 from xml.etree import ElementTree
@@ -72,16 +72,36 @@ class Stepper:
             near = get_close_matches(name.strip(), known, 3, 0.6)
             self.told = f"there is no node {name.strip()!r}" + (f"; near to it: {', '.join(near)}" if near else "")
             return
+        away = found <= self._named
         try:
-            if found <= self._named:
-                for uid in found - self._stopped:
-                    self._send("R", {"uid": uid, "position": PRE})
-                self._named, self.told = self._named - found, f"goes past {name.strip()} again"
-            else:
-                self._insert(found)
-                self._named, self.told = self._named | found, f"waits before {name.strip()}; s lets it begin"
+            self.stop_before(self._named - found if away else self._named | found)
         except InputError as error:
             self.told = str(error)
+        else:
+            self.told = f"goes past {name.strip()} again" if away else f"waits before {name.strip()}; s lets it begin"
+
+    def stop_before(self, wanted: Set[int]) -> None:
+        """Let these nodes wait before they begin, each time, and no others.
+
+        Raises:
+            InputError: breakpoints are off.
+        """
+        for uid in self._named - wanted - self._stopped:
+            self._send("R", {"uid": uid, "position": PRE})
+        if new := wanted - self._named:
+            self._insert(new)
+        self._named = set(wanted)
+
+    def let(self, uid: int) -> None:
+        """Let a node begin that waits.
+
+        Raises:
+            InputError: it does not wait.
+        """
+        stays = uid in self._named
+        order = {"uid": uid, "position": PRE, "desired_status": AS_IT_IS, "remove_when_done": not stays}
+        self._send("U", order)
+        self._stopped.discard(uid)
 
     def leave(self) -> None:
         """Take the breakpoints away, so that nothing waits for a person who has left."""
@@ -116,10 +136,7 @@ class Stepper:
             self.told = "no action waits" if self.paused or self._named else "press p first, or b and a name"
             return
         first = self._waiting.pop(0)
-        stays = first in self._named
-        order = {"uid": first, "position": PRE, "desired_status": AS_IT_IS, "remove_when_done": not stays}
-        self._send("U", order)
-        self._stopped.discard(first)
+        self.let(first)
         following = f"; next: {self._called(self._waiting[0])}" if self._waiting else ""
         self.told = f"{self._called(first)} may begin{following}"
 

@@ -93,8 +93,7 @@ class Hooks:
         Raises:
             ValueError: there is no such hook.
         """
-        key = (uid, position)
-        if key not in self._hooks:
+        if (key := (uid, position)) not in self._hooks:
             raise ValueError(f"node {uid} has no hook there")
         self._drop(key)
 
@@ -125,8 +124,8 @@ class Hooks:
         if key not in self._waiting or key not in self._hooks:
             raise ValueError(f"node {uid} does not wait at a breakpoint")
         self._unlocked[key] = answer
-        if remove:
-            self._hooks[key] = replace(self._hooks[key], once=True)
+        self.waiting -= {uid}
+        self._hooks[key] = replace(self._hooks[key], once=remove or self._hooks[key].once)
 
     @property
     def act(self) -> bool:
@@ -153,6 +152,8 @@ class Hooks:
             self._waiting.pop(key, None)
             return None
         if hook.mode is Mode.BREAKPOINT and key not in self._unlocked:
+            if position is Position.PRE and node.status is RUNNING:
+                return None  # it has begun: it is let begin once, not tick by tick
             if key not in self._waiting:
                 self._reached(node.uid)
             self._waiting[key] = answer

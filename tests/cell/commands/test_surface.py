@@ -24,7 +24,7 @@ from tests import ROOT
 LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
     "Start": ["init", "doctor", "docs", "run", "serve", "setup", "safety"],
-    "Program": ["new", "check", "nodes", "schema", "lsp", "show"],
+    "Program": ["new", "check", "nodes", "schema", "lsp", "dap", "show"],
     "Test": ["twin", "replay", "report", "log"],
     "Train": ["record", "label", "train", "goals", "compare"],
 }

@@ -59,10 +59,15 @@ def assert_served(found: dict[str, Any], cell: Path) -> None:
     tree = found["terminals"][0][2]
     assert found["terminals"] == [
         [str(cell), "check", tree],
-        [str(cell), "run", tree, "--real-time", "--open", "monitor"],
         [str(cell), "show", "--running"],
         [str(cell), "replay", tree],
     ]
+    assert found["launched"] == {"type": "cell", "request": "launch", "name": "mine.xml", "program": tree}
+    assert found["completed"]["args"] == ["--real-time"]
+    assert found["completed"]["program"] == "${file}"
+    assert found["debugger"]["supportsConfigurationDoneRequest"] is True
+    assert found["marked"] == {"▶": [1], "✔": [2], "✘": [3]}
+    assert found["unmarked"] == {"▶": [], "✔": [], "✘": []}
     assert "parc" in found["marks"][0]
     assert "write park" in found["actions"]
     wanted = {
@@ -88,6 +93,8 @@ def test_commands_options_and_snippets_are_those_of_the_program(cell: Path) -> N
     code = (EXTENSION / "extension.js").read_text()
     for command in re.findall(r'"cell\.\w+": \(\w*\) => terminal\("cell (\w+)"', code):
         assert subprocess.run([cell, command, "--help"], capture_output=True, check=False).returncode == 0, command
+    assert {one["type"] for one in MANIFEST["contributes"]["debuggers"]} == {"cell"}
+    assert MANIFEST["contributes"]["breakpoints"] == [{"language": "xml"}]
     snippets = json.loads((EXTENSION / "snippets.json").read_text())
     assert all("\n".join(one["body"]).count("<") for one in snippets.values())
 

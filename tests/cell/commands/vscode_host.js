@@ -11,7 +11,18 @@ const declared = JSON.parse(readFileSync(`${extension}/package.json`, "utf8")).c
 const registered = {};
 let started;
 
+const own = {}; // what the extension gave for debugging
+const keep = (name) => (...given) => ((own[name] = given[given.length - 1]), { dispose() {} });
 const vscode = {
+  ThemeColor: class { constructor(id) { this.id = id; } },
+  DebugAdapterExecutable: class { constructor(command, args, options) { Object.assign(this, { command, args, options }); } },
+  debug: {
+    startDebugging: (_, launch) => { told.launched = launch; },
+    registerDebugAdapterDescriptorFactory: keep("adapter"),
+    registerDebugConfigurationProvider: keep("completed"),
+    onDidReceiveDebugSessionCustomEvent: keep("event"),
+    onDidTerminateDebugSession: keep("ended"),
+  },
   ViewColumn: { Beside: -2 },
   commands: { registerCommand: (name, does) => ((registered[name] = does), { dispose() {} }) },
   workspace: {
@@ -22,6 +33,9 @@ const vscode = {
     activeTextEditor: { document: { uri: { fsPath: tree } } },
     showErrorMessage: (text) => told.errors.push(text),
     createTerminal: (options) => (told.terminals.push([options.shellPath, ...options.shellArgs]), { show() {} }),
+    visibleTextEditors: [],
+    createTextEditorDecorationType: (options) => ({ mark: options.after.contentText.trim(), dispose() {} }),
+    onDidChangeVisibleTextEditors: () => ({ dispose() {} }),
     createWebviewPanel: () => ({ webview: { set html(text) { told.pages.push(text.length); told.page = text.slice(0, 200); } } }),
   },
 };
@@ -33,6 +47,26 @@ class LanguageClient {
 const load = Module._load;
 Module._load = (name, ...rest) =>
   name === "vscode" ? vscode : name === "vscode-languageclient/node" ? { LanguageClient } : load(name, ...rest);
+
+// The debugger as the editor starts it: it names what it can, and its statuses become marks beside the lines.
+async function debugs() {
+  const { command, args, options } = own.adapter.createDebugAdapterDescriptor();
+  const child = spawn(command, args, { cwd: options.cwd, stdio: ["pipe", "pipe", "inherit"] });
+  const text = JSON.stringify({ seq: 1, type: "request", command: "initialize", arguments: {} });
+  child.stdin.write(`Content-Length: ${Buffer.byteLength(text)}\r\n\r\n${text}`);
+  const answer = await new Promise((done) => child.stdout.once("data", (piece) => done(piece.toString())));
+  told.debugger = JSON.parse(answer.slice(answer.indexOf("{"))).body;
+  child.stdin.end();
+  await new Promise((done) => child.on("exit", done));
+  told.completed = own.completed.resolveDebugConfiguration(undefined, {});
+  const shown = {}, document = { uri: { fsPath: tree }, lineCount: 3, lineAt: (line) => ({ range: line + 1 }) };
+  vscode.window.visibleTextEditors.push({ document, setDecorations: ({ mark }, lines) => { shown[mark] = [...(shown[mark] ?? []), ...lines]; } });
+  own.event({ event: "cell.statuses", body: { [tree]: { 1: 1, 2: 2, 3: 13, 99: 1 } } });
+  told.marked = { ...shown };
+  for (const mark of Object.keys(shown)) delete shown[mark];
+  own.ended();
+  told.unmarked = shown;
+}
 
 function talk(server) { // the protocol's framing: a header with the length, then JSON
   const child = spawn(server.command, server.args, { cwd: server.options.cwd, stdio: ["pipe", "pipe", "inherit"] });
@@ -81,6 +115,7 @@ async function main() {
   await server.ask("shutdown");
   server.tell("exit");
   await new Promise((done) => server.child.on("exit", done));
+  await debugs();
   await deactivate();
   process.stdout.write(JSON.stringify(told));
 }

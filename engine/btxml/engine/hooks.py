@@ -146,8 +146,7 @@ class Hooks:
         Args:
             answer: the node's own, kept for a breakpoint behind it.
         """
-        key = (node.uid, position)
-        hook = self._hooks.get(key)
+        hook = self._hooks.get(key := (node.uid, position))
         if hook is None or not hook.enabled:
             self._waiting.pop(key, None)
             return None

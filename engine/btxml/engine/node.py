@@ -119,6 +119,7 @@ class TreeNode:
         children_min, children_max: legal numbers of children; None for any number.
         tag: element name in XML, the class name unless given.
         traits: what the checks of tree files know of it.
+        keeps_results: children that ended before it did keep their results; they are forgotten unless it says so.
         persistent: names of attributes that outlive an edit of the running tree, such as what was answered last.
         abstract: said by a class that is only a base of others, and no node of its own; not inherited.
         status: how it stands between two ticks.
@@ -133,6 +134,7 @@ class TreeNode:
     children_max: ClassVar[int | None] = 0
     tag: ClassVar[str] = ""
     traits: ClassVar[Traits] = Traits()
+    keeps_results: ClassVar[bool] = False
     persistent: ClassVar[tuple[str, ...]] = ()
     abstract: ClassVar[bool] = True
 
@@ -242,12 +244,12 @@ class TreeNode:
             self.set_status(IDLE)
 
     @final
-    def reset_children(self) -> None:
+    def reset_children(self, keeps_results: bool = False) -> None:
         """Halt what is RUNNING below, in order, and forget results."""
         for child in self.children:
             if child.status is RUNNING:
                 child.halt()
-            elif (old := child.status) is not IDLE:
+            elif (old := child.status) is not IDLE and not keeps_results:
                 child.status = IDLE
                 child.note_change((child, old, IDLE, child.feedback_message))
 
@@ -263,6 +265,8 @@ class TreeNode:
         status = conditions.before(self)
         if status is None:
             status = self.run()
+            if status is not RUNNING:
+                self.reset_children(self.keeps_results)  # `_post` sees what `_onHalted` below wrote
             if status is SUCCESS and self.traits.guards:
                 self.runtime.agreed = self.runtime.ticks
         if status is SUCCESS or status is FAILURE:
@@ -442,13 +446,7 @@ class Node(TreeNode):
 
 
 class Branch(TreeNode):
-    """A node with children.
-
-    Attributes:
-        keeps_results: children that ended before it did keep their results; they are forgotten unless it says so.
-    """
-
-    keeps_results: ClassVar[bool] = False
+    """A node with children."""
 
     @final
     def execute(self) -> Status:

@@ -206,6 +206,22 @@ def test_a_retry_reads_its_number_again_after_each_failure(number: int, after: i
     assert compare(case, tmp_path / "tree.xml", True) == []
 
 
+@pytest.mark.parametrize(
+    ("control", "children", "ends"),
+    [
+        ('Parallel success_count="1" failure_count="-1"', "{runs}{ends}", "S"),
+        ("ReactiveFallback", "{ends}{runs}", "FS"),
+        ("ReactiveSequence", "{ends}{runs}", "SF"),
+    ],
+)
+def test_what_follows_an_end_sees_what_halted_children_wrote(
+    control: str, children: str, ends: str, tmp_path: Path
+) -> None:
+    leaves = children.format(runs='<Leaf name="runs" _onHalted="x := 3"/>', ends='<Leaf name="ends"/>')
+    case = of(f'<{control} name="control" _post="x := x * 2">{leaves}</{control.split()[0]}>', runs="R", ends=ends)
+    assert compare(case, tmp_path / "tree.xml", True) == []
+
+
 def test_the_library_leaves_the_child_of_a_retry_running_whose_number_falls(tmp_path: Path) -> None:
     """A difference that is wanted, and stands in docs/conformance.md."""
     retry = '<RetryUntilSuccessful name="r" num_attempts="{x}"><Leaf name="leaf"/></RetryUntilSuccessful>'

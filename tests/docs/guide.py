@@ -80,6 +80,7 @@ class Reader:
             return
         if step.kind == "yaml" and file.name == "cell.yaml":
             body = yaml.safe_dump(_changed(yaml.safe_load(file.read_text()), yaml.safe_load(body)), sort_keys=False)
+        file.parent.mkdir(exist_ok=True)
         file.write_text(body)
 
     def _type(self, line: str) -> None:
@@ -90,10 +91,16 @@ class Reader:
             return
         settings = dict(word.split("=", 1) for word in _settings(words))
         command = words[len(settings) :]
-        programs = {"cell": [sys.executable, "-m", "bracket_cell"], "python": [sys.executable]}
+        programs = {
+            "cell": [sys.executable, "-m", "bracket_cell"],
+            "python": [sys.executable],
+            # as the program, which does not look for modules in the working folder
+            "pytest": [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider"],
+        }
         assembles = command[:2] == ["cell", "run"] and not any(word.startswith("trees/") for word in command)
         extra = ["--json"] if assembles else []
-        path = os.pathsep.join([str(ROOT), str(self.folder / settings.pop("PYTHONPATH", "."))])
+        own = str(self.folder / settings.pop("PYTHONPATH", "."))
+        path = os.pathsep.join([str(ROOT), own, *filter(None, [os.environ.get("PYTHONPATH")])])
         done = subprocess.run(
             [*programs[command[0]], *command[1:], *extra],
             cwd=self.folder,
@@ -122,5 +129,8 @@ def _settings(words: list[str]) -> Iterator[str]:
 
 def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     """The old settings with the keys of the new sections in the place of theirs."""
-    merged = {section: {**old.get(section, {}), **keys} for section, keys in new.items()}
+    merged = {
+        section: {**old.get(section, {}), **keys} if isinstance(keys, Mapping) else keys
+        for section, keys in new.items()
+    }
     return {**old, **merged}

@@ -46,9 +46,10 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "config", tmp_path / "config", ignore=shutil.ignore_patterns("*.py"))
     for name in TREES:
         (tmp_path / name).write_text(FILES[name])
-    leaf = ModuleType("nodes.every_nth")
-    exec(compile(FILES["nodes/every_nth.py"], "docs/leaves.md", "exec"), leaf.__dict__)
-    monkeypatch.setitem(sys.modules, leaf.__name__, leaf)
+    for file in [name for name in MODULES if name.startswith("nodes/")]:
+        node = ModuleType(module_name(file))
+        exec(compile(FILES[file], "docs/leaves.md", "exec"), node.__dict__)
+        monkeypatch.setitem(sys.modules, node.__name__, node)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -192,6 +192,8 @@ def python_files(name: str) -> list[Path]:
 def _named(name: str) -> Iterator[ModuleType]:
     if Path(name).is_dir() or python_files(name):
         yield from map(_file, python_files(name))
+    elif "/" in name or name.startswith("."):
+        raise InputError(f"nodes {name!r}: there is no such file or folder, seen from the configuration or its parent")
     else:
         yield from _imported(name)
 

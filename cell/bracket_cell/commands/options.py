@@ -28,7 +28,13 @@ MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 _ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
-DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "debugger": MONITOR_PORT, "live": LIVE_PORT, "opcua": OPCUA_PORT}
+DOORS = {
+    "monitor": MONITOR_PORT,
+    "breakpoints": MONITOR_PORT,
+    "debugger": MONITOR_PORT,
+    "live": LIVE_PORT,
+    "opcua": OPCUA_PORT,
+}
 
 CONFIG_HELP = "Configuration file of the cell."
 OUT_HELP = "File or folder to write."
@@ -50,7 +56,8 @@ OpenOption = Annotated[
         "--open",
         metavar="DOOR[=PORT]",
         help=r"Let others watch; may be repeated. monitor: Groot2, `cell show --running`; breakpoints: these may stop "
-        r"nodes and override them, too; live: Foxglove; opcua: the run's numbers, also =HOST:PORT, needs cell\[opcua].",
+        r"nodes and override them, too; debugger: the run begins when these look; live: Foxglove; "
+        r"opcua: the run's numbers, also =HOST:PORT, needs cell\[opcua].",
     ),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]

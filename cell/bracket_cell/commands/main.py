@@ -38,7 +38,7 @@ COMMANDS: Table = {
     "nodes": Command("bracket_cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
     "schema": Command("bracket_cell.commands.schema:schema", "Write schemas of all files that you edit.", PROGRAM),
     "lsp": Command("bracket_cell.commands.lsp:lsp", "Serve an editor: the language server of tree files.", PROGRAM),
-    "dap": Command("bracket_cell.commands.dap:dap", "Serve an editor's debugger: breakpoints in tree files.", PROGRAM),
+    "dap": Command("bracket_cell.commands.dap:dap", "Serve an editor's debugger: breakpoints in tree files."),
     "show": Command(
         "bracket_cell.commands.show:show", "Print or draw the tree of a file or a log, or watch that of a run.", PROGRAM
     ),

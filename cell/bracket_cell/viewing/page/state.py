@@ -122,9 +122,10 @@ class PageState:
         """Everything that changes, as it is after this tick."""
         seen, judged, told = record.observation, record.judgement, self.instructor.now()
         alarms = [] if (cause := self.instructor.cause) is None else [[cause[0], data_of(cause[1])]]
-        if self.instructor.asks:
+        if self.instructor.asks and not alarms:
             alarms.append(["acknowledge", ACKNOWLEDGE])
-        following = self.instructor.next
+        held = judged is not None and judged.action.name in ("HOLD", "STOP")
+        moving = seen.arm.moving or not seen.arm.stands
         return {
             "time_s": round(seen.time_s, 2),
             "tick": seen.tick,
@@ -134,7 +135,7 @@ class PageState:
             "instruction": {**asdict(told), "words": data_of(told.words)},
             "alarms": alarms,
             "why": self._why_now().plain(),
-            "held": judged is not None and judged.action.name in ("HOLD", "STOP"),
+            "held": held,
             "asks": self.instructor.asks,
             "questions": [_question(one) for one in self._display.questions],
             "operator": plain(seen.operator),
@@ -143,10 +144,10 @@ class PageState:
             "point": self._history[-1] if self._history else None,
             "bracket": {name: asdict(hole) for name, hole in self.instructor.holes.items()},
             "robot": {
-                "now": data_of(self._display.message),
-                "moving": seen.arm.moving or not seen.arm.stands,
+                "now": data_of("standing still" if held and not moving else self._display.message),
+                "moving": moving,
                 "holding": seen.gripper.holding,
-                "next": following,
+                "next": self.instructor.next,
                 "doubt": data_of(self.instructor.doubt),
             },
             "pose": pose_of(seen),

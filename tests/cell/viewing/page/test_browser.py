@@ -26,7 +26,9 @@ from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageR
 from tests.docs.page_moments import GL
 
 SIZES = ((1280, 800), (1024, 768))
-EVERY_SIZE = (*SIZES, (1920, 1080), (1200, 800))
+EVERY_SIZE = (*SIZES, (1920, 1080), (1366, 768), (1200, 800), (800, 1280))
+PHONE = (390, 844)
+FINGER_PX = 44.0
 ARC_MIN, FAR_MM, CAPITALS, PITCH_MM = 20.0, 2000.0, 0.72, 531.3 / 1920  # of a 24-inch screen with 1920 pixels
 CONTRAST = 4.5
 SHOTS = os.environ.get("CELL_SCREENSHOTS")  # a folder for pictures of the page
@@ -247,7 +249,7 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.show(questions=())
     visitor.rig.judgement = Judgement()
     visitor.catch_up()
-    assert visitor.page.query_selector_all("#front > *") == []
+    assert visitor.page.query_selector_all("#front > *, #alarms > *") == []
     assert visitor.page.inner_text("#words") != HELP.todo
 
 
@@ -333,24 +335,76 @@ def test_the_cell_is_drawn_in_three_dimensions_and_only_where_something_moved(ch
 
 
 FITS = "[document.documentElement.scrollHeight <= innerHeight, document.documentElement.scrollWidth <= innerWidth]"
-SEEN = """() => [...document.querySelectorAll('#words, #front > *, #said, #stop, #pauseNow')]
+SEEN = """() => [...document.querySelectorAll('#words, #robot, #alarms > *, #front > *, #said, #stop, #pauseNow')]
   .filter((one) => one.textContent).map((one) => one.getBoundingClientRect())
   .every((box) => box.top >= 0 && box.bottom <= innerHeight && box.right <= innerWidth)"""
+LARGE = """() => [...document.querySelectorAll('#words, #robot, #stop, .question:first-child .answers button')]
+  .map((one) => parseFloat(getComputedStyle(one).fontSize))"""
+SMALL = f"""() => [...document.querySelectorAll('button, select, summary, input, label')]
+  .filter((one) => one.checkVisibility() && one.type !== 'checkbox')
+  .filter((one) => one.getBoundingClientRect().height < {FINGER_PX})
+  .map((one) => one.id || one.outerHTML)"""
+CUT = """() => [...document.querySelectorAll('footer button, .answers button')]
+  .filter((one) => one.scrollWidth > one.clientWidth || one.scrollHeight > one.clientHeight)
+  .map((one) => one.textContent)"""
+PLACES = """() => [...document.querySelectorAll('footer button')].map((one) => one.getBoundingClientRect())
+  .map(({ x, y, width, height }) => [x, y, width, height].map(Math.round).join())"""
 
 
+@pytest.mark.parametrize("language", ["en", "de"])
 @pytest.mark.parametrize("moment", ["sure", "question", "alarm"])
-def test_every_size_is_one_screen_with_words_of_20_arc_minutes(browser: Any, moment: str) -> None:
+def test_every_size_is_one_screen_with_words_of_20_arc_minutes(browser: Any, moment: str, language: str) -> None:
     rig = PageRig()
     brought_to(rig, moment)
     made = Visitor(browser, rig, EVERY_SIZE[0])
+    made.page.select_option("#language", language)
     for width, height in EVERY_SIZE:
         made.page.set_viewport_size({"width": width, "height": height})
-        made.page.keyboard.press("s")
+        made.catch_up()
+        assert made.page.evaluate(CUT) == []
+        made.shot(f"{moment}-{language}-{width}x{height}")
+        px = min(made.page.evaluate(LARGE))
+        assert math.degrees(math.atan(px * CAPITALS * PITCH_MM / FAR_MM)) * 60 >= ARC_MIN
+    made.page.keyboard.press("s")
+    for width, height in EVERY_SIZE:
+        made.page.set_viewport_size({"width": width, "height": height})
         made.catch_up()
         assert made.page.evaluate(FITS) == [True, True]
         assert made.page.evaluate(SEEN), "sentence, question and confirmation are in view"
-        px = made.page.evaluate("parseFloat(getComputedStyle(document.querySelector('#words')).fontSize)")
-        assert math.degrees(math.atan(px * CAPITALS * PITCH_MM / FAR_MM)) * 60 >= ARC_MIN
+        assert made.page.evaluate(SMALL) == []
+    made.context.close()
+    rig.page.abandon()
+
+
+def test_no_button_moves_whatever_it_says_or_the_page_shows(browser: Any) -> None:
+    rig = PageRig()
+    made = Visitor(browser, rig, EVERY_SIZE[0])
+    for width, height in EVERY_SIZE:
+        made.page.set_viewport_size({"width": width, "height": height})
+        places = made.page.evaluate(PLACES)
+        for change in ({"questions": (HELP, WHICH)}, {"questions": (SURPLUS,)}, {"questions": ()}):
+            rig.show(**change)
+            made.catch_up()
+            made.page.keyboard.press("s")
+            assert made.page.evaluate(PLACES) == places
+    made.context.close()
+    rig.page.abandon()
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_phone_shows_one_column_and_scrolls_down_alone(browser: Any, language: str) -> None:
+    rig = PageRig()
+    made = Visitor(browser, rig, PHONE)
+    made.page.select_option("#language", language)
+    for moment in ("sure", "question", "alarm"):
+        brought_to(rig, moment)
+        made.catch_up()
+        made.shot(f"{moment}-{language}-{PHONE[0]}x{PHONE[1]}")
+        assert made.page.evaluate("document.documentElement.scrollWidth") == PHONE[0]
+        assert made.page.evaluate(SMALL) == []
+        assert made.page.evaluate(CUT) == []
+        boxes = [made.page.query_selector(name).bounding_box() for name in ("#words", "#pauseNow", "#stop")]
+        assert all(box["y"] >= 0 and box["y"] + box["height"] <= PHONE[1] for box in boxes)
     made.context.close()
     rig.page.abandon()
 

@@ -120,7 +120,6 @@ function begin() {
   $("keys").checked = localStorage.getItem("keys") !== "off";
   $("keys").addEventListener("change", () => localStorage.setItem("keys", $("keys").checked ? "on" : "off"));
   $("pair").addEventListener("submit", pair);
-  addEventListener("resize", fit);
   for (const [name, key, , , ] of BUTTONS) {
     const onclick = async () => {
       if ((await BUTTONS.find((one) => one[0] === name)[3]()) !== null) return;
@@ -193,7 +192,7 @@ function showBetween(state) {
   for (const id of ["count", "clock"]) $(id).textContent = "";
   $("role").textContent = operates ? "" : t("view-only");
   showDo({ instruction: state });
-  $("front").replaceChildren();
+  for (const id of ["front", "alarms", "robot"]) $(id).replaceChildren();
   if (!document.body.classList.contains("between")) $("form").open = true;
   document.body.classList.add("between");
   const begins = [["", "Begin", {}], ...(state.resumable ? [["again", "Go on where it ended", { resume: true }]] : [])];
@@ -315,6 +314,7 @@ function showButtons() {
     const missed = (lost.get(name) ?? 0) > Date.now();
     $(name).textContent = sure ? t("Press again to stop") : missed ? t("{words}: not sent", { words: t(words) }) : t(words);
     $(name).classList.toggle("sure", sure);
+    $(name).classList.toggle("missed", missed);
   }
   for (const name of ["start", "amount", "variant", "orderId", "due"]) if ($(name)) $(name).disabled = !operates || silent || (over && !between);
   $("percent").disabled = !operates || over || !last;
@@ -336,7 +336,6 @@ function watchNews() {
   $("do").dataset.moment = "alarm";
   $("sign").textContent = SIGNS.alarm;
   $("words").textContent = t("No news for {silent_s} s. Use the stop button at the cell.", { silent_s: Math.floor(quiet / 1000) });
-  fit();
   if (Date.now() - opened > ANEW_MS) follow();
 }
 
@@ -346,15 +345,6 @@ function showDo({ instruction }) {
   $("do").dataset.moment = instruction.moment;
   $("sign").textContent = SIGNS[instruction.moment] ?? "→";
   $("words").textContent = t(instruction.words);
-  fit();
-}
-
-// A long sentence becomes smaller only where it would take more than three lines.
-function fit() {
-  const words = $("words");
-  words.style.fontSize = "";
-  let size = parseFloat(getComputedStyle(words).fontSize);
-  while (words.offsetHeight > innerHeight * 0.3 && size > 34) words.style.fontSize = `${(size -= 3)}px`;
 }
 
 function showFront(state) {
@@ -362,13 +352,10 @@ function showFront(state) {
   const now = JSON.stringify([state.ended, state.instruction.moment, state.alarms, state.questions, notice, operates]);
   if (now === front) return; // a button that is being pressed stays the same
   front = now;
-  const blocks = [];
   const told = ["waits", "over"].includes(state.instruction.moment); // the sentence says it already
-  for (const [signal, words] of told ? [] : state.alarms) blocks.push(make("div", { class: "alarm", "data-signal": signal }, t(words)));
-  if (notice) blocks.push(make("div", { class: "notice" }, t(notice[2])));
-  for (const question of state.questions) blocks.push(asked(question));
-  $("front").replaceChildren(...blocks);
-  fit();
+  const alarms = (told ? [] : state.alarms).map(([signal, words]) => make("div", { class: "alarm", "data-signal": signal }, t(words)));
+  $("alarms").replaceChildren(...alarms, ...(notice ? [make("div", { class: "notice" }, t(notice[2]))] : []));
+  $("front").replaceChildren(...state.questions.map(asked));
 }
 
 function asked(question) {
@@ -482,8 +469,8 @@ function showGoals({ belief, bracket }) {
 function showRobot({ robot, questions, pose, bracket, tray, hand }) {
   planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
   const waits = !robot.next && !robot.moving && robot.doubt;
-  $("robot").textContent = [`${t("Robot")}: ${t(robot.now) || t("nothing")}`, waits ? t("waits because {why}", { why: waits }) : ""].filter(Boolean).join(" – ");
-  $("robot").title = $("robot").textContent;
+  const words = `${t("Robot")}: ${t(robot.now) || t("nothing")}`;
+  $("robot").replaceChildren(words, ...(waits ? [make("small", {}, ` – ${t("waits because {why}", { why: waits })}`)] : []));
   space?.show({ pose, bracket, tray, hand });
 }
 

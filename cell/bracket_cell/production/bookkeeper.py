@@ -98,7 +98,7 @@ class Bookkeeper(Observer):
 
     def close(self, outcome: Outcome) -> None:
         self.state = "over"
-        signal = self._cause if outcome.end == "fault" else ""
+        signal = self._cause if outcome.end == "fault" and outcome.arm_stands else ""  # else people keep away first
         self.end(outcome.end, signal, outcome.reason)
 
     def end(self, ended: str, signal: str = "", reason: str = "") -> None:

@@ -227,7 +227,7 @@ class OperatorGuide:
 
     def _fresh(self) -> Instruction:
         if self._ended is not None:
-            stopped = self._judgement.action is Action.STOP and self.cause
+            stopped = self._judgement.action is Action.STOP and self._ended.arm_stands and self.cause
             signal = stopped[0] if stopped else ""
             do = Message(ended_advice(self._ended.end, signal))
             return Instruction("over", Message("The run is over. {do}", do=do))

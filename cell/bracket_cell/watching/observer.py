@@ -56,6 +56,9 @@ class TickRecord:
     unacknowledged: bool = False
 
 
+STANDS = ("the arm stands", "nothing has moved")  # begin of a condition in which it does
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended.
@@ -82,6 +85,11 @@ class Outcome:
     def cause(self) -> str:
         """The same as one sentence, empty where there is none."""
         return "" if self.why is None else str(self.why)
+
+    @property
+    def arm_stands(self) -> bool:
+        """Whether the arm is known to stand."""
+        return self.condition.startswith(STANDS)
 
     @property
     def exit_status(self) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, cast
@@ -64,7 +65,7 @@ class PageServer(WebServer):
         self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
         self._still, self._state = b"{}", b"{}"
         self.still(dict(still or {}))
-        self._number = 0
+        self._number, self._published_s = 0, time.monotonic()
         self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
         self._jpeg: tuple[int, bytes] = (-1, b"")
         self._news: dict[asyncio.Event, Role | None] = {}  # of each page that is open, and whose token it has
@@ -97,6 +98,7 @@ class PageServer(WebServer):
     def publish(self, state: dict[str, Any]) -> None:
         """A new state for every client; returns at once."""
         self._state, self._number = orjson.dumps(state, option=orjson.OPT_NON_STR_KEYS), self._number + 1
+        self._published_s = time.monotonic()
         loop = self._loop
         if loop is not None and not self._closing:
             try:
@@ -191,7 +193,8 @@ class _Events(Response):
             told = -1
             while not gone.done() and not (server._closing and told == server._number):
                 if told != server._number:
-                    told = server._number
+                    told, age_s = server._number, time.monotonic() - server._published_s
+                    await self._tell(send, b"age", f"{age_s:.1f}".encode())  # a newcomer's first state may be old
                     await self._tell(send, b"state", server._state)
                 news.clear()
                 if told == server._number and not server._closing and not gone.done():

@@ -534,6 +534,15 @@ def test_old_news_look_old_and_nothing_can_be_pressed_that_would_be_lost(quick: 
     page.keyboard.press("p")
     assert "there is no news from the cell" in page.text_content("#said")
     assert quick.rig.said == []
+    page.evaluate("window.back = 0")
+    page.evaluate(f"window.watch = setInterval(() => {{ if ({HEARD}) window.back += 1 }}, 20)")
+    page.wait_for_timeout(7000)  # it connects anew meanwhile, and gets the same state once more
+    assert page.evaluate("window.back") == 0
+    newcomer = quick.context.new_page()
+    newcomer.goto(quick.rig.page.address)
+    newcomer.wait_for_timeout(2000)
+    assert newcomer.evaluate(SILENT)
+    newcomer.close()
     quick.rig.tick()
     quick.until(HEARD)
     assert page.evaluate(WORDS) == told

@@ -40,6 +40,7 @@ let over = false;
 let served = false; // the page outlives runs
 let events = null; // the connection by which states come
 let heard = Date.now(); // when the newest came, and when the connection was made
+let age = 0; // of the newest, when it was sent [ms]
 let opened = 0;
 let silent = false; // what is shown is old
 let between = null; // how the cell is while no run goes on
@@ -600,10 +601,12 @@ function follow() {
     if (!silent) refused("");
     if (!space) build();
   });
+  events.addEventListener("age", (event) => (age = 1000 * Number(event.data)));
   events.addEventListener("state", (event) => {
     const state = JSON.parse(event.data);
-    heard = Date.now();
-    if (silent) last = state;
+    heard = Date.now() - (state.ended ? 0 : age);
+    if (silent || Date.now() - heard > 1000 * still.silent_s) last = state;
+    if (Date.now() - heard > 1000 * still.silent_s) return; // old news look old
     watchNews();
     show(state);
     if (state.ended && !served) events.close();

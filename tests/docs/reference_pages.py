@@ -13,6 +13,8 @@ from bracket_cell.faults.named_faults import FaultKind
 from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, Spread
 from bracket_cell.recording.schemas import TOPICS, schema
 from bracket_cell.trees import vocabulary
+from bracket_cell.viewing.advice import ADVICE, ENDS
+from bracket_ground.files.words.catalogue import catalogue
 from bracket_ground.interfaces.faults import SIGNALS as SIGNS
 from bracket_ground.interfaces.faults import FaultTable
 from btxml.engine.node import Control, Decorator, Node, TreeNode
@@ -35,6 +37,14 @@ FAULTS = f"""# The table of faults
 - `clears`: by `itself` when it has gone; at `standstill` of the arm; when a `person` gives the order *acknowledge*;
   `never`.
 
+"""
+SAID = """
+# What the page says
+
+Of the first cause, in a line, and in German:
+
+| sign, or end of a run | what a person does | |
+|---|---|---|
 """
 PUT_IN = """
 # Faults to put in
@@ -98,7 +108,21 @@ def faults() -> str:
     )
     drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in (SIGNALS | DETECTED).items())
     table = fault_table_markdown(load_faults(load_configuration()))
-    return FAULTS + table + PUT_IN + "".join(named) + MISHAPS + "".join(mishaps) + BY_SIGNAL + "".join(drawn)
+    german = catalogue("de").texts
+    ends = {f"the run ended: {end or 'its program is gone'}": words for end, words in ENDS.items()}
+    said = (f"| `{name}` | {words} | {german[words]} |\n" for name, words in {**ADVICE, **ends}.items())
+    return (
+        FAULTS
+        + table
+        + SAID
+        + "".join(said)
+        + PUT_IN
+        + "".join(named)
+        + MISHAPS
+        + "".join(mishaps)
+        + BY_SIGNAL
+        + "".join(drawn)
+    )
 
 
 def _ends(kind: FaultKind) -> str:

@@ -18,7 +18,7 @@ from bracket_cell.runs.options import RunOptions
 if TYPE_CHECKING:
     from bracket_cell.production.book import Book
 
-TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
+TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders", "pixels")
 SERVED = "served"  # folder beside the logs
 BROWSERS = "browsers.jsonl"
 
@@ -49,6 +49,7 @@ def serve(
         return
     from bracket_cell.configuration import load_configuration, load_product
     from bracket_cell.production.book import NAME, Book
+    from bracket_cell.serving.certificate import fingerprint, with_certificate
     from bracket_cell.serving.launcher import Launcher
     from bracket_cell.serving.paired import Paired
     from bracket_cell.serving.server import CellServer
@@ -72,8 +73,11 @@ def serve(
     simulated = configuration.devices.simulated
     may = simulated if configuration.page.begin is None else configuration.page.begin
     more = _seeded(book, asked.seed) if simulated else list
-    server = CellServer(where, configuration.page, launcher, paired, book, product, more if may else None)
+    page = configuration.page if where.local else with_certificate(configuration.page, folder, where.host)
+    server = CellServer(where, page, launcher, paired, book, product, more if may else None)
     say(f"the cell's page: {server.address}", highlight=False, soft_wrap=True)
+    if page is not configuration.page and page.certificate is not None:
+        say(f"its certificate is the cell's own; compare once: {fingerprint(page.certificate)}", highlight=False)
     news()
     try:
         if begin and not launcher.busy:

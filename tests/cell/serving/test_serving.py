@@ -20,6 +20,7 @@ from bracket_cell.commands.options import words_of
 from bracket_cell.production.book import Book, RunRow
 from bracket_cell.production.bookkeeper import Bookkeeper, Moment
 from bracket_cell.runs.options import RunOptions
+from bracket_cell.serving.certificate import fingerprint, with_certificate
 from bracket_cell.serving.launcher import Launcher
 from bracket_cell.serving.paired import WRONG_N, Paired
 from bracket_cell.serving.server import CellServer
@@ -143,10 +144,10 @@ def test_a_page_that_stays_open_sees_runs_begin_and_end(served: Served) -> None:
         rig = PageRig(where=Address.parse(f"{SOCKET}{served.launcher.socket}", "--page"))
         rig.tick()
         during = {name for name, _ in takewhile(lambda event: event[0] != "state", events)}
-        assert during <= {"between", "role", "still"}
+        assert during <= {"between", "role", "still", "age"}
         rig.page.abandon()
         after = {name for name, _ in takewhile(lambda event: event[0] != "between", events)}
-        assert after <= {"state"}
+        assert after <= {"state", "age"}
 
 
 def test_orders_and_pictures_reach_the_run(served: Served) -> None:
@@ -244,9 +245,9 @@ def test_where_the_configuration_forbids_it_no_page_begins_a_run(tmp_path: Path)
 
 
 def test_options_are_typed_again_as_they_were() -> None:
-    options = RunOptions(brackets=0, seed=3, share=0.5, goal="g1")
-    assert words_of(options, ("brackets", "seed", "look", "share", "goal")) == [
-        *("--shift", "0", "--seed", "3", "--share", "0.5", "--goal", "g1")
+    options = RunOptions(brackets=0, seed=3, share=0.5, goal="g1", pixels=False)
+    assert words_of(options, ("brackets", "seed", "look", "share", "goal", "pixels")) == [
+        *("--shift", "0", "--seed", "3", "--share", "0.5", "--goal", "g1", "--no-pixels")
     ]
 
 
@@ -257,3 +258,17 @@ def test_a_tree_that_cannot_run_is_told_before_anything_is_served(
     assert main(["serve", "none.xml"]) == 2
     assert "none.xml" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_certificate_is_made_once_for_a_host_and_its_key_is_private(tmp_path: Path) -> None:
+    first = with_certificate(PageSettings(), tmp_path / "served", "cell-3.local")
+    assert first.certificate is not None
+    assert first.key is not None
+    assert first.key.stat().st_mode & 0o077 == 0
+    print_of_first = fingerprint(first.certificate)
+    with_certificate(PageSettings(), tmp_path / "served", "cell-3.local")
+    assert fingerprint(first.certificate) == print_of_first
+    with_certificate(PageSettings(), tmp_path / "served", "10.0.0.7")
+    assert fingerprint(first.certificate) != print_of_first
+    own = PageSettings(certificate=tmp_path / "own.pem", key=tmp_path / "own.key")
+    assert with_certificate(own, tmp_path / "served", "10.0.0.7") is own

@@ -7,23 +7,20 @@ import http.client
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from hashlib import sha256
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from bracket_cell.production.book import Book, RunRow
 from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.work_orders import WorkOrders
+from bracket_cell.serving.certificate import with_certificate
 from bracket_cell.settings import PageSettings
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
@@ -218,16 +215,8 @@ def _change(kind: str, uid: int, old: Status, new: Status) -> StatusChange:
 
 def certified(folder: Path, host: str) -> tuple[PageSettings, str]:
     """TLS files for a host, and the digest of their key by which Chromium trusts them and no others."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "a cell")])
-    now = datetime.now(UTC)
-    made = (
-        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number(), now, now + timedelta(days=1))
-        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ip_address(host))]), critical=False)
-        .sign(key, hashes.SHA256())
-    )
-    settings = PageSettings(certificate=folder / "cell.pem", key=folder / "cell.key")
-    (folder / "cell.pem").write_bytes(made.public_bytes(Encoding.PEM))
-    (folder / "cell.key").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    public = key.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    settings = with_certificate(PageSettings(), folder, host)
+    assert settings.certificate is not None
+    key = x509.load_pem_x509_certificate(settings.certificate.read_bytes()).public_key()
+    public = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     return settings, base64.b64encode(sha256(public).digest()).decode()

@@ -470,8 +470,9 @@ function showGoals({ belief, bracket }) {
 function showRobot({ robot, questions, pose, bracket, tray, hand }) {
   planned = questions.find((one) => one.part)?.part ?? robot.next?.[0] ?? "";
   const waits = !robot.next && !robot.moving && robot.doubt;
-  const words = `${t("Robot")}: ${t(robot.now) || t("nothing")}`;
-  $("robot").replaceChildren(words, ...(waits ? [make("small", {}, ` – ${t("waits because {why}", { why: waits })}`)] : []));
+  const [does, ...why] = (t(robot.now) || t("nothing")).split("; ");
+  const more = [...why, ...(waits ? [t("waits because {why}", { why: waits })] : [])];
+  $("robot").replaceChildren(`${t("Robot")}: ${does}`, ...(more.length ? [make("small", {}, ` – ${more.join("; ")}`)] : []));
   space?.show({ pose, bracket, tray, hand });
 }
 

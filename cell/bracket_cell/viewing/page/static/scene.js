@@ -27,7 +27,7 @@ export class Space {
     this.bench();
     this.moving = new THREE.Group();
     this.scene.add(this.moving);
-    this.hand = this.mesh(new THREE.SphereGeometry(1, 20, 14), COLOURS.hand);
+    this.hand = this.palm();
     this.hand.visible = false;
     this.scene.add(this.hand);
     this.drag();
@@ -80,8 +80,9 @@ export class Space {
     this.scene.add(table);
     for (const { name, pose, size_m } of this.told.boxes) {
       const bin = name.includes("bin");
-      const colour = name === "the bracket" ? COLOURS.bracket : bin ? COLOURS.bin : COLOURS.other;
-      this.scene.add(this.place(this.mesh(new THREE.BoxGeometry(...size_m), colour, bin ? 0.45 : 1), pose));
+      const colour = name === "the bracket" ? COLOURS.bracket : COLOURS.other;
+      const body = bin ? this.bin(name, size_m) : this.mesh(new THREE.BoxGeometry(...size_m), colour);
+      this.scene.add(this.place(body, pose));
     }
     this.bracket = this.place(new THREE.Group(), this.told.bracket);
     this.scene.add(this.bracket);
@@ -91,6 +92,39 @@ export class Space {
       hole.position.set(x, y, 0);
       this.bracket.add(hole);
     }
+  }
+
+  // Open above, with the parts that it is named after.
+  bin(name, [x, y, z]) {
+    const [group, wall, high] = [new THREE.Group(), 0.004, 0.6 * z];
+    const sides = [[x, wall, 0, y / 2], [x, wall, 0, -y / 2], [wall, y, x / 2, 0], [wall, y, -x / 2, 0]];
+    for (const [wide, deep, atX, atY] of sides) {
+      const side = this.mesh(new THREE.BoxGeometry(wide, deep, high), COLOURS.bin);
+      side.position.set(atX, atY, (high - z) / 2);
+      group.add(side);
+    }
+    const [type] = Object.entries(this.still.parts).find(([, { title }]) => name === `the bin of ${title}s`) ?? [];
+    for (const [atX, atY] of type ? [[-1, -1], [-1, 1], [1, -1], [1, 1]] : []) {
+      const part = this.part(type);
+      part.position.set(0.2 * atX * x, 0.2 * atY * y, -z / 2);
+      group.add(part);
+    }
+    return group;
+  }
+
+  // A palm with four fingers and a thumb, along x, of length 1.
+  palm() {
+    const group = new THREE.Group();
+    const add = (long, thick, x, y, turn = 0) => {
+      const body = this.mesh(new THREE.CapsuleGeometry(thick, long, 4, 10), COLOURS.hand);
+      body.rotation.z = Math.PI / 2 + turn;
+      body.position.set(x, y, 0);
+      group.add(body);
+    };
+    for (const y of [-0.12, 0.0, 0.12]) add(0.3, 0.12, -0.28, y);
+    for (const [number, y] of [-0.2, -0.07, 0.07, 0.2].entries()) add(number % 3 ? 0.42 : 0.34, 0.055, 0.2, y);
+    add(0.3, 0.06, -0.15, 0.3, 0.7);
+    return group;
   }
 
   part(type, opacity = 1) {
@@ -129,9 +163,9 @@ export class Space {
     this.hand.visible = Boolean(hand.at_m);
     if (hand.at_m) {
       const [tipX, tipY, palmX, palmY] = hand.at_m;
-      const long = Math.max(0.05, Math.hypot(tipX - palmX, tipY - palmY));
+      const long = Math.max(0.18, 2 * Math.hypot(tipX - palmX, tipY - palmY));
       this.hand.position.set((tipX + palmX) / 2, (tipY + palmY) / 2, 0.09);
-      this.hand.scale.set(long * 0.8, 0.045, 0.03);
+      this.hand.scale.setScalar(long);
       this.hand.rotation.z = Math.atan2(tipY - palmY, tipX - palmX);
     }
     this.parts(bracket, tray);

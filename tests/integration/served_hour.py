@@ -20,6 +20,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class Hour:
     def serve(self) -> None:
         """Start the server; its output is appended."""
         out = (self.folder / "serve.out").open("a")
-        words = ["serve", "--page", str(self.port), "--shift", "2", "--seed", "7", "--no-pixels"]
+        words = ["serve", "--page", str(self.port), "--shift", "2", "--seed", "7", "--look", "none"]
         command = [sys.executable, "-m", "bracket_cell", *words]
         self.server = subprocess.Popen(command, stdout=out, stderr=out, cwd=self.folder)
 
@@ -107,7 +108,8 @@ class Hour:
                         cut_s = now_s
                         relay.silent.set()
                     else:
-                        self.act(page, what)
+                        with suppress(Error):  # nothing can be pressed while there are no news
+                            self.act(page, what)
             if told["begin"] and not told["silent"]:
                 self.begin(page, "again" if told["again"] and told["moment"] == "alarm" else "new")
             if not told["between"] and not told["silent"] and now_s > (shot + 0.5) * self.length_s / 4:
@@ -126,7 +128,7 @@ class Hour:
             page.fill("#amount", "4")
             page.click("#start")
         else:
-            page.click("[data-change=A17]")
+            page.click("[data-change=A17]", timeout=3000)
             page.fill("#amount", "9")
             page.click("#start")
 

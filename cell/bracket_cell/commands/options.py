@@ -148,8 +148,7 @@ def words_of(record: object, names: Iterable[str]) -> list[str]:
         declared = [one for one in (option.default, *(option.param_decls or ())) if str(one).startswith("--")]
         typed = next(iter(declared), f"--{name.replace('_', '-')}")  # typer takes the first one for a default
         if value != given[name]:
-            yes, _, no = typed.partition("/")
-            words += [yes if value else no] if isinstance(value, bool) else [typed, str(value)]
+            words += [typed] if value is True else [typed, str(value)]
     return words
 
 

@@ -18,7 +18,7 @@ from bracket_cell.runs.options import RunOptions
 if TYPE_CHECKING:
     from bracket_cell.production.book import Book
 
-TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders", "pixels")
+TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
 SERVED = "served"  # folder beside the logs
 BROWSERS = "browsers.jsonl"
 

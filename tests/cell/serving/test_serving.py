@@ -245,9 +245,9 @@ def test_where_the_configuration_forbids_it_no_page_begins_a_run(tmp_path: Path)
 
 
 def test_options_are_typed_again_as_they_were() -> None:
-    options = RunOptions(brackets=0, seed=3, share=0.5, goal="g1", pixels=False)
-    assert words_of(options, ("brackets", "seed", "look", "share", "goal", "pixels")) == [
-        *("--shift", "0", "--seed", "3", "--share", "0.5", "--goal", "g1", "--no-pixels")
+    options = RunOptions(brackets=0, seed=3, share=0.5, goal="g1")
+    assert words_of(options, ("brackets", "seed", "look", "share", "goal")) == [
+        *("--shift", "0", "--seed", "3", "--share", "0.5", "--goal", "g1")
     ]
 
 

@@ -624,7 +624,7 @@ function follow() {
   });
   events.addEventListener("served", () => (served = true));
   events.addEventListener("error", async () => {
-    const answer = await fetch("metrics", { headers: shown }).catch(() => null); // which says whether this browser is known
+    const answer = await fetch("metrics", { headers: shown, signal: AbortSignal.timeout(ARRIVE_MS) }).catch(() => null); // which says whether this browser is known
     if (answer?.status === 401) $("pair").hidden = false;
   });
 }
@@ -648,7 +648,7 @@ async function watchCamera() {
   const camera = $("camera");
   try {
     const hand = seen;
-    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}` : "camera.jpg", { headers: shown });
+    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}` : "camera.jpg", { headers: shown, signal: AbortSignal.timeout(ARRIVE_MS) });
     if (answer.status === 200) {
       const image = await createImageBitmap(await answer.blob());
       [camera.width, camera.height] = [image.width, image.height];

@@ -205,13 +205,13 @@ class Facts:
         try:
             ticks = read_log(files_of(first)).ticks
         except CellError:
-            ticks = []  # the run was killed while it wrote its head
+            ticks = ()  # the run was killed while it wrote its head
         for tick in ticks:
             for topic, fields in tick.notes:
                 if topic == "bracket" and fields["edge"] == "begin" and not fields.get("resumed"):
                     filled.clear()
                 if topic == "belief" and fields.get("edge"):
-                    part, at = fields["edge"]  # type: ignore[misc]
+                    part, at = fields["edge"]
                     (filled.add if part is not None else filled.discard)(str(at))
             asked = bool(tick.display["questions"]) if tick.display is not None else asked
             self.filled.append(frozenset(filled))

@@ -6,10 +6,12 @@ import pytest
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from bracket_cell.faults.injection import Injection
-from bracket_cell.viewing.instruction import Instructor
-from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
+from bracket_cell.trees.loading import load_tree
+from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.instruction import OperatorGuide
+from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_ground.files.words.catalogue import catalogue
-from bracket_lab.evaluations.faults import trial
+from bracket_lab.evaluations.faults import TRIAL, trial
 from tests.trees.nodes.rig import PRODUCT
 
 KEEP_AWAY = "The run is over. Keep away from the arm, press the stop button, and call maintenance"
@@ -32,22 +34,20 @@ class Listener(Observer):
     """Keeps each sentence that tells of trouble, and what the run's end says."""
 
     def __init__(self) -> None:
-        self._instructor = Instructor(PRODUCT)
+        tree = load_tree(TRIAL, node_registry(PRODUCT))
+        self._guide = OperatorGuide(PRODUCT, lambda: tree)
         self.alarms: list[str] = []
         self.end = ""
 
     def tick(self, record: TickRecord) -> None:
-        self._instructor.take(record)
-        told = self._instructor.now()
+        self._guide.take(record)
+        told = self._guide.now()
         if told.moment == "alarm" and told.words not in self.alarms:
             self.alarms.append(told.words)
 
-    def message(self, time_s: float, level: Level, text: str) -> None:  # noqa: ARG002
-        self._instructor.say(text)
-
     def close(self, outcome: Outcome) -> None:
-        self._instructor.end(outcome)
-        self.end = self._instructor.now().words
+        self._guide.end(outcome)
+        self.end = self._guide.now().words
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ from bracket_ground.errors import InputError, Problem, SettingError
 from bracket_ground.files.files import shipped
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.yaml_file import load_yaml, place_of
-from bracket_ground.interfaces.bench import JOINTS, Bench, Calibration
+from bracket_ground.interfaces.bench import Bench, Calibration
 from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
 from bracket_ground.interfaces.places import EMPTY
 from bracket_ground.interfaces.product import Product
@@ -51,7 +51,7 @@ class Configuration(Model):
         calibration: file of `cell setup calibrate`, relative to this file, in place of the bench's cameras.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
-        robot: the arm: ur10, ur10e, or a robot file, relative to this file.
+        robot: the arm: one that is shipped, or a robot file, relative to this file.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
         nodes: files, folders and packages with nodes of your own, which every command loads; named from the folder
             of this file or the one above it.
@@ -94,9 +94,16 @@ class Configuration(Model):
     @model_validator(mode="after")
     def _poses_are_in_range(self) -> Configuration:
         places = []
+        joints = self.robot.joints
         for name in ("arm_park_rad", "arm_look_rad"):
-            limits = self.robot.limits_rad.T.tolist()
-            for joint, value, (least, most) in zip(JOINTS, getattr(self.bench, name), limits, strict=True):
+            if (given := getattr(self.bench, name)) and len(given) != len(joints):
+                what = (
+                    f"{name} has {len(given)} values, {self.robot.name} has {len(joints)} joints: {', '.join(joints)}"
+                )
+                places.append((("bench", name), what))
+                continue
+            limits = self.robot.limits_rad.T.tolist()[: len(given)]
+            for joint, value, (least, most) in zip(joints, given, limits, strict=False):
                 if not least <= value <= most:
                     what = f"{name}: {joint} has {value:g}, {self.robot.name} turns from {least:.3f} to {most:.3f}"
                     places.append((("bench", name), what))
@@ -154,7 +161,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     calibration = read.calibration and folder / read.calibration
     bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
-    return read.model_copy(
+    complete = read.model_copy(
         update={
             "product": folder / read.product,
             "calibration": calibration,
@@ -170,6 +177,19 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "log": log,
         }
     )
+    if bench.arm_look_rad and bench.arm_park_rad:
+        return complete
+    return complete.model_copy(update={"bench": _rested(complete, path)})
+
+
+def _rested(configuration: Configuration, path: Path) -> Bench:
+    """The bench with poses of an arm whose file leaves them out."""
+    from bracket_cell.skills.motion.resting import with_resting_poses  # a second that nobody else needs
+
+    try:
+        return with_resting_poses(configuration.bench, load_product(configuration, path), configuration.motion)
+    except ValueError as error:
+        raise InputError(Problem(place_of(path, ("bench",)), str(error))) from None
 
 
 def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:

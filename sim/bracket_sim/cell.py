@@ -44,7 +44,7 @@ class DrivenArm(Actor, Observer, Protocol):
     """What drives the joints once a control period, and measures them.
 
     Attributes:
-        driven_rad_s: how fast the servos' set points move, (6,).
+        driven_rad_s: how fast the servos' set points move, (n,).
     """
 
     driven_rad_s: Array

@@ -4,7 +4,7 @@ A step moves the tool a little, as far as the motion planner's checks and, besid
 opens or closes the fingers. `RunPolicy` takes the same steps in the cell (`bracket_cell.skills.follow_policy.stepped`).
 
 Observation, a dict:
-    state      (7,) six joints in [rad], then the opening of the fingers in [m]
+    state      (n + 1,) the joints in [rad], then the opening of the fingers in [m]
     part       (3,) where the part stands that the robot is after, in the world in [m]
     target     (3,) where it goes: above the part, up from the tray, a hole, or the place where a person takes it
     overhead, wrist   (height, width, 3) images, where asked for
@@ -24,7 +24,6 @@ import gymnasium
 import numpy as np
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
-from bracket_cell.learned.inference.policy import OF_STATE
 from bracket_cell.skills.follow_policy import STEPS, stepped
 from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
@@ -138,7 +137,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         box, place = gymnasium.spaces.Box, np.full(3, FARTHEST_M, np.float32)
         state = np.append(least - 0.1, -1.0).astype(np.float32), np.append(most + 0.1, 1.0).astype(np.float32)
         spaces: dict[str, Any] = {
-            "state": box(*state, (len(OF_STATE),), np.float32),
+            "state": box(*state, (len(least) + 1,), np.float32),
             "part": box(-place, place, dtype=np.float32),
         }
         spaces["target"] = box(-place, place, dtype=np.float32)

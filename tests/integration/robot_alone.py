@@ -41,25 +41,28 @@ class RobotAlone:
         channel: str,
         watch: Callable[[World], Observer] | None = None,
         product: Product | None = None,
+        configuration: Path = CONFIG / "cell.yaml",
     ) -> None:
         """Args:
         types: one part of each stands aside on the table until a test puts it somewhere.
         channel: name of the virtual CAN bus, one for each robot.
         watch: makes something that looks at the world after every control period.
         product: the shipped one by default.
+        configuration: of another cell.
         """
-        shipped, self.bench = load_cell()
-        self.product = product or shipped
+        cell = load_configuration(configuration)
+        self.bench = cell.bench
+        self.product = product or load_yaml(cell.product, Product)
         scene = [
             standing(self.product, self.bench.tray, name, (0.0, 0.7 + 0.1 * i), 0.0) for i, name in enumerate(types)
         ]
-        self.world = build_world(self.product, self.bench, scene, PhysicsSettings())
+        self.world = build_world(self.product, self.bench, scene, PhysicsSettings(), robot=cell.robot)
         self.arm = SimArm(self.world)
         self.node = GripperNode(self.world, "virtual", channel)
         self.clock = SimClock(self.world, [self.arm, self.node], [] if watch is None else [watch(self.world)])
         settings = CanSettings(channel=channel)
         self.gripper = CanGripper(settings, self.clock)
-        self.planner = MotionPlanner(self.product, self.bench)
+        self.planner = MotionPlanner(self.product, self.bench, cell.motion)
         self.tick = 0
 
     def __enter__(self) -> RobotAlone:

@@ -142,7 +142,7 @@ def test_a_search_knows_the_range_of_the_joint_that_follows_from_the_others(behi
     look, scene = np.array(behind_a_post.bench.arm_look_rad), behind_a_post.scene(LOAD)
     ends = np.array([look, look + 0.1 * (np.arange(6) == 0)])
     for range_rad, free in ((6.28, True), (1.5, False)):
-        room = Room(scene, ends, np.outer([-1, 1], [6.28, 6.28, 3.14, range_rad, 6.28, 6.28]))
+        room = Room(scene, ends, np.outer([-1, 1], [6.28, 6.28, 3.14, range_rad, 6.28, 6.28]), level=True)
         assert room.is_free(dict(enumerate(room.ends[0].tolist()))) is free
 
 

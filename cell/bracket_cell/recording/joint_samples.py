@@ -1,11 +1,12 @@
 """The arm's joints at the rate of its own control, one protobuf message a tick: arrays that Foxglove plots.
 
-message JointSamples { repeated double time_s = 1; JointSeries shoulder_pan = 2; ... JointSeries wrist_3 = 7; }
+message JointSamples { repeated double time_s = 1; JointSeries shoulder_pan = 2; ... }: a series for each joint
 message JointSeries { repeated double position_rad = 1; repeated float velocity_rad_s = 2, effort_nm = 3; }
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -13,19 +14,19 @@ import foxglove
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.observation import JointSamples
 
 TOPIC = "/joint_samples"
 SERIES = ("position_rad", "velocity_rad_s", "effort_nm")
 NAME = "cell.JointSamples"
+ANY = tuple(f"joint_{number}" for number in range(1, 33))  # names for reading, by numbers alone
 LENGTH_DELIMITED = 2  # wire type of packed arrays and messages
 _Field = descriptor_pb2.FieldDescriptorProto
 
 
-def schema() -> foxglove.Schema:
-    """Schema of the channel."""
-    return foxglove.Schema(name=NAME, encoding="protobuf", data=_files().SerializeToString())
+def schema(joints: Sequence[str]) -> foxglove.Schema:
+    """Schema of the channel, for joints of these names."""
+    return foxglove.Schema(name=NAME, encoding="protobuf", data=_files(tuple(joints)).SerializeToString())
 
 
 def encode(samples: JointSamples) -> bytes:
@@ -38,7 +39,7 @@ def encode(samples: JointSamples) -> bytes:
     heads = _head(1, wide), _head(2, narrow), _head(3, narrow)
     length = wide + 2 * narrow + sum(map(len, heads))
     pieces = [heads[0], samples.times_s.astype("<f8").tobytes()]
-    for joint in range(len(JOINTS)):
+    for joint in range(samples.positions_rad.shape[1]):
         at, end = joint * narrow, (joint + 1) * narrow
         pieces += _head(joint + 2, length), heads[0], positions[2 * at : 2 * end]
         pieces += heads[1], speeds[at:end], heads[2], efforts[at:end]
@@ -53,8 +54,9 @@ def decode(data: bytes) -> JointSamples:
     """
     found = _message_class()()
     found.ParseFromString(data)
-    columns = {name: [getattr(getattr(found, joint), name) for joint in JOINTS] for name in SERIES}
-    arrays = [np.array(columns[name], np.float64).reshape(len(JOINTS), -1).T for name in SERIES]
+    series = [getattr(found, joint) for joint in ANY if found.HasField(joint)]
+    columns = {name: [getattr(one, name) for one in series] for name in SERIES}
+    arrays = [np.array(columns[name], np.float64).reshape(len(series), -1).T for name in SERIES]
     return JointSamples(np.array(found.time_s, np.float64), *arrays)
 
 
@@ -73,14 +75,14 @@ def _varint(value: int) -> bytes:
 
 
 @cache
-def _files() -> descriptor_pb2.FileDescriptorSet:
+def _files(joints: tuple[str, ...]) -> descriptor_pb2.FileDescriptorSet:
     series = descriptor_pb2.DescriptorProto(name="JointSeries")
     for number, name in enumerate(SERIES, 1):
         kind = _Field.TYPE_DOUBLE if number == 1 else _Field.TYPE_FLOAT
         series.field.add(name=name, number=number, label=_Field.LABEL_REPEATED, type=kind)
     samples = descriptor_pb2.DescriptorProto(name="JointSamples")
     samples.field.add(name="time_s", number=1, label=_Field.LABEL_REPEATED, type=_Field.TYPE_DOUBLE)
-    for number, joint in enumerate(JOINTS, 2):
+    for number, joint in enumerate(joints, 2):
         kind, of = _Field.TYPE_MESSAGE, ".cell.JointSeries"
         samples.field.add(name=joint, number=number, label=_Field.LABEL_OPTIONAL, type=kind, type_name=of)
     file = descriptor_pb2.FileDescriptorProto(
@@ -92,6 +94,6 @@ def _files() -> descriptor_pb2.FileDescriptorSet:
 @cache
 def _message_class() -> Any:
     pool = descriptor_pool.DescriptorPool()
-    for file in _files().file:
+    for file in _files(ANY).file:
         pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(NAME))

@@ -102,7 +102,7 @@ class McapRecorder(Observer):
         self._files = _open(path, settings, self.context, heading, overwrite)
         self._limit_bytes = round(settings.buffer_mb * 1e6)
         self.dropped = Dropped()
-        self._open_channels()
+        self._open_channels(joint_samples.ANY[:6] if cell is None else cell.motion.settings.robot.joints)
         self.scene = None if cell is None else SceneLog(self.context, cell)
         self._encoder = ImageEncoder(settings.jpeg_quality, in_step)
         self._bench: BenchView | None = None
@@ -115,14 +115,14 @@ class McapRecorder(Observer):
         self._closed = False
         self._files.flush()
 
-    def _open_channels(self) -> None:
+    def _open_channels(self, joints: Sequence[str]) -> None:
         self._json = {
             topic: foxglove.Channel(topic, schema=schema(topic), message_encoding="json", context=self.context)
             for topic in TOPICS
         }
         self._log = LogChannel("/log", context=self.context)
         self._joints = foxglove.Channel(
-            joint_samples.TOPIC, schema=joint_samples.schema(), message_encoding="protobuf", context=self.context
+            joint_samples.TOPIC, schema=joint_samples.schema(joints), message_encoding="protobuf", context=self.context
         )
         topics = [f"/camera/{camera}" for camera in CAMERAS]
         self._images = {topic: CompressedImageChannel(topic, context=self.context) for topic in topics}

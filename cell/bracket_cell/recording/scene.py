@@ -36,7 +36,7 @@ from bracket_cell.recording.scene_frames import (
 )
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import TickRecord
-from bracket_ground.interfaces.bench import JOINTS, Bench, CameraSetup
+from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import ArmState, GripperState, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
@@ -71,7 +71,7 @@ class SceneLog:
 
     def __init__(self, context: foxglove.Context, cell: CellModel) -> None:
         self._context, self._product, self._bench = context, cell.product, cell.bench
-        shapes = cell.motion.robot_shapes
+        shapes, self._joint_names = cell.motion.robot_shapes, cell.motion.settings.robot.joints
         self._frames = RobotFrames(cell.motion.kinematics, shapes)
         self._holes = HoleMarks(cell.product, cell.bench)
         self._joint_states = JointStatesChannel(JOINT_STATES, context=context)
@@ -146,7 +146,7 @@ class SceneLog:
 
     def _robot(self, seen: Observation, stamp_ns: int) -> None:
         arm, gripper = seen.arm, seen.gripper
-        values = zip(JOINTS, arm.positions_rad, arm.velocities_rad_s, strict=True)
+        values = zip(self._joint_names, arm.positions_rad, arm.velocities_rad_s, strict=True)
         states = [messages.JointState(name=name, position=angle, velocity=speed) for name, angle, speed in values]
         self._joint_states.log(messages.JointStates(timestamp=timestamp(stamp_ns), joints=states), log_time=stamp_ns)
         if self._stands(arm, gripper):

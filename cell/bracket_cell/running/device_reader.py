@@ -35,7 +35,7 @@ class RobotPoseHistory:
     """Remembers the arm's last states, and what it measured between them.
 
     Args:
-        forward: world_from_tool of joints (6,).
+        forward: world_from_tool of joints (n,).
     """
 
     def __init__(self, outline: ArmOutline, forward: Callable[[Array], Pose]) -> None:
@@ -46,7 +46,7 @@ class RobotPoseHistory:
 
     def keep(self, arm: ArmState, gripper: GripperState) -> None:
         """One more state as measured."""
-        joints = arm.joints_rad
+        joints = arm.known_rad(self._outline.joints)
         if joints is not None and (not self._states or arm.time_s > self._states[-1][0]):
             self._states.append((arm.time_s, joints, gripper.holding))
 

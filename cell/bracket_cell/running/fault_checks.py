@@ -238,7 +238,7 @@ def _unless_vain(words: str, memory: Memory) -> Detection | None:
 
 def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     path_s = seen.arm.path_s
-    if sent is None or seen.arm.joints_rad is None:
+    if sent is None or seen.arm.known_rad(sent.positions_rad.shape[1]) is None:
         return ""
     measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
@@ -261,7 +261,7 @@ def _far_rad(sent: JointTrajectory) -> float:
 
 def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
     """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
-    if seen.arm.moving or not seen.arm.stands or seen.arm.joints_rad is None:
+    if seen.arm.moving or not seen.arm.stands or seen.arm.known_rad(sent.positions_rad.shape[1]) is None:
         return False
     return _missed_rad(seen, sent) <= _near_rad(sent)
 

@@ -75,7 +75,7 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         return Detection("it is not known how near a hand is" if found is UNKNOWN else words, leaving=memory.leaving)
 
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
-        view, joints = seen.bench, seen.arm.joints_rad
+        view, joints = seen.bench, seen.arm.known_rad(monitor.outline.joints)
         with suppress(Implausible):
             if view is not None and KnownBench(monitor.persons.view_range, view, seen.time_s).count >= HANDS:
                 return None

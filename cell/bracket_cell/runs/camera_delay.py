@@ -112,7 +112,7 @@ def _small(frame: Frame) -> Array:
 def _free_swing(start: Array, motion: MotionPlanner) -> float:
     """An angle by which the base can turn from here; raises DeviceFault where it cannot."""
     for angle in (SWING_RAD, -SWING_RAD, SWING_RAD / 2, -SWING_RAD / 2):
-        way = motion.free_move(start, start + np.array([angle, 0, 0, 0, 0, 0]), Load(STROKE_M))
+        way = motion.free_move(start, start + angle * np.eye(len(start))[0], Load(STROKE_M))
         if not isinstance(way, str):
             return angle
     raise DeviceFault("arm", "the base cannot swing from where the arm stands: move it to the pose look first")

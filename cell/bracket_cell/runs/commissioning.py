@@ -16,7 +16,7 @@ from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.wiring.detectors import part_finder
 from bracket_ground.errors import InputError
 from bracket_ground.files.model import Location
-from bracket_ground.interfaces.bench import JOINTS, Bench
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
@@ -64,7 +64,7 @@ class Teaching:
         """What the configuration says from now on, by location, and what to tell of it.
 
         Args:
-            joints_rad: (6,) for each prompt.
+            joints_rad: (n,) for each prompt.
 
         Raises:
             InputError: the points cannot be those that were asked for.
@@ -85,7 +85,11 @@ class Teaching:
         other = next(key for name, key in POSES.items() if name != self._name)
         near = np.array(getattr(self._bench, other))
         joints = self._motion.kinematics.wrapped(joints_rad, near)
-        turned = [name for name, one, was in zip(JOINTS, joints, joints_rad, strict=True) if abs(one - was) > 1]
+        turned = [
+            name
+            for name, one, was in zip(self._motion.settings.robot.joints, joints, joints_rad, strict=True)
+            if abs(one - was) > 1
+        ]
         told = f"; {', '.join(turned)} stored a whole turn nearer to the other pose" if turned else ""
         return {("bench", POSES[self._name]): _rounded(joints)}, f"{self._name}{told}"
 
@@ -164,9 +168,8 @@ def way_to(name: str, devices: Devices, bench: Bench, motion: MotionPlanner) -> 
         raise InputError(f"no way to {name}: {way}")
     far = np.abs(way.positions_rad[-1] - way.positions_rad[0])
     joint = int(far.argmax())
-    return (
-        f"{JOINTS[joint]} turns by {math.degrees(float(far[joint])):.0f} degrees, {way.duration_s:.1f} s at full speed"
-    )
+    turns = f"{motion.settings.robot.joints[joint]} turns by {math.degrees(float(far[joint])):.0f} degrees"
+    return f"{turns}, {way.duration_s:.1f} s at full speed"
 
 
 def goal_of(name: str, bench: Bench) -> Array:

@@ -32,6 +32,7 @@ from bracket_cell.wiring.safety import SAFETY
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.robot import PACKAGE, RobotModel
+from bracket_ground.interfaces.urdf import FLANGE
 from btxml.engine.tree import Tree
 
 Attachments = dict[str, tuple[str, bytes]]  # media type and content by name
@@ -131,7 +132,7 @@ def robot_files(robot: RobotModel) -> Attachments:
     model, text = robot.model_dump(mode="json"), robot.urdf_text
     files = {}
     if not robot.urdf.startswith(PACKAGE):
-        model["urdf"] = "robot/robot.urdf"
+        model |= {"urdf": "robot/robot.urdf", "flange": FLANGE, "origins_m": {}, "calibration": None, "mount": None}
         for number, mesh in enumerate(sorted(set(re.findall(r'<mesh[^>]*?filename="([^"]+)"', text)))):
             name = f"{number}-{Path(mesh).name}"
             text = text.replace(f'"{mesh}"', f'"{name}"')

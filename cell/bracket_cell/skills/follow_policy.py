@@ -31,7 +31,7 @@ class FollowPolicy(FreeMove):
     """Ask the policy, move there by a free way, and ask again, until it wants the arm where it stands.
 
     Attributes:
-        wants: the policy's answer to what is seen, six joints in [rad]; raises ModelError.
+        wants: the policy's answer to what is seen, the joints in [rad]; raises ModelError.
         zone: the tool never goes out of it.
         steps: motions at most.
     """

@@ -51,7 +51,7 @@ UNSURE_M = 0.03  # how much higher than thought a part may hang between the fing
 STEPS = 2  # down, where the fingers close above a part that lies on others
 TRIES, LIFTS = 64, 24  # ways to hold that are tried, leaning and straight
 
-Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
+Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (n,) for it
 
 
 @dataclass(eq=False)

@@ -54,7 +54,7 @@ class FreeMove(PhasedSkill):
     held: str | None = None
 
     def goal(self, observation: Observation, load: Load) -> Array | str:
-        """Joints (6,) to go to, or why there are none."""
+        """Joints (n,) to go to, or why there are none."""
         raise NotImplementedError
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
@@ -130,7 +130,7 @@ class GiveWay(MoveTo):
 
 @dataclass(eq=False)
 class MoveToJoints(FreeMove):
-    """Move to joints (6,) in [rad]."""
+    """Move to joints (n,) in [rad]."""
 
     to: str = field(default="the joints", init=False)
     joints_rad: Array = field(kw_only=True)

@@ -199,7 +199,7 @@ class Situation:
         return getattr(self.observation if part == "cell" else getattr(self.observation, part), rest)
 
     def _tool(self, seen: Observation, axis: int) -> float | None:
-        joints = seen.arm.joints_rad
+        joints = None if self.kinematics is None else seen.arm.known_rad(self.kinematics.count)
         if joints is None or self.kinematics is None:
             return None
         import numpy as np

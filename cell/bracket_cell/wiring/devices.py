@@ -154,7 +154,7 @@ def examined(
     """What a look at each real device shows; nothing moves. Devices of one's own have a static function `examine`.
 
     Args:
-        forward: world_from_tool of joints (6,).
+        forward: world_from_tool of joints (n,).
     """
     offered = {
         "clock": WallClock(), "bench": configuration.bench, "product": product, "robot": configuration.robot,
@@ -194,7 +194,7 @@ def opened_alone(configuration: Configuration, product: Product, role: str) -> I
 
 @contextmanager
 def joints_by_hand(configuration: Configuration, product: Product) -> Iterator[Callable[[], Sequence[float]]]:
-    """Tells the joints (6,) of a real arm while somebody leads it: without control over it, where its driver can.
+    """Tells the joints (n,) of a real arm while somebody leads it: without control over it, where its driver can.
 
     Raises:
         CellError: the arm is simulated, or cannot be read.

@@ -14,14 +14,14 @@ Length = Annotated[float, Field(gt=0, le=2)]
 Gap = Annotated[float, Field(ge=0, le=1)]
 """Room between two things, in [m]."""
 JointAngle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
-"""Of a joint, a whole turn each way at most, in [rad]; the robot's own range is its robot file's."""
+"""Of a joint, a whole turn each way at most, in [rad], of a linear axis in [m]; the robot's file has its range."""
 Channel = Annotated[float, Field(ge=0, le=1)]
 """Of a colour."""
 Duration = Annotated[float, Field(gt=0, le=86_400)]
 """In [s], one day at most."""
 
 Point = tuple[Coordinate, Coordinate, Coordinate]
-Joints = tuple[JointAngle, JointAngle, JointAngle, JointAngle, JointAngle, JointAngle]
+Joints = tuple[JointAngle, ...]
 Rgb = tuple[Channel, Channel, Channel]
 
 

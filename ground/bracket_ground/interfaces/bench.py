@@ -18,8 +18,6 @@ from bracket_ground.interfaces.places import FRAMES, BenchPlace, Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.solid import Solid
 
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-
 
 class CameraCalibration(Model):
     """How a camera was found to hang and to see.
@@ -162,8 +160,8 @@ class Bench(Model):
         hand_rest_m: where the person's hand rests (x, y, z).
         overhead: the fixed camera that sees bracket and hands.
         wrist: the camera beside the gripper, which looks into the tray.
-        arm_park_rad: joints away from bracket and person.
-        arm_look_rad: joints from which the wrist camera sees the tray.
+        arm_park_rad: joints away from bracket and person; found where they are left out.
+        arm_look_rad: joints from which the wrist camera sees the tray; found where they are left out.
         obstacles: what else stands there and the arm goes around.
         places: where else parts stand, by names of your own: fixtures, nests, a chuck, a conveyor's stop, pallets.
     """
@@ -174,8 +172,8 @@ class Bench(Model):
     hand_rest_m: Point
     overhead: CameraSetup
     wrist: CameraSetup
-    arm_park_rad: Joints
-    arm_look_rad: Joints
+    arm_park_rad: Joints = ()
+    arm_look_rad: Joints = ()
     obstacles: tuple[Obstacle, ...] = ()
     places: dict[str, BenchPlace] = Field(default_factory=dict)
 

@@ -35,7 +35,7 @@ class JointTrajectory:
         return float(self.times_s[-1])
 
     def at(self, time_s: float) -> Array:
-        """Joint positions (6,) at a time since the start, held at the ends."""
+        """Joint positions (n,) at a time since the start, held at the ends."""
         return self.along(time_s)
 
     def along(self, times_s: Array | float) -> Array:

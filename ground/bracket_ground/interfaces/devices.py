@@ -75,7 +75,7 @@ class Camera(Protocol):
 
 
 class Arm(Protocol):
-    """A six-joint arm that follows joint trajectories on its own clock tick (125 Hz on a UR10)."""
+    """An arm that follows joint trajectories in its own control periods."""
 
     def state(self) -> ArmState:
         """Joints as last measured, with the arm's mode; old ones, or DeviceFault, where the arm does not answer."""

@@ -46,7 +46,7 @@ SIGNALS: Mapping[str, Sign] = {
     ),
     "arm_lost_long": Sign("the arm stays lost", ARM_ANSWERS),
     "arm_not_plausible": Sign(
-        "the arm's state has a value that is not finite, beyond its limits, or not six joints; or its joints move "
+        "the arm's state has a value that is not finite, beyond its limits, or joints too few or many; or they move "
         "otherwise than its speeds say",
         "differences of positions and told speeds agree",
     ),

@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import BenchView, PartsView
@@ -46,7 +45,7 @@ class ArmState:
 
     Attributes:
         time_s: when they were measured.
-        positions_rad, velocities_rad_s: (6,) shoulder_pan to wrist_3.
+        positions_rad, velocities_rad_s: (n,) from the base to the flange.
         moving: a trajectory is being followed, also while it is held, or a stop is under way.
         mode: safety status of the arm's own controller; only "normal" and "reduced" let it move.
         path_s: how far along its trajectory it was at `time_s`, as time of that trajectory; None where the arm does
@@ -70,11 +69,10 @@ class ArmState:
         speeds = self.velocities_rad_s
         return len(speeds) == len(self.positions_rad) > 0 and all(abs(speed) < STANDING_RAD_S for speed in speeds)
 
-    @property
-    def joints_rad(self) -> tuple[float, ...] | None:
-        """The positions (6,); None where they are not six finite numbers, or were measured at no time."""
+    def known_rad(self, count: int) -> tuple[float, ...] | None:
+        """The positions; None where they are not so many finite numbers, or were measured at no time."""
         positions = self.positions_rad
-        known = len(positions) == len(JOINTS) and all(map(math.isfinite, (*positions, self.time_s)))
+        known = len(positions) == count and all(map(math.isfinite, (*positions, self.time_s)))
         return positions if known else None
 
 
@@ -84,7 +82,7 @@ class JointSamples:
 
     Attributes:
         times_s: (n,) clock times, increasing.
-        positions_rad, velocities_rad_s, efforts_nm: (n, 6) shoulder_pan to wrist_3.
+        positions_rad, velocities_rad_s, efforts_nm: (n, joints) from the base to the flange.
     """
 
     times_s: NDArray[np.float64]

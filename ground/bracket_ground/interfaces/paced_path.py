@@ -7,9 +7,7 @@ import numpy as np
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 
-# Braking and speeding up along the path: what each joint may do, so that the strongest does not wait for the weakest.
-PACE_ACCELERATION_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
-LEAST_BRAKING = 0.5  # of that, also where the path itself asks for all of it
+LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself asks for all of it
 
 
 class PacedPath:
@@ -21,7 +19,7 @@ class PacedPath:
         stopping: it is given up as soon as the arm stands.
     """
 
-    def __init__(self, at_rad: Array, period_s: float, acceleration_rad_s2: Array = PACE_ACCELERATION_RAD_S2) -> None:
+    def __init__(self, at_rad: Array, period_s: float, acceleration_rad_s2: Array) -> None:
         """Stand at joints (n,), of which each can brake and speed up by so much (n,)."""
         self._period_s, self._acceleration_rad_s2 = period_s, acceleration_rad_s2
         self.rate = 1.0
@@ -45,7 +43,7 @@ class PacedPath:
         self.stopping = self.following = False
 
     def advance(self, share: float, dt_s: float) -> Array:
-        """Set points after another period in which this share of the speed is asked for, (6,)."""
+        """Set points after another period in which this share of the speed is asked for, (n,)."""
         if self.moving:
             before = self.rate
             self.rate += self._change(0.0 if self.stopping else share, dt_s)
@@ -67,7 +65,7 @@ class PacedPath:
 
     @property
     def at_rad(self) -> Array:
-        """Set points as they are, (6,)."""
+        """Set points as they are, (n,)."""
         index = int(self._progress)
         part = self._progress - index
         if part == 0:

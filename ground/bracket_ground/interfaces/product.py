@@ -59,7 +59,7 @@ class PartType(Model):
     peg_diameter_m: Gap = 0.0
     peg_length_m: Gap = 0.0
     colour_rgb: Rgb
-    mass_kg: float = Field(gt=0, le=10)  # a UR10's payload
+    mass_kg: float = Field(gt=0, le=10)  # what large arms of such cells carry
     finish: Literal["paint", "steel"] = "paint"
     shape: tuple[Solid, ...] = ()
     mesh: Path | None = None

@@ -17,25 +17,33 @@ from bracket_ground.files.files import read_text, shipped
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Point
 from bracket_ground.files.yaml_file import load_yaml
-from bracket_ground.interfaces.bench import JOINTS
+from bracket_ground.interfaces.bench import Mount
 from bracket_ground.interfaces.pose import Array
-from bracket_ground.interfaces.urdf import FLANGE, chain_to, named_alike, parsed, turning_joints
+from bracket_ground.interfaces.urdf import (
+    FLANGE,
+    chain_to,
+    element,
+    finished,
+    held_still,
+    mounted,
+    parsed,
+    solid_links,
+    turning_joints,
+)
 
 PACKAGE = "package://"
 FOLDER = shipped("bracket_cell.config", "robots")
 DEFAULT = "ur10"
 WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
 SAME_RAD = 1e-9  # two angles are the same
+SPEEDS_UP_S, JERKS_S = 0.5, 0.125  # to the full speed, to the full acceleration, where no file says
 ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
-Positive = Annotated[float, Field(gt=0, le=1000)]
-SixValues = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Positive = Annotated[float, Field(gt=0, le=100_000)]
+Values = tuple[Positive, ...]
 Angle = Annotated[float, Field(ge=-1000, le=1000)]
 Range = Positive | tuple[Angle, Angle]
-SixRanges = tuple[Range, Range, Range, Range, Range, Range]
-
-
-SixOffsets = tuple[float, float, float, float, float, float]
+Offsets = tuple[float, ...]
 
 
 class Calibration(Model):
@@ -46,12 +54,12 @@ class Calibration(Model):
         a_m, d_m, alpha_rad: lengths and twist of each row.
     """
 
-    theta_rad: SixOffsets
-    a_m: SixOffsets
-    d_m: SixOffsets
-    alpha_rad: SixOffsets
+    theta_rad: Offsets
+    a_m: Offsets
+    d_m: Offsets
+    alpha_rad: Offsets
 
-    def frames(self, joints_rad: Sequence[float] | Array = (0.0,) * 6) -> Iterator[Array]:
+    def frames(self, joints_rad: Sequence[float] | Array = (0.0,)) -> Iterator[Array]:
         """In the world: the frame (4, 4) about whose z each joint turns, then the flange."""
         frame: Array = WORLD_FROM_BASE
         angles = np.array(joints_rad) + self.theta_rad
@@ -75,49 +83,96 @@ class Tool(Model):
     fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0, le=1)
 
 
+class Servos(Model):
+    """How the simulated joints are driven; worked out from their torques where it is not given.
+
+    Attributes:
+        stiffness_nm_rad, armature_kg_m2, damping_nm_s_rad: of each joint.
+    """
+
+    stiffness_nm_rad: Values
+    armature_kg_m2: Values
+    damping_nm_s_rad: Values
+
+
 class RobotModel(Model):
-    """A six-joint arm with its tool; values of joints from the base to the last wrist.
+    """An arm with its tool; values of joints from the base to the flange, of a linear axis in [m] instead of [rad].
 
     Attributes:
         name: for messages.
-        urdf: file of the arm, whose flange six revolute joints turn; relative to this file, or package://ROBOT/... of a
+        urdf: file of the arm, whose flange six joints or more move; relative to this file, or package://ROBOT/... of a
             robot that is shipped. Its meshes: relative to the URDF, or package://PACKAGE/..., where PACKAGE is shipped
-            or a folder that the URDF lies in.
-        flange: link of the URDF that the gripper is mounted on, its z away from the arm.
+            or a folder that the URDF lies in. A link whose mesh is missing is taken for a thick line.
+        flange: link of the URDF that the gripper is mounted on, its z away from the arm; what hangs on it is left out.
+        mount: where the arm's base is in the world, the table's top at z = 0; at the origin by default.
         origins_m: place (x, y, z) of joints in their parents' links, where it is another than in the URDF.
         calibration: the arm's own; without one it is as its maker publishes.
         range_rad: how far each joint turns, each way, or [least, most]; within the URDF's limits, which count alone
             where nothing is given.
-        speed_rad_s: how fast each joint can turn, by the data sheet.
-        acceleration_rad_s2: how soon each joint may be that fast.
+        speed_rad_s: how fast each joint can turn, by the data sheet; as in the URDF where it is left out.
+        acceleration_rad_s2: how soon each joint may be that fast, and how it brakes; by default within half a second.
+        jerk_rad_s3: how soon each joint may speed up so; by default within an eighth of a second.
+        torque_nm: of each joint at most; as in the URDF where it is left out.
+        home_rad: a usual posture, with the tool down, that others are kept near to; found where it is left out,
+            or beyond the limits.
+        servos: of the simulated joints.
         tool: what is mounted on the flange.
     """
 
     name: str
     urdf: str
     flange: str = FLANGE
+    mount: Mount | None = None
     origins_m: dict[str, Point] = Field(default_factory=dict)
     calibration: Calibration | None = None
-    range_rad: SixRanges | None = None
-    speed_rad_s: SixValues
-    acceleration_rad_s2: SixValues
+    range_rad: tuple[Range, ...] | None = None
+    speed_rad_s: Values = ()
+    acceleration_rad_s2: Values = ()
+    jerk_rad_s3: Values = ()
+    torque_nm: Values = ()
+    home_rad: tuple[Angle, ...] = ()
+    servos: Servos | None = None
     tool: Tool = Tool()
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Of the joints in the URDF."""
+        return _joints(self.urdf_text)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """What messages and logs call the joints."""
+        return tuple(name.removesuffix("_joint") for name in self.joint_names)
+
+    @property
     def limits_rad(self) -> Array:
-        """(2, 6) the least and the most of each joint."""
+        """(2, n) the least and the most of each joint."""
         return _limits_rad(self.urdf_text, self.range_rad)
 
+    @property
+    def torques_nm(self) -> tuple[float, ...]:
+        """That each joint has at most; 0 where nobody says."""
+        return self.torque_nm or _of_limits(self.urdf_text, "effort")
+
     def within(self, joints_rad: Array) -> NDArray[np.bool_]:
-        """Which joints (..., 6) are within their limits."""
+        """Which joints (..., n) are within their limits."""
         least, most = self.limits_rad
         inside: NDArray[np.bool_] = (joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)
         return inside
 
     @property
     def urdf_text(self) -> str:
-        """The URDF with this robot's origins and whole paths of meshes, without visual ones, which nothing needs."""
-        return _urdf_text(self.urdf, self.flange, tuple(self.origins_m.items()), self.calibration)
+        """The URDF of this very arm where it is mounted, with whole paths of meshes; the collision shapes alone."""
+        return self._drawn[0]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was taken for granted about the arm, in words."""
+        return self._drawn[1]
+
+    @property
+    def _drawn(self) -> tuple[str, tuple[str, ...]]:
+        return drawn(self.urdf, self.flange, tuple(self.origins_m.items()), self.calibration, self.mount)
 
 
 def load_robot(name: str, folder: Path = Path()) -> RobotModel:
@@ -136,21 +191,44 @@ def load_robot(name: str, folder: Path = Path()) -> RobotModel:
     robot = load_yaml(path, RobotModel)
     if not robot.urdf.startswith(PACKAGE):
         robot = robot.model_copy(update={"urdf": str(path.parent / robot.urdf)})
-    check_arm(robot)  # what is wrong with it is said now
-    return robot
+    return complete(robot)
 
 
-def check_arm(robot: RobotModel) -> None:
-    """Raise ValueError, with all that is wrong, for a robot that the program cannot move."""
-    if wrong := [*_wrong_limits(robot)]:
+def complete(robot: RobotModel) -> RobotModel:
+    """The same with speeds, accelerations and jerks of each joint.
+
+    Raises:
+        ValueError: with all that is wrong with it, as the program cannot move it.
+    """
+    speeds = robot.speed_rad_s or _of_limits(robot.urdf_text, "velocity")
+    accelerations = robot.acceleration_rad_s2 or tuple(speed / SPEEDS_UP_S for speed in speeds)
+    jerks = robot.jerk_rad_s3 or tuple(one / JERKS_S for one in accelerations)
+    if wrong := [*_wrong_limits(robot, speeds), *_wrong_counts(robot)]:
         raise ValueError(f"{robot.urdf}: {'; '.join(wrong)}")
+    values = {"speed_rad_s": speeds, "acceleration_rad_s2": accelerations, "jerk_rad_s3": jerks}
+    return robot.model_copy(update=values)
 
 
-def _wrong_limits(robot: RobotModel) -> Iterator[str]:
+def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
+    if robot.range_rad is not None and len(robot.range_rad) != len(robot.joints):
+        return
     least, most = robot.limits_rad
-    for joint, low, high in zip(JOINTS, least, most, strict=True):
+    for joint, low, high in zip(robot.joints, least, most, strict=True):
         if not low < high:
-            yield f"{joint}: no angle is within its limits, {low:g} to {high:g} rad"
+            yield f"{joint}: no value is within its limits, {low:g} to {high:g} rad"
+    for joint, speed in zip(robot.joints, speeds, strict=False):
+        if not speed > 0:
+            yield f"{joint}: no speed, neither as velocity in the URDF nor as speed_rad_s in the robot's file"
+
+
+def _wrong_counts(robot: RobotModel) -> Iterator[str]:
+    count = len(robot.joints)
+    servos = {} if robot.servos is None else dict(robot.servos)
+    rows = ("range_rad", "speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "home_rad")
+    given = {**{name: getattr(robot, name) for name in rows}, **servos}
+    for name, values in given.items():
+        if values and len(values) != count:
+            yield f"{name} has {len(values)} values, the arm has {count} joints: {', '.join(robot.joints)}"
 
 
 def shipped_robots() -> list[str]:
@@ -176,29 +254,44 @@ NamedRobot = Annotated[RobotModel, BeforeValidator(_named, json_schema_input_typ
 
 
 @cache
-def _urdf_text(
-    urdf: str, flange: str, origins_m: tuple[tuple[str, Point], ...], calibration: Calibration | None
-) -> str:
-    path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
-    text = re.sub(r"<visual>.*?</visual>", "", read_text(path), flags=re.DOTALL)
-    text = re.sub(r'(<mesh[^>]*?filename=")([^"]+)', lambda found: found[1] + str(_mesh(found[2], path)), text)
-    text = named_alike(parsed(_moved(text, dict(origins_m)), path, flange), flange)
-    return text if calibration is None else _calibrated(text, calibration)
-
-
-def _mesh(name: str, urdf: Path) -> Path:
-    """Where a mesh of a URDF lies.
+def drawn(
+    urdf: str,
+    flange: str,
+    origins_m: tuple[tuple[str, Point], ...] = (),
+    calibration: Calibration | None = None,
+    mount: Mount | None = None,
+) -> tuple[str, tuple[str, ...]]:
+    """A URDF as the program reads it, and what was taken for granted, in words; see `RobotModel`.
 
     Raises:
-        ValueError: nowhere.
+        ValueError: with what is wrong with it.
+        InputError: it cannot be read.
     """
+    path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
+    text = _moved(read_text(path), dict(origins_m))
+    still = held_still(element(text, path), flange)
+    root = parsed(text, path, flange)
+    remarks = [f"{', '.join(still)}: held at 0, as nothing moves them"] * bool(still)
+    remarks += solid_links(root, lambda name: _mesh(name, path))
+    text = finished(root, flange)
+    text = text if calibration is None else _calibrated(text, calibration)
+    return (text if mount is None else _mounted(text, mount)), tuple(remarks)
+
+
+def _mounted(text: str, mount: Mount) -> str:
+    """A URDF with the arm's base elsewhere in the world."""
+    from pinocchio import rpy
+
+    angles = rpy.matrixToRpy(mount.pose.rotation)
+    return mounted(text, *(" ".join(map(repr, map(float, values))) for values in (mount.position_m, angles)))
+
+
+def _mesh(name: str, urdf: Path) -> Path | None:
+    """Where a mesh of a URDF lies; None where it lies nowhere."""
     package, _, inside = name.removeprefix(PACKAGE).partition("/")
     named = (folder / inside for folder in (FOLDER / package, *urdf.parents) if folder.name == package)
     places = [*named] if name.startswith(PACKAGE) else [urdf.parent / name.removeprefix("file://")]
-    for place in places:
-        if place.is_file():
-            return place
-    raise ValueError(f"{urdf}: there is no mesh {name}; looked for: {', '.join(map(str, places))}")
+    return next((place for place in places if place.is_file()), None)
 
 
 def _moved(text: str, origins_m: Mapping[str, Point]) -> str:
@@ -248,12 +341,21 @@ def _calibrated(text: str, calibration: Calibration) -> str:
 
 
 @cache
+def _joints(urdf_text: str) -> tuple[str, ...]:
+    return tuple(joint.get("name", "") for joint in turning_joints(ElementTree.fromstring(urdf_text)))
+
+
+@cache
+def _of_limits(urdf_text: str, name: str) -> tuple[float, ...]:
+    """A value of the joints' limits in the URDF; 0 where there is none."""
+    limits = [joint.find("limit") for joint in turning_joints(ElementTree.fromstring(urdf_text))]
+    return tuple(float(limit.get(name, 0.0)) for limit in limits if limit is not None)
+
+
+@cache
 def _limits_rad(urdf_text: str, range_rad: tuple[Range, ...] | None) -> Array:
-    """(2, n) the narrower of the URDF's limits, which check_arm found there, and those of the robot's file."""
-    drawn = [joint.find("limit") for joint in turning_joints(ElementTree.fromstring(urdf_text))]
-    own = np.array(
-        [[float(limit.get(side, 0.0)) for limit in drawn if limit is not None] for side in ("lower", "upper")]
-    )
+    """(2, n) the narrower of the URDF's limits, which `parsed` found there, and those of the robot's file."""
+    own = np.array([_of_limits(urdf_text, side) for side in ("lower", "upper")])
     if range_rad is None:
         return own
     asked = np.array([one if isinstance(one, tuple) else (-one, one) for one in range_rad]).T

@@ -4,43 +4,119 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from bracket_ground.interfaces.bench import JOINTS
-
 FLANGE = "tool0"
-NUMBERS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, **dict.fromkeys(("lower", "upper", "radius", "length"), 1)}
+LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
+LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
+TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
+MOVES = ("revolute", "prismatic")
+NUMBERS = {
+    **dict.fromkeys(("xyz", "rpy", "size", "scale"), 3),
+    **dict.fromkeys(("lower", "upper", "radius", "length", "velocity", "effort"), 1),
+}
 
 
 def parsed(text: str, path: Path, flange: str) -> ElementTree.Element:
-    """A URDF whose flange is moved by as many joints as the program knows.
+    """A URDF whose flange is moved by enough joints.
 
     Raises:
         ValueError: with what is wrong with it.
     """
+    root = element(text, path)
+    wrong = [*_wrong_tree(root, flange), *_wrong_numbers(root)]
+    if not wrong:
+        _make_alike(root, flange)
+        wrong = [*_wrong_joints(root, flange)]
+    if wrong:
+        raise ValueError(f"{path}: {'; '.join(wrong)}")
+    return root
+
+
+def element(text: str, path: Path) -> ElementTree.Element:
+    """The root of a URDF; raises ValueError where it is none."""
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ValueError(f"{path}: not a URDF: {error}") from None
     if root.tag != "robot":
         raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
-    if wrong := [*_wrong_tree(root, flange), *_wrong_numbers(root)] or [*_wrong_joints(root, flange)]:
-        raise ValueError(f"{path}: {'; '.join(wrong)}")
     return root
 
 
-def named_alike(root: ElementTree.Element, flange: str) -> str:
-    """The URDF with the names of joints and flange that the program has for them, by their places on the chain."""
-    for joint, name in zip(turning_joints(root, flange), JOINTS, strict=True):
-        joint.set("name", f"{name}_joint")
+def finished(root: ElementTree.Element, flange: str) -> str:
+    """The URDF with the program's name of the flange."""
     names = {flange: FLANGE, FLANGE: flange}
     for item in root.iter():
         for key in ("name", "link"):
             if item.tag in ("link", "parent", "child") and (old := item.get(key, "")) in names:
                 item.set(key, names[old])
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def mounted(text: str, xyz: str, rpy: str) -> str:
+    """The URDF with its base elsewhere in the world."""
+    root = ElementTree.fromstring(text)
+    children = {_end(joint, "child") for joint in root.findall("joint")}
+    base = next(name for link in root.findall("link") if (name := link.get("name", "")) not in children)
+    joint = ElementTree.SubElement(root, "joint", name="mounting", type="fixed")
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+    ElementTree.SubElement(joint, "parent", link="mounting_place")
+    ElementTree.SubElement(joint, "child", link=base)
+    root.insert(0, ElementTree.Element("link", name="mounting_place"))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def solid_links(root: ElementTree.Element, found: Callable[[str], Path | None]) -> list[str]:
+    """Leave each link its collision shapes, whose meshes get whole paths; returns what was taken for granted.
+
+    What is only drawn counts where no link has a collision shape. A link whose mesh is missing is a thick line.
+
+    Args:
+        found: where a mesh of this name lies.
+    """
+    remarks = []
+    if root.find("link/collision") is None and root.find("link/visual") is not None:
+        remarks.append("no link has a collision shape: what is drawn of them counts as theirs")
+        for drawing in root.findall("link/visual"):
+            drawing.tag = "collision"
+    missing: dict[str, list[str]] = {}
+    for link in root.findall("link"):
+        for drawing in link.findall("visual"):
+            link.remove(drawing)
+        for shape in link.findall("collision"):
+            if (mesh := shape.find("geometry/mesh")) is None:
+                continue
+            if (place := found(mesh.get("filename", ""))) is not None:
+                mesh.set("filename", str(place))
+                continue
+            missing.setdefault(link.get("name", ""), []).append(mesh.get("filename", ""))
+            link.remove(shape)
+    for name, meshes in missing.items():
+        link = next(one for one in root.findall("link") if one.get("name") == name)
+        link.extend(_thick_lines(root, name))
+        remarks.append(f"{name}: there is no mesh {', '.join(meshes)}; a line {2e3 * LINE_M:g} mm thick stands for it")
+    return remarks
+
+
+def _thick_lines(root: ElementTree.Element, link: str) -> Iterator[ElementTree.Element]:
+    """Cylinders from a link's origin to the joints that it carries; a ball where there are none."""
+    origins = [joint.find("origin") for joint in root.findall("joint") if _end(joint, "parent") == link]
+    ends = [[float(word) for word in origin.get("xyz", "0 0 0").split()] for origin in origins if origin is not None]
+    long = [end for end in ends if math.hypot(*end) > LINE_M]
+    for x, y, z in long:
+        shape = ElementTree.Element("collision")
+        rpy = f"0 {math.atan2(math.hypot(x, y), z)!r} {math.atan2(y, x)!r}"
+        ElementTree.SubElement(shape, "origin", xyz=f"{x / 2!r} {y / 2!r} {z / 2!r}", rpy=rpy)
+        solid = ElementTree.SubElement(shape, "geometry")
+        ElementTree.SubElement(solid, "cylinder", radius=str(LINE_M), length=repr(math.hypot(x, y, z)))
+        yield shape
+    if not long:
+        shape = ElementTree.Element("collision")
+        ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "sphere", radius=str(LINE_M))
+        yield shape
 
 
 def turning_joints(root: ElementTree.Element, flange: str = FLANGE) -> list[ElementTree.Element]:
@@ -50,13 +126,52 @@ def turning_joints(root: ElementTree.Element, flange: str = FLANGE) -> list[Elem
 
 def chain_to(root: ElementTree.Element, flange: str = FLANGE) -> list[ElementTree.Element]:
     """The joints from the base to the flange."""
-    above = {child.get("link"): joint for joint in root.iter("joint") for child in joint.iter("child")}
+    above = {_end(joint, "child"): joint for joint in root.findall("joint")}
     chain: list[ElementTree.Element] = []
     link: str | None = flange
     while link in above:
         chain.insert(0, above[link])
-        link = next(chain[0].iter("parent")).get("link")
+        link = _end(chain[0], "parent")
     return chain
+
+
+def held_still(root: ElementTree.Element, flange: str = FLANGE) -> list[str]:
+    """Names of joints beside the arm that could move, and are held at 0."""
+    chain = chain_to(root, flange)
+    beyond = _beyond(root, flange)
+    return [
+        joint.get("name", "")
+        for joint in root.findall("joint")
+        if joint.get("type") != "fixed" and joint not in chain and _end(joint, "child") not in beyond
+    ]
+
+
+def _make_alike(root: ElementTree.Element, flange: str) -> None:
+    """What hangs on the flange gives way to the cell's gripper; joints beside the arm are held at 0."""
+    still, beyond = held_still(root, flange), _beyond(root, flange)
+    for joint in root.findall("joint"):
+        if _end(joint, "child") in beyond:
+            root.remove(joint)
+        elif joint.get("name", "") in still:
+            joint.set("type", "fixed")
+        elif joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+            limit.set("lower", str(-TURN_RAD))
+            limit.set("upper", str(TURN_RAD))
+    for item in [*root.findall("link"), *root.findall("transmission"), *root.findall("gazebo")]:
+        if item.tag != "link" or item.get("name") in beyond:
+            root.remove(item)
+
+
+def _beyond(root: ElementTree.Element, flange: str) -> set[str]:
+    """Links that hang on the flange."""
+    found, before = {flange}, 0
+    while len(found) > before:
+        before = len(found)
+        found |= {_end(joint, "child") for joint in root.findall("joint") if _end(joint, "parent") in found}
+    return found - {flange}
 
 
 def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
@@ -65,6 +180,8 @@ def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
     if flange not in links:
         yield f"no link is the flange {flange!r} (`flange` of the robot's file); links: {', '.join(links) or 'none'}"
     yield from (f"two links are named {link!r}" for link, count in Counter(links).items() if count > 1)
+    joints = Counter(joint.get("name", "") for joint in root.findall("joint"))
+    yield from (f"two joints are named {joint!r}" for joint, count in joints.items() if count > 1)
     ends = {side: [_end(joint, side) for joint in root.findall("joint")] for side in ("parent", "child")}
     yield from (f"a joint's {side} {end!r} is no link" for side in ends for end in ends[side] if end not in links)
     yield from (f"two joints carry {link!r}" for link, count in Counter(ends["child"]).items() if count > 1)
@@ -74,6 +191,8 @@ def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
 
 def _wrong_numbers(root: ElementTree.Element) -> Iterator[str]:
     for item in root:
+        if item.tag not in ("link", "joint"):
+            continue
         for part in item.iter():
             for key, count in NUMBERS.items():
                 if key in part.attrib and not _are_numbers(part.attrib[key], count):
@@ -90,18 +209,20 @@ def _are_numbers(text: str, count: int) -> bool:
 
 
 def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
-    """Whether the joints up to the flange are such as the program moves, and no other moves."""
+    """Whether the joints up to the flange are such as the program moves."""
     turning = turning_joints(root, flange)
-    if len(turning) != len(JOINTS):
-        yield f"{len(turning)} joints move the flange {flange!r}, must be {len(JOINTS)}"
+    if len(turning) < LEAST_JOINTS:
+        yield f"{len(turning)} joints move the flange {flange!r}, must be {LEAST_JOINTS} or more"
     for joint in turning:
-        if joint.get("type") != "revolute":
-            yield f"{joint.get('name')} is {joint.get('type')}, must be revolute"
+        name, axis = joint.get("name"), joint.find("axis")
+        if joint.get("type") not in MOVES:
+            yield f"{name} is {joint.get('type')}, must be {', continuous or '.join(MOVES)}"
+        elif joint.find("mimic") is not None:
+            yield f"{name} mimics another joint, must move by itself"
         elif joint.find("limit") is None:
-            yield f"{joint.get('name')} has no limit"
-    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed" and joint not in turning]
-    if moving:
-        yield f"{', '.join(joint.get('name', '') for joint in moving)} must be fixed, as nothing moves them"
+            yield f"{name} has no limit"
+        elif axis is not None and not any(map(float, axis.get("xyz", "1 0 0").split())):
+            yield f"{name} has no axis: its three numbers are 0"
 
 
 def _end(joint: ElementTree.Element, side: str) -> str:

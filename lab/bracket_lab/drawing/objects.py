@@ -41,7 +41,7 @@ def write_objects(
     photographer = Photographer(world.model, {CAMERA: SensorSetup(bench.wrist, look.camera, rng)})
     masks = Masks(world, CAMERA, bench.wrist, look)
     for view in range(views):
-        world.set_arm(np.array(bench.arm_look_rad) + rng.normal(0.0, ARM_OFF_RAD, 6))
+        world.set_arm(np.array(bench.arm_look_rad) + rng.normal(0.0, ARM_OFF_RAD, len(bench.arm_look_rad)))
         exposure = Exposure(CAMERA, view, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
         frame = photographer.take(exposure)
         name = f"seed{seed:06d}" + (f"-{view}" if view else "")

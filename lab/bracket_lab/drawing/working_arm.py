@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.drawing.recording import Moment
 from bracket_lab.drawing.sight import GEOM_POSITIONS, GEOM_TURNS, SITE_POSITIONS
@@ -143,11 +142,8 @@ class WorkingArm:
         """Somewhere over tray and bracket, the tool pointing down."""
         joints = self._look_rad.copy()
         lift, elbow, turn = self._rng.uniform(-BEND_RAD, BEND_RAD, 3)
-        joints[JOINTS.index("shoulder_pan")] += self._rng.uniform(*PAN_RAD)
-        joints[JOINTS.index("shoulder_lift")] += lift
-        joints[JOINTS.index("elbow")] += elbow
-        joints[JOINTS.index("wrist_1")] -= lift + elbow
-        joints[JOINTS.index("wrist_3")] += 4 * turn
+        pan = self._rng.uniform(*PAN_RAD)
+        joints += (pan, lift, elbow, -lift - elbow, 0.0, 4 * turn)  # of the shipped arm, for which the networks are
         return joints
 
 

@@ -196,7 +196,7 @@ class Danger(Observer):
 
     def _believed(self, seen: Observation, tool_m: Array) -> Iterator[str]:
         told = np.array(seen.arm.positions_rad)
-        known = told.shape == (6,) and bool(np.isfinite(told).all())
+        known = len(told) == len(self._cell.world.arm_qpos) and bool(np.isfinite(told).all())
         off_m = float(np.linalg.norm(self._tool_m(told) - tool_m)) if known else math.inf
         if off_m > ELSEWHERE_M:
             yield f"the arm moves {off_m:.2f} m from where it tells"

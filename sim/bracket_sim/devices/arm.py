@@ -1,4 +1,4 @@
-"""The simulated UR10: follows joint trajectories at its 125 Hz cycle through position servos."""
+"""The simulated arm: follows joint trajectories in cycles of its control through position servos."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_ground.errors import DeviceFault
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.devices import KEEP_ALIVE_S
 from bracket_ground.interfaces.observation import ArmState, JointSamples
@@ -17,7 +16,7 @@ from bracket_sim.scene.world import World
 
 TRACKING_LIMIT_RAD = 0.10
 TRACKING_PERIODS = 5
-FORCE_LIMIT_N = 150.0  # at the tool, as in the UR10's safety configuration; a bracket's assembly takes below 5 N
+FORCE_LIMIT_N = 150.0  # at the tool, as usual safety configurations have it; a bracket's assembly takes below 5 N
 SINGULAR = 1e-3  # of the largest singular value: a direction in which the joints feel nothing
 FELT_NM = 1.0  # a joint that feels less does not show such a force: the tool's centre would be 7 mm from its axis
 FORCE_SHARE = 0.2  # of a new force in the told one: a time constant of 5 control periods
@@ -28,7 +27,7 @@ class SimArm:
     """Implements `Arm` on the simulated joints.
 
     Attributes:
-        driven_rad_s: how fast the servos' set points move, (6,); what pushes the arm besides is not in it.
+        driven_rad_s: how fast the servos' set points move, (n,); what pushes the arm besides is not in it.
 
     Args:
         keep_alive_s: without a call of `pace` for this long the arm stands still on its path; tests may wait for ever.
@@ -41,7 +40,8 @@ class SimArm:
         self._lag_s = servo_lag_s(world) - trailing_s
         self._keep_alive_s = keep_alive_s
         self._qpos, self._qvel = _span(world.arm_qpos), _span(world.arm_qvel)
-        self._path = PacedPath(self._positions(), self._period_s)
+        acceleration_rad_s2 = np.array(world.robot.acceleration_rad_s2)
+        self._path = PacedPath(self._positions(), self._period_s, acceleration_rad_s2)
         self._share = 1.0  # of speed, as it was asked for
         self._time_s = self._heard_s = 0.0
         self._late_periods = 0
@@ -139,7 +139,7 @@ class SimArm:
         if self._late_periods >= TRACKING_PERIODS:
             error = np.abs(self._positions() - self._path.at_rad)
             self._protect(
-                f"{JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
+                f"{self._world.robot.joints[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
                 f"limit {TRACKING_LIMIT_RAD} rad"
             )
 
@@ -175,7 +175,7 @@ def tool_force_n(world: World) -> Array:
 
 
 def servo_lag_s(world: World) -> Array:
-    """How far each servo trails a moving set point, (6,) as time; leading the set point by it makes up for it."""
+    """How far each servo trails a moving set point, (n,) as time; leading the set point by it makes up for it."""
     model = world.model
     stiffness: Array = model.actuator_gainprm[world.arm_ctrl, 0]
     damping: Array = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]

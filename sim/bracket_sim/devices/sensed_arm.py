@@ -29,8 +29,9 @@ class SensedArm:
 
     def __init__(self, arm: SimArm, hardware: Hardware, period_s: float, rng: np.random.Generator) -> None:
         self._arm = arm
-        self._position_noise = rng.normal(0.0, hardware.joint_noise_rad, (NOISE_ROWS, 6))
-        self._speed_noise = rng.normal(0.0, hardware.joint_speed_noise_rad_s, (NOISE_ROWS, 6))
+        size = NOISE_ROWS, len(arm.driven_rad_s)
+        self._position_noise = rng.normal(0.0, hardware.joint_noise_rad, size)
+        self._speed_noise = rng.normal(0.0, hardware.joint_speed_noise_rad_s, size)
         self._measured = 0
         self._state: ArmState | None = None
         self._latency_periods = math.ceil(hardware.command_latency_s / period_s - 1e-9)
@@ -103,7 +104,7 @@ class SensedArm:
             self._coming.append((self._period + self._latency_periods, act))
 
     def _noise(self, count: int) -> tuple[Array, Array]:
-        """The next rows of noise for positions and speeds, (count, 6) each."""
+        """The next rows of noise for positions and speeds, (count, n) each."""
         rows = np.arange(self._measured, self._measured + count) % NOISE_ROWS
         self._measured += count
         return self._position_noise[rows], self._speed_noise[rows]

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import mujoco
 
-from bracket_ground.interfaces.bench import JOINTS, CameraSetup
-from bracket_ground.interfaces.robot import RobotModel, Tool
+from bracket_ground.interfaces.bench import CameraSetup
+from bracket_ground.interfaces.robot import RobotModel, Servos, Tool
 from bracket_sim.scene import palette
 from bracket_sim.scene.palette import add_box, add_cylinder
 
@@ -21,11 +21,13 @@ GRIP_STIFFNESS_N_M = 20000.0  # of the jaw's position servo: force = stiffness x
 GRIP_DAMPING_NS_M = 220.0
 FORCE_LIMIT_N = 235.0
 
-STIFFNESS = (4000.0, 4000.0, 4000.0, 1000.0, 1000.0, 1000.0)
-TORQUE_LIMITS_NM = (330.0, 330.0, 150.0, 54.0, 54.0, 54.0)
-ARMATURE_KGM2 = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
-DAMPING_NMS = (10.0, 10.0, 10.0, 2.0, 2.0, 2.0)
-TOUCHING_FROM = f"{JOINTS[2]}_joint"  # what it and the later joints carry touches parts and bench
+# Servos of an arm whose file has none: so stiff for its torque, between these, with these shares of that. They are
+# those of the shipped arms, which follow within a milliradian.
+STIFFNESS, LEAST_STIFFNESS, MOST_STIFFNESS, USUAL_TORQUE_NM = 15.0, 600.0, 5000.0, 100.0
+ARMATURE, DAMPING = 1 / 4500, 1 / 450
+LEAST_MASS_KG, LEAST_INERTIA_KG_M2 = 0.1, 1e-3  # of a link that has no mass
+TOUCHING_FROM = 2  # what this joint and the later ones carry touches parts and bench
+JOINT_WORDS = ("wrist", "shoulder")  # in names of links that are drawn darker
 
 
 def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
@@ -33,15 +35,26 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
     # MuJoCo's `discardvisual` would delete every geom without contacts from the final model; the text has none left.
     options = '<mujoco><compiler strippath="false" fusestatic="false" discardvisual="false"/></mujoco>'
     spec = mujoco.MjSpec.from_string(robot.urdf_text.replace("</robot>", options + "</robot>"))
-    _drive_joints(spec)
-    _finish_links(spec)
+    _drive_joints(spec, robot)
+    _finish_links(spec, robot.joint_names[TOUCHING_FROM])
     return spec
 
 
-def _drive_joints(spec: mujoco.MjSpec) -> None:
-    rows = zip(JOINTS, STIFFNESS, TORQUE_LIMITS_NM, ARMATURE_KGM2, DAMPING_NMS, strict=True)
-    for name, stiffness, torque, armature, damping in rows:
-        joint = spec.joint(f"{name}_joint")
+def servos(robot: RobotModel) -> Servos:
+    """How an arm's joints are driven; see `RobotModel.servos`."""
+    if robot.servos is not None:
+        return robot.servos
+    wanted = (STIFFNESS * (torque or USUAL_TORQUE_NM) for torque in robot.torques_nm)
+    stiffness = tuple(min(max(value, LEAST_STIFFNESS), MOST_STIFFNESS) for value in wanted)
+    armature, damping = (tuple(share * value for value in stiffness) for share in (ARMATURE, DAMPING))
+    return Servos(stiffness_nm_rad=stiffness, armature_kg_m2=armature, damping_nm_s_rad=damping)
+
+
+def _drive_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    driven = servos(robot)
+    values = driven.stiffness_nm_rad, robot.torques_nm, driven.armature_kg_m2, driven.damping_nm_s_rad
+    for name, stiffness, most, armature, damping in zip(robot.joint_names, *values, strict=True):
+        torque, joint = most or USUAL_TORQUE_NM, spec.joint(name)
         joint.armature = armature
         joint.damping = [damping, 0.0, 0.0]
         actuator = spec.add_actuator(
@@ -50,12 +63,14 @@ def _drive_joints(spec: mujoco.MjSpec) -> None:
         actuator.set_to_position(kp=stiffness, dampratio=1.0)
 
 
-def _finish_links(spec: mujoco.MjSpec) -> None:
-    touching = [body.name for body in _carried(spec.joint(TOUCHING_FROM).parent)]
+def _finish_links(spec: mujoco.MjSpec, touching_from: str) -> None:
+    touching = [body.name for body in _carried(spec.joint(touching_from).parent)]
     for body in spec.bodies:
         body.gravcomp = 1.0
+        if body.joints and not body.geoms and not body.mass:
+            body.mass, body.inertia, body.explicitinertial = LEAST_MASS_KG, [LEAST_INERTIA_KG_M2] * 3, True
         for geom in body.geoms:
-            geom.rgba = [*(palette.JOINT if "wrist" in body.name or "shoulder" in body.name else palette.LINK), 1.0]
+            geom.rgba = [*(palette.JOINT if any(word in body.name for word in JOINT_WORDS) else palette.LINK), 1.0]
             touch = palette.ROBOT_TOUCH if body.name in touching else palette.HAND_ONLY_TOUCH
             geom.contype, geom.conaffinity = touch
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from bracket_ground.interfaces.bench import JOINTS, Bench, CameraSetup
+from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel, default_robot
@@ -56,9 +56,10 @@ class World:
 
     Attributes:
         look: what it looks like; neither physics nor controller know it.
+        robot: the arm.
         parts: type of every part by the name of its body, in the order of the scene.
         bodies: the same parts with their places in the state, and objects of no type.
-        arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
+        arm_qpos, arm_qvel, arm_ctrl: indices of the joints, from the base to the flange.
         diverged: the physics came to no finite state, and MuJoCo put everything back to the beginning.
     """
 
@@ -70,8 +71,9 @@ class World:
         scene: Sequence[ScenePart],
         physics: PhysicsSettings,
         look: Look,
+        robot: RobotModel,
     ) -> None:
-        self.product, self.bench, self.physics, self.look = product, bench, physics, look
+        self.product, self.bench, self.physics, self.look, self.robot = product, bench, physics, look, robot
         self.diverged = False
         self.model: mujoco.MjModel = spec.compile()
         fit_shadows(self.model)
@@ -79,10 +81,10 @@ class World:
         names = part_names(scene)
         self.bodies = tuple(self._world_part(name, entry) for name, entry in zip(names, scene, strict=True))
         self.parts = {body.name: body.part for body in self.bodies if body.part in product.parts}
-        joints = [self.model.joint(f"{name}_joint") for name in JOINTS]
+        joints = [self.model.joint(name) for name in robot.joint_names]
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
-        self.arm_ctrl = np.array([self.model.actuator(name).id for name in JOINTS])
+        self.arm_ctrl = np.array([self.model.actuator(name).id for name in robot.joint_names])
         self._fingers = [int(self.model.joint(f"finger_{side}").qposadr[0]) for side in ("left", "right")]
         self._grip: tuple[WorldPart, Array] | None = None  # what is held, and where in the tool's frame
         self._finger_bodies = [self.model.body(f"finger_{side}").id for side in ("left", "right")]
@@ -255,7 +257,7 @@ def build_world(
         extend: adds more to the specification before it is compiled, for example the person's hand.
         look: light, colours, things lying about, and where the cameras really hang.
         bins: the person's; by default one for each type, where the bench file says.
-        robot: the arm; by default the UR10.
+        robot: the arm; the shipped default where none is given.
     """
     physics = physics or PhysicsSettings()
     scene = person_set(product, bench) if scene is None else scene
@@ -284,7 +286,7 @@ def build_world(
         extend(spec)
     fit_hand(spec, look.person)
     simplify_cylinders(spec)
-    return World(spec, product, bench, scene, physics, look)
+    return World(spec, product, bench, scene, physics, look, robot)
 
 
 def part_names(scene: Sequence[ScenePart]) -> list[str]:

@@ -55,7 +55,7 @@ class ContactMonitor:
         contacts: those that are over, in order; of very many the newest that were told.
 
     Args:
-        driven_rad_s: how fast the arm's joints are driven now, (6,).
+        driven_rad_s: how fast the arm's joints are driven now, (n,).
     """
 
     def __init__(self, world: World, driven_rad_s: Callable[[], Array]) -> None:

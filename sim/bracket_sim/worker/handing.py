@@ -32,7 +32,7 @@ class Giver:
     """Fetches parts out of the tray, one after the other, and holds each out until the person has it.
 
     Attributes:
-        joints_rad, speeds_rad_s: of the arm now, (6,).
+        joints_rad, speeds_rad_s: of the arm now, (n,).
         opening_m: set point of the gripper.
         holding: what is between its fingers.
         done: nothing is left to hand over, and the arm is parked.

@@ -10,7 +10,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from bracket_ground.interfaces.bench import JOINTS, Bench
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 
@@ -75,11 +75,11 @@ class Sight:
         self.holes_m = {
             position: bracket.transform(np.array(product.slot_m(position))) for position in product.positions
         }
-        joints = [name for index in range(model.njnt) for name in [model.joint(index).name] if _is_arm(name)]
-        self._arm_qpos = [int(model.joint(name).qposadr[0]) for name in joints]
-        self._arm_dofs = [int(model.joint(name).dofadr[0]) for name in joints]
         bodies = {model.body(index).name: index for index in range(model.nbody)}
         self._flange, self._tool = bodies.get("tool0"), bodies.get("tool")
+        joints = [model.joint(number) for number in _moving(model, self._flange or 0)]
+        self._arm_qpos = [int(joint.qposadr[0]) for joint in joints]
+        self._arm_dofs = [int(joint.dofadr[0]) for joint in joints]
 
     def part(self, body: str) -> SeenPart:
         """One part by the name of its body."""
@@ -250,8 +250,13 @@ class Sight:
         return bool(np.all(flange[:2] > low[:2]) and np.all(flange[:2] < high[:2]))
 
 
-def _is_arm(joint: str) -> bool:
-    return joint.removesuffix("_joint") in JOINTS
+def _moving(model: mujoco.MjModel, body: int) -> list[int]:
+    """Joints that move a body, from the world on."""
+    found: list[int] = []
+    while body:
+        found = [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]), *found]
+        body = int(model.body_parentid[body])
+    return found
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

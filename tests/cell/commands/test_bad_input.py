@@ -53,7 +53,6 @@ CELL: list[tuple[str, Any]] = [
     ("controller.stop_timeout_s", 1e300),
     ("robot", "ur11"),
     ("robot", {"name": "mine"}),
-    ("motion.jerk_limits_rad_s3", [NAN, 1, 1, 1, 1, 1]),
     ("motion.sample_s", 1e-12),
     ("motion.sample_s", 100),
     ("motion.line_speed_m_s", INF),

@@ -66,16 +66,16 @@ RING = """<robot name="a"><link name="tool0"/><link name="b"/>
 <joint name="1" type="fixed"><parent link="tool0"/><child link="b"/></joint>
 <joint name="2" type="fixed"><parent link="b"/><child link="tool0"/></joint></robot>"""
 BROKEN = {
-    "another moves": (with_type("ee_fixed_joint", "revolute"), "ee_fixed_joint must be fixed"),
-    "5 joints": (with_type("elbow_joint", "fixed"), "5 joints move the flange 'tool0', must be 6"),
+    "floats": (with_type("elbow_joint", "floating"), "elbow_joint is floating, must be revolute"),
+    "no axis": (URDF.replace('<axis xyz="0 0 1"', '<axis xyz="0 0 0"'), "shoulder_pan_joint has no axis"),
+    "two of a name": (URDF.replace('"elbow_joint"', '"wrist_1_joint"'), "two joints are named 'wrist_1_joint'"),
+    "5 joints": (with_type("elbow_joint", "fixed"), "5 joints move the flange 'tool0', must be 6 or more"),
     "no flange": (URDF.replace("tool0", "flange"), "no link is the flange 'tool0' .*links: .*base_link"),
     "no limit": (re.sub(r"<limit[^>]*54[^>]*/>", "", URDF), "wrist_1_joint has no limit"),
-    "prismatic": (with_type("elbow_joint", "prismatic"), "elbow_joint is prismatic"),
-    "no room": (URDF.replace(ELBOW, ""), "elbow: no angle is within its limits"),
+    "no room": (URDF.replace(ELBOW, ""), "elbow: no value is within its limits"),
     "not XML": (URDF[:900], "not a URDF"),
     "another format": ("<mujoco/>", "its root is <mujoco>"),
     "empty": ("<robot name='a'/>", "links: none"),
-    "no mesh": (URDF.replace("forearm.stl", "missing.stl"), "there is no mesh .*missing.stl"),
     "bad number": (URDF.replace('lower="-3.14159265359"', 'lower="a lot"'), "elbow_joint: <limit> has lower='a lot'"),
     "infinite": (URDF.replace('xyz="0.0 -0.1719 0.612"', 'xyz="0 0 inf"'), "elbow_joint: <origin> has xyz='0 0 inf'"),
     "ring": (RING, "make a ring"),
@@ -89,6 +89,31 @@ def test_what_the_program_cannot_move_is_said_in_words(why: str, tmp_path: Path)
     urdf, words = BROKEN[why]
     with pytest.raises((ValueError, CellError), match=words):
         robot(tmp_path, urdf)
+
+
+def test_a_missing_mesh_is_a_thick_line_and_said(tmp_path: Path) -> None:
+    arm = robot(tmp_path, URDF.replace("forearm.stl", "missing.stl"))
+    assert arm.remarks == ("forearm_link: there is no mesh package://ur10/collision/missing.stl; a line 100 mm thick "
+                           "stands for it",)  # fmt: skip
+    build_world(load_product(CONFIGURATION), CONFIGURATION.bench, (), robot=arm)
+
+
+def test_what_hangs_on_the_flange_gives_way_and_what_moves_beside_the_arm_stands(tmp_path: Path) -> None:
+    hand = """<link name="hand"/><joint name="finger" type="prismatic"><parent link="tool0"/><child link="hand"/>
+    <limit lower="0" upper="1"/></joint><link name="head"/><joint name="neck" type="continuous">
+    <parent link="base_link"/><child link="head"/></joint></robot>"""
+    arm = robot(tmp_path, URDF.replace("</robot>", hand))
+    assert arm.joints == load_robot("ur10").joints
+    assert arm.remarks == ("neck: held at 0, as nothing moves them",)
+    assert '"hand"' not in arm.urdf_text
+
+
+def test_values_of_another_count_than_the_joints_are_said(tmp_path: Path) -> None:
+    robot(tmp_path)
+    text = (tmp_path / "arm.yaml").read_text().replace("speed_rad_s: [2.09, ", "speed_rad_s: [")
+    (tmp_path / "arm.yaml").write_text(text)
+    with pytest.raises(ValueError, match="speed_rad_s has 5 values, the arm has 6 joints: shoulder_pan, "):
+        load_robot("arm.yaml", tmp_path)
 
 
 def test_names_of_joints_and_flange_are_the_makers_own(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 A file has inputs of these names, of as many numbers as stand here, and an output `action`:
 
-    observation.state, state              six joints in [rad], then the opening of the fingers in [m]
+    observation.state, state              the joints in [rad], then the opening of the fingers in [m]
     observation.environment_state, part   where the part is that the robot is after, (x, y, z) in the world in [m]
     target                                where the tool goes, (x, y, z)
 
@@ -22,18 +22,17 @@ import onnxruntime
 
 from bracket_cell.learned.inference.onnx_model import LOAD_ERRORS
 from bracket_ground.errors import ModelError
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.observation import ArmState, GripperState
 from bracket_ground.interfaces.pose import Array
 
 STATE, ENVIRONMENT, ACTION = "observation.state", "observation.environment_state", "action"
-OF_STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
 OF_ENVIRONMENT = ("part_x_m", "part_y_m", "part_z_m")
 STEP_N = 5
-SIZES = {
-    **dict.fromkeys((STATE, "state"), len(OF_STATE)),
-    **dict.fromkeys((ENVIRONMENT, "part", "target"), len(OF_ENVIRONMENT)),
-}
+
+
+def of_state(joints: Sequence[str]) -> tuple[str, ...]:
+    """What the numbers of a state are, for an arm with joints of these names."""
+    return (*(f"{joint}_rad" for joint in joints), "opening_m")
 
 
 def observed(
@@ -51,8 +50,8 @@ class Policy:
         sha256: of its file.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Raises: ModelError: it cannot be read, or sees or answers something else."""
+    def __init__(self, path: Path, joints: int) -> None:
+        """For an arm of so many joints. Raises ModelError: it cannot be read, or sees or answers something else."""
         try:
             content = path.read_bytes()
             self._session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
@@ -62,16 +61,20 @@ class Policy:
             raise ModelError(f"{path}: is no ONNX file that runs here: {str(error).splitlines()[0]}") from None
         self.sha256 = hashlib.sha256(content).hexdigest()
         self._inputs = {one.name: one.shape[-1] for one in self._session.get_inputs()}
-        self._path = path
+        self._path, self._joints = path, joints
+        sizes = {
+            **dict.fromkeys((STATE, "state"), joints + 1),
+            **dict.fromkeys((ENVIRONMENT, "part", "target"), len(OF_ENVIRONMENT)),
+        }
         for name, size in self._inputs.items():
-            if SIZES.get(name) != size:
-                legal = ", ".join(f"{known} of {count}" for known, count in SIZES.items())
+            if sizes.get(name) != size:
+                legal = ", ".join(f"{known} of {count}" for known, count in sizes.items())
                 raise ModelError(f"{path}: wants {name!r} of {size} numbers; legal: {legal}")
         if ACTION not in {one.name for one in self._session.get_outputs()}:
             raise ModelError(f"{path}: has no output {ACTION!r}")
 
     def actions(self, seen: Mapping[str, Array]) -> Array:
-        """What it wants next, (k, 6) joints in [rad] or (k, 4) steps; fingers that follow them are left out.
+        """What it wants next, (k, n) joints in [rad] or (k, 4) steps; fingers that follow them are left out.
 
         Raises:
             ModelError: it answers other than that many finite numbers.
@@ -79,7 +82,7 @@ class Policy:
         fed = {name: np.asarray(seen[name], np.float32)[None] for name in self._inputs}
         [answer] = self._session.run([ACTION], fed)
         wanted = np.atleast_2d(np.asarray(answer, np.float64)[0] if np.size(answer) else answer)
-        size, legal = wanted.shape[-1], (STEP_N, len(JOINTS), len(OF_STATE))
+        size, legal = wanted.shape[-1], (STEP_N, self._joints, self._joints + 1)
         if wanted.ndim != 2 or not len(wanted) or size not in legal or not np.isfinite(wanted).all():
             raise ModelError(f"{self._path}: answers {wanted.tolist()}; legal: rows of {legal} finite numbers")
-        return wanted[:, : STEP_N - 1 if size == STEP_N else len(JOINTS)]
+        return wanted[:, : STEP_N - 1 if size == STEP_N else self._joints]

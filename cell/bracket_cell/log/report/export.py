@@ -14,6 +14,7 @@ import can
 import cv2
 
 from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.joints import joint_names
 from bracket_cell.log.read.reader import Log, LoggedTick
 from bracket_cell.log.replay.logged_tree import logged_tree
 from bracket_cell.log.report.for_ros import began_ns, write_rosbag
@@ -22,7 +23,6 @@ from bracket_cell.recording.images import Video
 from bracket_cell.trees.node_library import node_registry
 from bracket_ground.errors import InputError, LogError
 from bracket_ground.files.files import whole_or_none
-from bracket_ground.interfaces.bench import JOINTS
 from btxml.views.groot2 import StatusBoard, tree_xml
 
 Row = dict[str, Any]
@@ -103,6 +103,7 @@ def table(log: Log) -> Iterator[dict[str, Any]]:
     """One row a tick, all with the same columns; what holds until it changes is repeated."""
     goals = list(dict.fromkeys(name for tick in log.ticks for name in (_belief(tick) or {})))
     belief: Mapping[str, float] = {}
+    joints = joint_names(log)
     message = ""
     for tick in log.ticks:
         seen = tick.observation
@@ -116,7 +117,7 @@ def table(log: Log) -> Iterator[dict[str, Any]]:
             "status": tick.status,
             "wall_s": tick.wall_s,
             "overrun": tick.overrun,
-            **{f"{joint}_rad": angle for joint, angle in zip(JOINTS, seen.arm.positions_rad, strict=True)},
+            **{f"{joint}_rad": angle for joint, angle in zip(joints, seen.arm.positions_rad, strict=False)},
             "arm_moving": seen.arm.moving,
             "opening_m": seen.gripper.opening_m,
             "holding": seen.gripper.holding,

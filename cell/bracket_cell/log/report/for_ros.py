@@ -13,9 +13,9 @@ import numpy as np
 from foxglove import messages
 
 from bracket_cell.log.read.frames import CAMERA, IMAGE, LINE, decoded
+from bracket_cell.log.read.joints import joint_names
 from bracket_cell.log.read.reader import Log
 from bracket_cell.packages import needed
-from bracket_ground.interfaces.bench import JOINTS
 
 JOINT_STATE, TF = ("/joint_states", "sensor_msgs/msg/JointState"), ("/tf", "tf2_msgs/msg/TFMessage")
 STATIC = "/tf_static", TF[1]
@@ -59,7 +59,7 @@ def write_rosbag(log: Log, path: Path, name: str) -> int:
 
 
 def _all(log: Log, types: Any) -> Iterator[Sent]:
-    start_ns = began_ns(log)
+    start_ns, joints = began_ns(log), list(joint_names(log))
 
     def header(at_ns: int, frame: str) -> Any:
         return types["std_msgs/msg/Header"](stamp=_stamp(types, at_ns), frame_id=frame)
@@ -67,7 +67,7 @@ def _all(log: Log, types: Any) -> Iterator[Sent]:
     for tick in log.ticks:
         at_ns, arm = start_ns + round(tick.time_s * 1e9), tick.observation.arm
         numbers = np.array(arm.positions_rad, np.float64), np.zeros(0), np.zeros(0)
-        yield at_ns, JOINT_STATE, types[JOINT_STATE[1]](header(at_ns, ""), list(JOINTS), *numbers)
+        yield at_ns, JOINT_STATE, types[JOINT_STATE[1]](header(at_ns, ""), joints, *numbers)
     told_n = Counter(message.topic for message in log.messages)
     for message in log.messages:
         at_ns, topic = start_ns + message.time_ns, message.topic

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bracket_cell.log.read.frames import Frames
+from bracket_cell.log.read.joints import joint_names
 from bracket_cell.log.read.reader import Log, json_of
 from bracket_ground.errors import LogError
 from bracket_ground.interfaces.pose import Array
@@ -19,12 +20,13 @@ class Episode:
     """The rows of one log.
 
     Attributes:
-        states, actions: (rows, 7) joints and opening, measured and asked for.
+        states, actions: (rows, n + 1) joints and opening, measured and asked for.
         times_s: of the log's clock.
         parts_m: (rows, 3) where the part stood that the robot was after; zeros before.
         task: in words.
         success: the bracket is right; None where nobody knows.
         ended: the log holds the run's end.
+        joints: what the log calls them.
         pixels: some of each camera's, (n, 3) from 0 to 1.
     """
 
@@ -35,6 +37,7 @@ class Episode:
     task: str
     success: bool | None
     ended: bool = True
+    joints: tuple[str, ...] = ()
     pixels: dict[str, list[Array]] = field(default_factory=dict)
 
 
@@ -52,7 +55,7 @@ def rows_of(log: Log, rate_hz: float) -> Episode:
     goal = json_of(log.path, log.result, "goal", str) or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
     rows = times_s, measured[at], asked[later], _after(log)[at]
-    return Episode(*rows, task, json_of(log.path, log.result, "correct", bool), not log.unfinished)
+    return Episode(*rows, task, json_of(log.path, log.result, "correct", bool), not log.unfinished, joint_names(log))
 
 
 def _after(log: Log) -> Array:
@@ -68,12 +71,12 @@ def _after(log: Log) -> Array:
 
 
 def _asked(log: Log, measured: Array) -> Array:
-    """Joints and opening that were asked for at each tick: (ticks, 7).
+    """Joints and opening that were asked for at each tick: (ticks, n + 1).
 
     How far along its trajectory the arm is, it tells, or it follows at the share of speed that was allowed.
     """
     asked = measured.copy()
-    joints, opening = measured[0, :6], measured[0, 6]
+    joints, opening = measured[0, :-1], measured[0, -1]
     trajectory: tuple[Array, Array] | None = None
     path_s = 0.0
     for place, tick in enumerate(log.ticks):
@@ -85,7 +88,7 @@ def _asked(log: Log, measured: Array) -> Array:
         if follow:
             trajectory, path_s = (np.array(follow["times_s"]), np.array(follow["positions_rad"])), 0.0
         elif command.get("stop_arm"):
-            trajectory, joints = None, measured[place, :6]
+            trajectory, joints = None, measured[place, :-1]
         if gripper := command.get("sent_gripper"):
             opening = float(gripper["opening_m"])
         if trajectory is not None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bracket_cell.learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, OF_STATE
+from bracket_cell.learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, of_state
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.training.episodes import Episode, image_times_s, rate_hz_of, rows_of
@@ -156,7 +156,7 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
 def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate_hz: float) -> Any:
     count = len(episode.times_s)
     last = np.arange(count) == count - 1
-    vectors = arrow.list_(arrow.float32(), len(OF_STATE))
+    vectors = arrow.list_(arrow.float32(), episode.states.shape[1])
     columns = {
         "observation.state": arrow.array(list(episode.states.astype(np.float32)), vectors),
         ENVIRONMENT: arrow.array(list(episode.parts_m.astype(np.float32)), arrow.list_(arrow.float32(), 3)),
@@ -191,12 +191,13 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
 
 
 def _info(episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
-    vector = {"dtype": "float32", "shape": [len(OF_STATE)], "names": list(OF_STATE)}
+    names = of_state(episodes[0].joints)
+    vector = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
     videos = {_video(one): _about_video(size, rate_hz) for one, size in sizes.items()}
     flag, whole = {"dtype": "bool", "shape": [1], "names": None}, {"dtype": "int64", "shape": [1], "names": None}
     return {
         "codebase_version": VERSION,
-        "robot_type": "ur10",
+        "robot_type": f"arm of {len(episodes[0].joints)} joints",
         "total_episodes": len(episodes),
         "total_frames": sum(len(episode.times_s) for episode in episodes),
         "total_tasks": len({episode.task for episode in episodes}),

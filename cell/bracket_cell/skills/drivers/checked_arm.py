@@ -7,11 +7,9 @@ import math
 import numpy as np
 
 from bracket_ground.errors import DeviceFault
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.devices import Arm, Loaded
 from bracket_ground.interfaces.observation import ArmState, JointSamples
-from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel
 
 SPEED_TOLERANCE = 1.02  # sampled trajectories overshoot a little between their samples
@@ -63,30 +61,31 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
     That is: values that are not finite, a start elsewhere or at another time than 0, joints out of range, too much
     speed or acceleration, no rest at the beginning or the end.
     """
-    positions = trajectory.positions_rad
-    if len(state.positions_rad) != len(JOINTS):
-        raise DeviceFault("arm", f"it tells {len(state.positions_rad)} joints, must be {len(JOINTS)}")
+    positions, joints = trajectory.positions_rad, robot.joints
+    if len(state.positions_rad) != len(joints):
+        raise DeviceFault("arm", f"it tells {len(state.positions_rad)} joints, must be {len(joints)}")
     if not (np.isfinite(positions).all() and np.isfinite(trajectory.times_s).all()):
         raise DeviceFault("arm", "trajectory holds values that are not finite")
-    if positions.ndim != 2 or positions.shape[1] != len(JOINTS) or len(positions) != len(trajectory.times_s):
-        raise DeviceFault("arm", f"trajectory has the shape {positions.shape}, must be (n, {len(JOINTS)})")
+    if positions.ndim != 2 or positions.shape[1] != len(joints) or len(positions) != len(trajectory.times_s):
+        raise DeviceFault("arm", f"trajectory has the shape {positions.shape}, must be (n, {len(joints)})")
     jump = np.abs(positions[0] - np.array(state.positions_rad))
     if not jump.max() <= START_TOLERANCE_RAD:
         raise DeviceFault(
             "arm",
-            f"trajectory starts {jump.max():.3f} rad from where {JOINTS[int(jump.argmax())]} is, "
+            f"trajectory starts {jump.max():.3f} rad from where {joints[int(jump.argmax())]} is, "
             f"limit {START_TOLERANCE_RAD} rad",
         )
     if not (inside := robot.within(positions).all(axis=0)).all():
         joint = int(inside.argmin())
         least, most = robot.limits_rad[:, joint]
-        raise DeviceFault("arm", f"trajectory leaves the range of {JOINTS[joint]}, {least:.3f} to {most:.3f} rad")
+        raise DeviceFault("arm", f"trajectory leaves the range of {joints[joint]}, {least:.3f} to {most:.3f} rad")
     if trajectory.times_s[0] != 0:
         raise DeviceFault("arm", f"trajectory begins at {trajectory.times_s[0]:g} s, must begin at 0")
-    _refuse_fast(trajectory, np.array(robot.speed_rad_s), np.array(robot.acceleration_rad_s2))
+    _refuse_fast(trajectory, robot)
 
 
-def _refuse_fast(trajectory: JointTrajectory, limits_rad_s: Array, limits_rad_s2: Array) -> None:
+def _refuse_fast(trajectory: JointTrajectory, robot: RobotModel) -> None:
+    limits_rad_s, limits_rad_s2 = np.array(robot.speed_rad_s), np.array(robot.acceleration_rad_s2)
     steps_s = np.diff(trajectory.times_s)
     if (steps_s <= 0).any():
         raise DeviceFault("arm", "trajectory's times do not increase")
@@ -99,18 +98,19 @@ def _refuse_fast(trajectory: JointTrajectory, limits_rad_s: Array, limits_rad_s2
         joint = int(excess.argmax())
         raise DeviceFault(
             "arm",
-            f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, limit {limits_rad_s[joint]:.2f} rad/s",
+            f"trajectory moves {robot.joints[joint]} at {speeds[joint]:.2f} rad/s, "
+            f"limit {limits_rad_s[joint]:.2f} rad/s",
         )
-    rest = np.zeros((1, len(JOINTS)))
+    rest = np.zeros((1, len(limits_rad_s)))
     changes_s = np.minimum(
         np.concatenate([steps_s[:1], (steps_s[1:] + steps_s[:-1]) / 2, steps_s[-1:]]), LONGEST_STEP_S
     )
     changes = np.abs(np.diff(np.concatenate([rest, moves_rad_s, rest]), axis=0)) / changes_s[:, np.newaxis]
-    sample, joint = divmod(int((changes / limits_rad_s2).argmax()), len(JOINTS))
+    sample, joint = divmod(int((changes / limits_rad_s2).argmax()), len(limits_rad_s))
     if changes[sample, joint] > ACCELERATION_TOLERANCE * limits_rad_s2[joint]:
         where = {0: "at its beginning", len(steps_s): "at its end"}.get(sample, f"at {trajectory.times_s[sample]:g} s")
         raise DeviceFault(
             "arm",
-            f"trajectory changes the speed of {JOINTS[joint]} by {changes[sample, joint]:.2f} rad/s2 {where}, "
+            f"trajectory changes the speed of {robot.joints[joint]} by {changes[sample, joint]:.2f} rad/s2 {where}, "
             f"limit {limits_rad_s2[joint]:.2f} rad/s2",
         )

@@ -16,7 +16,7 @@ from bracket_cell.skills.drivers.rtde_receiver import RtdeConnection
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur_dashboard import Dashboard
 from bracket_ground.errors import DeviceFault
-from bracket_ground.interfaces.bench import JOINTS, Bench
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.robot import Calibration, RobotModel
@@ -66,7 +66,7 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
     yield _kinematics(robot, told, forward)
     yield _own_calibration(settings, bench, robot, forward)
     yield _registers(settings)
-    yield _turns(bench, told["actual_q"])
+    yield _turns(bench, robot.joints, told["actual_q"])
 
 
 def joints_rad(settings: UrSettings) -> Array:
@@ -249,11 +249,11 @@ def _in_use(host: str, first: int) -> bool:
         return b"IN_USE" in connection.asked("I", f"input_int_register_{first}".encode())
 
 
-def _turns(bench: Bench, joints_rad: Array) -> DeviceCheck:
+def _turns(bench: Bench, names: Sequence[str], joints_rad: Array) -> DeviceCheck:
     """A joint a whole turn away would sweep through everything on its way to a fixed pose."""
     away = {
         name: joint - goal
-        for name, joint, goal in zip(JOINTS, joints_rad, bench.arm_park_rad, strict=True)
+        for name, joint, goal in zip(names, joints_rad, bench.arm_park_rad, strict=True)
         if abs(joint - goal) > math.pi + 0.01
     }
     if not away:

@@ -84,7 +84,7 @@ class Descend:
 
     Attributes:
         name: type of the part.
-        above_rad: joints (6,) over the part.
+        above_rad: joints (n,) over the part.
         load: of the way over the part.
         line: down to it, with the fingers open as far.
         feels: what the fingers meet may be what the part lies on: they close there.

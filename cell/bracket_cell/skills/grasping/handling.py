@@ -72,7 +72,7 @@ def why_not_empty(observation: Observation) -> str | None:
 
 
 def joints_of(observation: Observation) -> Array:
-    """Joints (6,) as measured."""
+    """Joints (n,) as measured."""
     return np.array(observation.arm.positions_rad)
 
 
@@ -183,11 +183,11 @@ def put_phases(
     opening_m = opening_for(kind, hold.grip, settings.finger_clearance_m)
     carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=True))
     lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=False), close=True)
-    found = planner.reach(place_poses(target, kind, settings, hold), near_rad, lowering)
+    rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
+    found = planner.reach(place_poses(target, kind, settings, hold), near_rad, lowering, rise_m)
     if isinstance(found, str):
         return Message("cannot put {name} there: {found}", name=name, found=found)
     pose, joints = found
-    rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
     above = planner.kinematics.follow(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
         return Message("cannot put {name} there: out of the arm's reach above it", name=name)

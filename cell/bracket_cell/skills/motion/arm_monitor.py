@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from bracket_cell.skills.motion.separation import SEPARATION, TINY
 from bracket_ground.files.words.message import Message
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.observation import LETS_GO, ArmMode, ArmState
 from bracket_ground.interfaces.pose import Array
@@ -128,9 +127,11 @@ class ArmMonitor:
     _held_at_m: Array | None = field(default=None, init=False)
     _still_s: float = field(default=math.inf, init=False)
     _anchor: Array | None = field(default=None, init=False)
-    _mismatches: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(JOINTS), dtype=np.int64), init=False)
+    _mismatches: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
+        self._names = self.robot.joints
+        self._mismatches = np.zeros(len(self._names), dtype=np.int64)
         self._limits_rad = self.robot.limits_rad + np.array([[-ARM.range_slack_rad], [ARM.range_slack_rad]])
         self._speed_rad_s = np.array(self.robot.speed_rad_s) * ARM.speed_slack
         self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
@@ -248,7 +249,7 @@ class ArmMonitor:
         if moved[joint] > ARM.stays_rad:
             return Message(
                 "{joint} moved by {moved} rad, although the arm must stand",
-                joint=JOINTS[joint],
+                joint=self._names[joint],
                 moved=f"{moved[joint]:.2f}",
             )
         return ""
@@ -297,12 +298,12 @@ class ArmMonitor:
     def _wrong(self, arm: ArmState) -> str:
         """What a sound arm cannot tell."""
         counts = len(arm.positions_rad), len(arm.velocities_rad_s)
-        if counts != (len(JOINTS), len(JOINTS)):
+        if counts != (len(self._names), len(self._names)):
             return Message(
                 "the arm told {positions} positions and {speeds} speeds, not {wanted}",
                 positions=counts[0],
                 speeds=counts[1],
-                wanted=len(JOINTS),
+                wanted=len(self._names),
             )
         path_s = 0.0 if arm.path_s is None else arm.path_s
         if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s, path_s))):
@@ -332,7 +333,7 @@ class ArmMonitor:
             joint = int(far.argmax())
             return Message(
                 "{joint} jumped by {moved} rad in {took_s} s",
-                joint=JOINTS[joint],
+                joint=self._names[joint],
                 moved=f"{moved[joint]:.2f}",
                 took_s=f"{took_s:.2f}",
             )
@@ -348,7 +349,7 @@ class ArmMonitor:
         joint = int(np.abs(self._mismatches).argmax())
         return Message(
             "{joint} moves at {measured} rad/s and tells {told} rad/s",
-            joint=JOINTS[joint],
+            joint=self._names[joint],
             measured=f"{measured[joint]:.2f}",
             told=f"{told[joint]:.2f}",
         )

@@ -70,13 +70,14 @@ class ArmOutline:
 
     Attributes:
         names: of the L links.
+        joints: how many the arm has.
     """
 
     def __init__(self, checker: CollisionChecker) -> None:
         objects = checker.arm_with_part(OUTLINE.held_radius_m).geometryObjects
         links = [item for item in objects if item.parentJoint > OUTLINE.fixed_joints]
         self._places = LinkPlaces(checker.model, [one.parentJoint for one in links], [one.placement for one in links])
-        self.names = tuple(one.name for one in links)
+        self.names, self.joints = tuple(one.name for one in links), checker.model.nq
         self._shapes = [one.geometry for one in links]
         self._corners = np.array([box_corners(shape) for shape in self._shapes])
         self._always = np.array([name != HELD for name in self.names])
@@ -87,7 +88,7 @@ class ArmOutline:
         return rooms.distances_m[0], rooms.ways[0]
 
     def placed(self, joints_rad: Array) -> Array:
-        """Where the links are at K times, from joints (K, 6): world_from_link (K, L, 4, 4)."""
+        """Where the links are at K times, from joints (K, n): world_from_link (K, L, 4, 4)."""
         return self._places.at(joints_rad)
 
     def rooms(self, placed: Array, body: coal.Convex, holding: bool, below_m: float = np.inf) -> Rooms:

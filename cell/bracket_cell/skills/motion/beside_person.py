@@ -33,7 +33,7 @@ class BesidePerson:
         self._person = separation.persons.behind(separation.persons.edge, SEEN_S)
 
     def soonest(self, start_rad: Array, goal_rad: Array) -> list[Array]:
-        """Ways (k, 6) between two postures, straight between their rows; the one that takes the least time first."""
+        """Ways (k, n) between two postures, straight between their rows; the one that takes the least time first."""
         direct = np.array([start_rad, goal_rad])
         takes_s, hurried_s = self.takes_s(direct)
         if takes_s - hurried_s < SLOWED_S:
@@ -43,7 +43,7 @@ class BesidePerson:
         return [way for _, way in sorted(found, key=lambda one: one[0])[:TRIED]]
 
     def takes_s(self, way_rad: Array) -> tuple[float, float]:
-        """How long the arm needs for a way (k, 6) at the speeds that hands allow which may come at any time.
+        """How long the arm needs for a way (k, joints) at the speeds that hands allow which may come at any time.
 
         And how long at its own speed; both without the time in which it gathers speed.
         """
@@ -63,7 +63,7 @@ class BesidePerson:
         return float(takes_s.sum()), float(hurried_s.sum())
 
     def _ways_back(self, ends_rad: Array) -> Iterator[Array]:
-        """Ways (k, 6) that lead back from the person at first, or come to them last; also by a middle between."""
+        """Ways (k, joints) that lead back from the person at first, or come to them last; also by a middle between."""
         poses = [self._kinematics.forward(joints) for joints in ends_rad]
         nearest_m = max(pose.position_m[0] for pose in poses)
         for back_m in BACK_M:
@@ -76,10 +76,10 @@ class BesidePerson:
                 yield np.concatenate([ends_rad[:1], start, [middle], goal, ends_rad[1:]])
 
     def _drawn(self, joints_rad: Array, pose: Pose, behind_m: float) -> Array | None:
-        """Joints (1, 6) of a place behind an end of a way, (0, 6) where it is behind already, None out of reach."""
+        """Joints (1, n) of a place behind an end of a way, (0, n) where it is behind already, None out of reach."""
         x, y, z = pose.position_m
         if x - behind_m < LEAST_M:
-            return np.empty((0, 6))
+            return np.empty((0, len(joints_rad)))
         behind = self._kinematics.follow(Pose((behind_m, y, z), pose.quaternion_wxyz), joints_rad)
         return None if behind is None or not self._kinematics.within_limits(behind) else behind[np.newaxis]
 

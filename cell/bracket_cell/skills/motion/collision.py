@@ -16,6 +16,7 @@ import pinocchio
 from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.kinematics import FLANGE, Kinematics, LinkPlaces
 from bracket_cell.skills.motion.outline import Shape, shapes
+from bracket_cell.skills.motion.postures import axis_of
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.grasping import PAD_WIDTH_M
@@ -39,6 +40,7 @@ LEAST_M = 0.001  # of a place that is a spot of the table
 BIN_ROOM_M = 0.04  # around each part in a bin
 
 HELD = "held part"
+LEAST_REACH_M = 0.05  # of what a joint carries: none is thinner
 BASE_JOINTS = 2  # what base, shoulder and upper arm carry is not compared with what stands on the bench
 WRIST_JOINTS = 3  # the last ones, whose links lie beside what the gripper holds
 ALWAYS = 0.9  # share of postures in which two links touch that belong together
@@ -139,7 +141,7 @@ class CollisionChecker:
         held: Sequence[Box] = (),
         margin_m: float = 0.0,
     ) -> str | None:
-        """What touches first along a joint path (n, 6), in words; None where the way is free; see `scene`."""
+        """What touches first along a joint path (k, n), in words; None where the way is free; see `scene`."""
         return self.scene(opening_m, obstacles, held, margin_m).first_contact(positions_rad)
 
     def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
@@ -212,9 +214,42 @@ class Scene:
         moving = [item for item in geometry.geometryObjects if item.parentJoint > 0]
         self._places = LinkPlaces(model, [one.parentJoint for one in moving], [one.placement for one in moving])
         self._corners = np.array([box_corners(one.geometry) for one in moving])
+        self._carried = np.array([one.parentJoint for one in moving])
+        self._points = model.frames[model.getFrameId(FLANGE)].placement.rotation[:, 2]
+
+    def reaches_m(self, postures_rad: Array) -> Array:
+        """(n,) how far the arm's points are from what each joint moves them about, at most in these postures (k, n)."""
+        placed = self._places.at(postures_rad)
+        corners_m = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
+        reaches = np.full(self._model.nq, LEAST_REACH_M)
+        for posture, points in zip(postures_rad, corners_m, strict=True):
+            for number, (axis, at_m) in enumerate(self._axes(posture)):
+                off = points[self._carried > number].reshape(-1, 3) - at_m
+                far = np.linalg.norm(np.cross(off, axis), axis=1).max(initial=0.0) if axis.any() else 1.0
+                reaches[number] = max(reaches[number], far)
+        return reaches
+
+    def tilts(self, postures_rad: Array) -> Array:
+        """(2k, n) how the tool's axis tips over while each joint turns, in these postures (k, n)."""
+        rows = []
+        for posture in postures_rad:
+            axes = np.array([axis for axis, _ in self._axes(posture)])
+            tool = self._data.oMi[self._model.nq].rotation @ self._points
+            across = np.linalg.svd(tool[np.newaxis])[2][1:]
+            rows.append(across @ np.cross(axes, tool).T)
+        return np.concatenate(rows)
+
+    def _axes(self, joints_rad: Array) -> list[tuple[Array, Array]]:
+        """Of each joint: the axis that it turns about, 0 for one that slides, and a point of it, in the world."""
+        pinocchio.forwardKinematics(self._model, self._data, joints_rad)
+        places = (self._data.oMi[number] for number in range(1, self._model.njoints))
+        return [
+            (place.rotation @ axis_of(self._model, number)[3:], place.translation.copy())
+            for number, place in enumerate(places, 1)
+        ]
 
     def touches(self, joints_rad: Array) -> bool:
-        """Whether anything does in a posture (6,)."""
+        """Whether anything does in a posture (n,)."""
         return bool(pinocchio.computeCollisions(self._model, self._data, self._near, joints_rad, True))
 
     def touches_pair_by_pair(self, joints_rad: Array) -> bool:
@@ -223,7 +258,7 @@ class Scene:
         return bool(collides(self._model, self._data, self._geometry, self._results, joints_rad, True))
 
     def contact(self, joints_rad: Array) -> Contact | None:
-        """Which two things touch in a posture (6,)."""
+        """Which two things touch in a posture (n,)."""
         if not self.touches_pair_by_pair(joints_rad):
             return None
         pairs = zip(self._geometry.collisionPairs, self._results.collisionResults, strict=True)
@@ -233,18 +268,18 @@ class Scene:
         return Contact(f"{first.name} would touch {second.name}".replace("_", " "), by_tool)
 
     def is_free(self, positions_rad: Array) -> bool:
-        """Whether nothing touches along a joint path (n, 6)."""
+        """Whether nothing touches along a joint path (k, n)."""
         rows = self.resampled(positions_rad)
         return not any(self.touches(joints) for offset in COARSE_FIRST for joints in rows[offset :: len(COARSE_FIRST)])
 
     def first_contact(self, positions_rad: Array) -> str | None:
-        """What touches first along a joint path (n, 6), in words; None where the way is free."""
+        """What touches first along a joint path (k, n), in words; None where the way is free."""
         rows = self.resampled(positions_rad)
         found = next((self.contact(joints) for joints in rows if self.touches(joints)), None)
         return None if found is None else found.words
 
     def resampled(self, positions_rad: Array) -> Array:
-        """A path (m, 6) through the same line, no point of the arm going farther than STEP_M from row to row."""
+        """A path (m, joints) through the same line, no point of the arm going farther than STEP_M from row to row."""
         rows = _interpolated(positions_rad, np.abs(np.diff(positions_rad, axis=0)).max(axis=1), ARC_RAD)
         placed = self._places.at(rows)
         corners_m = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
@@ -253,7 +288,7 @@ class Scene:
 
 
 def _interpolated(positions_rad: Array, ways: Array, step: float) -> Array:
-    """A path (m, 6) through the same line in even steps, by how long the ways (n - 1,) between its rows are."""
+    """A path (m, joints) through the same line in even steps, by how long the ways (n - 1,) between its rows are."""
     travelled = np.concatenate([[0.0], np.cumsum(ways)])
     marks = np.linspace(0.0, travelled[-1], max(2, math.ceil(travelled[-1] / step) + 1))
     return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])

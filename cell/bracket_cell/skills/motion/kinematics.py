@@ -1,37 +1,40 @@
-"""Kinematics of the arm with its tool: forward by Pinocchio, inverse by placo, elbow up."""
+"""Kinematics of the arm with its tool: forward by Pinocchio, inverse by damped least squares from many postures.
+
+Levenberg-Marquardt with the damping of Sugihara, Solvability-Unconcerned Inverse Kinematics, IEEE T-RO 2011: it grows
+with the error. Every step is kept within the joints' limits.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pinocchio
-import placo
 
+from bracket_cell.skills.motion.postures import Postures, axis_of, usual_posture
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.robot import SAME_RAD
 
 FLANGE = "tool0"
-Posture = tuple[float, float]  # which way the shoulder leans, and the sign of wrist_2
-USUAL: Posture = (1.0, -1.0)
-OTHERS: tuple[Posture, ...] = ((-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))  # to the last two the tool turns over
+SAME_POSTURE_RAD = 0.05  # answers that differ by less are one
+MOST_STEPS = 40
+TRIED = 16  # postures from which an answer is looked for, beside the usual one
 
-# Elbow up, wrist_2 so that the tool points down; pan and wrist_3 are seeded from the target.
-_SEED_RAD = np.array([0.0, -1.3, 1.9, -2.17, -math.pi / 2, 0.0])
-_POSITION_TOLERANCE_M = 5e-5
-_ANGLE_TOLERANCE_RAD = 5e-4
-_MAX_ITERATIONS = 60
-_REGULARISATION = 1e-6
-_FIRST_JOINT = 7  # placo gives every robot a floating base, which comes first in its state
+_TOLERANCE = 1e-7  # in [m] and [rad]: answers from two postures of one kind are the same
+_DAMPING = 1e-9  # least; beside half the square of the error
+_USUAL: dict[tuple[Postures, Pose], Array] = {}  # of the arms that were asked for
+_LARGEST_STEP = 0.6  # of a joint in [rad] or [m], in which a linear model holds
 
 
 class Kinematics:
-    """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base.
+    """Joint angles to the pose of the tool frame (TCP) and back, in the world's frame.
 
     Attributes:
-        limits_rad: (2, 6) the least and the most of each joint.
+        count: of the joints.
+        limits_rad: (2, n) the least and the most of each joint.
+        usual_rad: (n,) the posture that answers are kept near to.
     """
 
     def __init__(self, settings: MotionSettings | None = None) -> None:
@@ -41,113 +44,126 @@ class Kinematics:
         self._flange_from_tool = Pose((0.0, 0.0, robot.tool.tcp_from_flange_m))
         self._tool_from_flange = self._flange_from_tool.inverse()
         self.model = pinocchio.buildModelFromXML(robot.urdf_text)
+        self.count: int = self.model.nq
         self._data = self.model.createData()
         self._flange = self.model.getFrameId(FLANGE)
-        self._arm_offset_m = self._offset_m()
-        self._robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, robot.urdf_text)
-        self._solver = placo.KinematicsSolver(self._robot)
-        self._solver.mask_fbase(True)
-        self._solver.add_regularization_task(_REGULARISATION)
-        self._task = self._solver.add_frame_task(FLANGE, np.eye(4))
-        self._task.configure(FLANGE, "soft", 1.0, 1.0)
+        self._postures = Postures.of(robot.urdf_text, self.limits_rad)
+        home: Array = np.array(robot.home_rad)
+        self.usual_rad: Array = home if len(home) and self.within_limits(home) else self._usual()
 
     def forward(self, joints_rad: Array) -> Pose:
-        """world_from_tool of joint angles (6,)."""
-        return Pose.from_matrix(self._flange_matrix(joints_rad)) @ self._flange_from_tool
+        """world_from_tool of joint angles (n,)."""
+        return Pose.from_matrix(self._flange_placement(joints_rad).homogeneous) @ self._flange_from_tool
 
     def position_m(self, joints_rad: Array) -> Array:
         """Where the tool is (3,), in a third of the time."""
-        flange = self._flange_matrix(joints_rad)
-        position: Array = flange[:3, 3] + self._flange_from_tool.position_m[2] * flange[:3, 2]
+        flange = self._flange_placement(joints_rad)
+        position: Array = flange.translation + self._flange_from_tool.position_m[2] * flange.rotation[:, 2]
         return position
 
-    def inverse(self, world_from_tool: Pose, near_rad: Array | None = None, posture: Posture = USUAL) -> Array | None:
-        """Joint angles (6,) that bring the tool there, elbow up; None where the arm cannot reach.
+    def inverse(self, world_from_tool: Pose, near_rad: Array | None = None) -> Array | None:
+        """Joint angles (n,) that bring the tool there; None where the arm cannot reach.
 
         Args:
             near_rad: the answer is wrapped to the turns nearest to these joints, as far as the limits allow.
         """
-        shoulder, wrist = posture
-        target = (world_from_tool @ self._tool_from_flange).matrix
-        joints = self._solve(target, self._seed(target, shoulder, wrist))
-        if joints is None or joints[2] * shoulder < 0:
-            return None
-        return self._allowed(self.wrapped(joints, np.zeros(6) if near_rad is None else near_rad))
+        return next(self.answers(world_from_tool, near_rad), None)
+
+    def answers(self, world_from_tool: Pose, near_rad: Array | None = None) -> Iterator[Array]:
+        """Joint angles (n,) that bring the tool there: the usual posture first, others by how far they are."""
+        near = self.usual_rad if near_rad is None else np.asarray(near_rad, dtype=float)
+        found: list[Array] = []
+        for start in self._starts(world_from_tool, near):
+            joints = self.solved(world_from_tool, start)
+            if joints is None:
+                continue
+            joints = self.wrapped(joints, near)
+            if all(np.abs(joints - one).max() > SAME_POSTURE_RAD for one in found):
+                found.append(joints)
+                yield joints
 
     def follow(self, world_from_tool: Pose, previous_rad: Array) -> Array | None:
-        """Joint angles (6,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
-        target = (world_from_tool @ self._tool_from_flange).matrix
-        joints = self._solve(target, previous_rad)
-        return None if joints is None else self._allowed(joints)
+        """Joint angles (n,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
+        return self.solved(world_from_tool, previous_rad)
+
+    def solved(self, world_from_tool: Pose, start_rad: Array, steps: int = MOST_STEPS) -> Array | None:
+        """The answer (n,) to which a posture leads in so many steps, within the limits; None where it leads to none."""
+        target = pinocchio.SE3((world_from_tool @ self._tool_from_flange).matrix)
+        model, data, flange = self.model, self._data, self._flange
+        least, most = self.limits_rad
+        joints: Array = np.clip(np.asarray(start_rad, dtype=float), least, most)
+        unit = np.eye(6)
+        for _ in range(steps):
+            pinocchio.computeJointJacobians(model, data, joints)
+            off = pinocchio.log6(pinocchio.updateFramePlacement(model, data, flange).actInv(target)).vector
+            square = float(off @ off)
+            if np.abs(off).max() < _TOLERANCE:
+                return joints
+            jacobian = pinocchio.getFrameJacobian(model, data, flange, pinocchio.LOCAL)
+            damping = (0.5 * square + _DAMPING) * unit
+            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, off)
+            largest = float(np.abs(step).max())
+            joints = np.clip(joints + step * min(1.0, _LARGEST_STEP / max(largest, 1e-12)), least, most)
+        return None
 
     def wrapped(self, joints_rad: Array, near_rad: Array) -> Array:
-        """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits.
-
-        Of wrist_1 the tool's pitch counts, lift + elbow + wrist_1: from shoulder to shoulder the tool stays as it is.
-        """
-        near = np.array(near_rad, dtype=float)
-        level = near[1:4].sum() - joints_rad[1:3].sum()
+        """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
+        turns = self._postures.turns
         least, most = self.limits_rad
-        near[3] = np.clip(level, least[3], most[3])
-        nearest = joints_rad + np.round((near - joints_rad) / (2 * math.pi)) * 2 * math.pi
-        answer: Array = nearest + 2 * math.pi * ((nearest < least).astype(float) - (nearest > most))
-        return answer
+        nearest = joints_rad + turns * np.round((near_rad - joints_rad) / (2 * math.pi)) * 2 * math.pi
+        short, far = nearest < least - SAME_RAD, nearest > most + SAME_RAD
+        answer: Array = nearest + turns * 2 * math.pi * (short.astype(float) - far)
+        return np.where((answer < least - SAME_RAD) | (answer > most + SAME_RAD), joints_rad, answer)
 
     def within_limits(self, joints_rad: Array) -> bool:
-        """Whether all joints (..., 6) lie within the arm's limits."""
+        """Whether all joints (..., n) lie within the arm's limits."""
         least, most = self.limits_rad
         return bool(np.all((joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)))
 
-    def _allowed(self, joints_rad: Array) -> Array | None:
-        return joints_rad if self.within_limits(joints_rad) else None
+    def manipulability(self, joints_rad: Array) -> float:
+        """The slowest speed of the tool in [m/s] that the fastest joint's 1 rad/s gives, whichever way it goes."""
+        jacobian = pinocchio.computeFrameJacobian(
+            self.model, self._data, np.asarray(joints_rad, dtype=float), self._flange, pinocchio.LOCAL_WORLD_ALIGNED
+        )
+        return float(np.linalg.svd(jacobian[:3], compute_uv=False)[-1])
 
-    def _offset_m(self) -> float:
-        """How far the wrist's plane lies beside the base's axis (d4 of a UR), without the noise of its sum."""
-        pinocchio.forwardKinematics(self.model, self._data, np.zeros(self.model.nq))
-        wrist = self.model.getJointId("wrist_2_joint")
-        return round(float(self._data.oMi[wrist].translation[1]), 6)
+    def starts_near(self, world_from_tool: Pose, count: int) -> list[Array]:
+        """Sampled postures (n,) whose tool is nearest to a pose, turned towards it."""
+        flange = (world_from_tool @ self._tool_from_flange).matrix
+        return [self._turned_to(start, flange) for start in self._postures.near(flange, count)]
 
-    def _flange_matrix(self, joints_rad: Array) -> Array:
+    def turned_to(self, start_rad: Array, world_from_tool: Pose) -> Array:
+        """A posture (n,) turned towards a pose by its first and its last joint."""
+        return self._turned_to(start_rad, (world_from_tool @ self._tool_from_flange).matrix)
+
+    def heights_m(self, joints_rad: Array) -> Array:
+        """(n - 1,) how high the joints are in the world, without the first."""
         pinocchio.forwardKinematics(self.model, self._data, np.asarray(joints_rad, dtype=float))
-        placement = pinocchio.updateFramePlacement(self.model, self._data, self._flange)
-        matrix: Array = placement.homogeneous
-        return matrix
+        return np.array([self._data.oMi[number].translation[2] for number in range(2, self.model.njoints)])
 
-    def _seed(self, target: Array, shoulder: float, wrist: float) -> Array:
-        """Pan points the arm's plane at the target; wrist_3 takes up the heading that is left."""
-        x, y = target[0, 3], target[1, 3]
-        reach = max(math.hypot(x, y), self._arm_offset_m)
-        pan, lift, elbow, first, second, _ = _SEED_RAD
-        beside = math.asin(self._arm_offset_m / reach)
-        if shoulder < 0:  # turned round, the arm leans back
-            pan, lift, beside = math.pi, -math.pi - lift, -beside
-        first = first if shoulder * wrist < 0 else first + math.pi
-        seed = np.array([pan + math.atan2(y, x) - beside, lift, shoulder * elbow, first, -wrist * second, 0.0])
-        turn = self._flange_matrix(seed)[:3, :3].T @ target[:3, :3]
-        seed[5] = math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-        return self.wrapped(seed, np.zeros(6))
+    def _usual(self) -> Array:
+        key = (self._postures, self._flange_from_tool)
+        if key not in _USUAL:
+            _USUAL[key] = usual_posture(self, self._postures)
+        return _USUAL[key]
 
-    def _solve(self, target: Array, seed_rad: Array) -> Array | None:
-        robot = self._robot
-        robot.state.q[_FIRST_JOINT:] = seed_rad
-        self._task.T_world_frame = target
-        for _ in range(_MAX_ITERATIONS):
-            robot.update_kinematics()
-            if _error(robot.get_T_world_frame(FLANGE), target):
-                joints: Array = np.array(robot.state.q[_FIRST_JOINT:])
-                return joints
-            self._solver.solve(True)
-        return None
+    def _starts(self, world_from_tool: Pose, near_rad: Array) -> Iterator[Array]:
+        """Postures to begin from: the usual one turned there, the present one, and sampled ones near the pose."""
+        yield self.turned_to(self.usual_rad, world_from_tool)
+        yield self.turned_to(near_rad, world_from_tool)
+        yield near_rad
+        near = self.starts_near(world_from_tool, TRIED)
+        yield from sorted(near, key=lambda start: float(np.abs(self.wrapped(start, near_rad) - near_rad).max()))
 
+    def _turned_to(self, start_rad: Array, flange: Array) -> Array:
+        """A posture whose first joints lead the flange towards a pose (4, 4), and whose last one takes its heading."""
+        joints = self._postures.led_to(start_rad, np.array(self._flange_placement(start_rad).translation), flange)
+        turn = self._flange_placement(joints).rotation.T @ flange[:3, :3]
+        return self._postures.headed(joints, turn)
 
-def _error(actual: Array, target: Array) -> bool:
-    """Whether two poses (4, 4) agree within the tolerances."""
-    offset = actual[:3, 3] - target[:3, 3]
-    if offset @ offset > _POSITION_TOLERANCE_M**2:
-        return False
-    # ||R1 - R2||_F^2 = 8 sin^2(angle / 2), about 2 angle^2
-    difference = (actual[:3, :3] - target[:3, :3]).ravel()
-    return bool(difference @ difference < 2 * _ANGLE_TOLERANCE_RAD**2)
+    def _flange_placement(self, joints_rad: Array) -> pinocchio.SE3:
+        pinocchio.forwardKinematics(self.model, self._data, np.asarray(joints_rad, dtype=float))
+        return pinocchio.updateFramePlacement(self.model, self._data, self._flange)
 
 
 class LinkPlaces:
@@ -159,32 +175,44 @@ class LinkPlaces:
     """
 
     def __init__(self, model: pinocchio.Model, joints: Sequence[int], placements: Sequence[pinocchio.SE3]) -> None:
-        self._turns = [_turn(model, number) for number in range(1, model.njoints)]
+        self._moves = [_move(model, number) for number in range(1, model.njoints)]
+        self._slides = np.array([slides(model, number) for number in range(1, model.njoints)])
         self._joints = np.array(joints) - 1
         self._placements = np.array([one.homogeneous for one in placements])
 
     def at(self, joints_rad: Array) -> Array:
         """world_from_body (K, L, 4, 4) of L bodies, from joints (K, n)."""
         cosines, sines = np.cos(joints_rad)[..., None, None], np.sin(joints_rad)[..., None, None]
-        carried, place = np.empty((len(joints_rad), len(self._turns), 4, 4)), None
-        for number, (still, sine, cosine) in enumerate(self._turns):
-            turned = still + sine * sines[:, number] + cosine * cosines[:, number]
-            place = turned if place is None else place @ turned
+        if self._slides.any():
+            sines = np.where(self._slides[:, None, None], joints_rad[..., None, None], sines)
+        carried, place = np.empty((len(joints_rad), len(self._moves), 4, 4)), None
+        for number, (still, sine, cosine) in enumerate(self._moves):
+            moved = still + sine * sines[:, number] + cosine * cosines[:, number]
+            place = moved if place is None else place @ moved
             carried[:, number] = place
         placed: Array = carried[:, self._joints] @ self._placements
         return placed
 
 
-def _turn(model: pinocchio.Model, number: int) -> tuple[Array, Array, Array]:
-    """What turns with a joint: the sum of the first, the second times its sine and the third times its cosine.
+def slides(model: pinocchio.Model, number: int) -> bool:
+    """Whether a joint moves along its axis instead of turning about it."""
+    return not np.any(axis_of(model, number)[3:])
 
-    Rodrigues' formula, after the placement of the joint on the one before it.
+
+def _move(model: pinocchio.Model, number: int) -> tuple[Array, Array, Array]:
+    """How a joint moves: the sum of the first, the second times its sine and the third times its cosine.
+
+    Rodrigues' formula, after the placement of the joint on the one before it; of a sliding joint the second counts
+    times how far it is.
     """
     assert model.parents[number] == number - 1
-    data = model.joints[number].createData()
-    model.joints[number].calc(data, np.zeros(model.nq))
-    x, y, z = np.asarray(data.S)[3:].ravel()
+    axis, before = axis_of(model, number), model.jointPlacements[number].homogeneous
+    if slides(model, number):
+        along = np.zeros((4, 4))
+        along[:3, 3] = axis[:3]
+        return before, before @ along, np.zeros((4, 4))
+    x, y, z = axis[3:]
     cross = np.zeros((4, 4))
     cross[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-    before, square = model.jointPlacements[number].homogeneous, cross @ cross
+    square = cross @ cross
     return before @ (np.eye(4) + square), before @ cross, before @ -square

@@ -28,7 +28,7 @@ class Motion:
     planner: MotionPlanner = field(repr=False)
 
     def plan(self, start_rad: Array) -> Plan | Looking:
-        """How to go from joints (6,), why there is no way, or what looks for one over many ticks."""
+        """How to go from joints (n,), why there is no way, or what looks for one over many ticks."""
         raise NotImplementedError
 
 
@@ -95,7 +95,7 @@ class Blind(Motion):
 
 @dataclass(frozen=True, eq=False)
 class FreeWay(Motion):
-    """To joints (6,) by a free way."""
+    """To joints (n,) by a free way."""
 
     goal_rad: Array
     load: Load

@@ -28,9 +28,9 @@ def separation_of(
 
     Args:
         ahead: the trajectory that the arm follows or would follow, and how far along it the arm is.
-        joints_rad: (6,) where the arm would stand; as measured by default.
+        joints_rad: (n,) where the arm would stand; as measured by default.
     """
-    joints = seen.arm.joints_rad if joints_rad is None else joints_rad
+    joints = seen.arm.known_rad(monitor.outline.joints) if joints_rad is None else joints_rad
     if seen.bench is None:
         return None
     if joints is None or not (ahead is None or 0 <= ahead[1] < math.inf):

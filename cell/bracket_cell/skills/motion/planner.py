@@ -11,7 +11,7 @@ import numpy as np
 from bracket_cell.skills.motion.beside_person import BesidePerson
 from bracket_cell.skills.motion.collision import Box, CollisionChecker, Scene
 from bracket_cell.skills.motion.grip import STROKE_M, Hold
-from bracket_cell.skills.motion.kinematics import OTHERS, USUAL, Kinematics
+from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.lying_grasp import LyingHold
 from bracket_cell.skills.motion.outline import Shape
 from bracket_cell.skills.motion.separation import SeparationMonitor
@@ -88,28 +88,33 @@ class MotionPlanner:
         """Arm and gripper with closed fingers, as collisions are checked."""
         return self._checker.shapes
 
-    def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
+    def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load, up_m: float = 0.0) -> tuple[Pose, Array] | str:
         """The tool pose with the shortest way there and its joints; or why none of them can be reached.
 
         The arm leans another way than it usually does only where something is in the way of that.
+
+        Args:
+            up_m: from there the tool must be able to go straight up by so much.
         """
-        reason, scene, left = "out of the arm's reach", self.scene(load), list(poses)
-        for posture in (USUAL, *OTHERS):
+        reason, scene = "", self.scene(load)
+        left = [(pose, self.kinematics.answers(pose, near_rad)) for pose in poses]
+        while left:
             free: list[tuple[float, Pose, Array]] = []
-            for pose in tuple(left):
-                joints = self.kinematics.inverse(pose, near_rad, posture)
-                if joints is None:
-                    continue
-                if (contact := scene.contact(joints)) is None:
+            for pose, answers in tuple(left):
+                joints = next(answers, None)
+                contact = None if joints is None else scene.contact(joints)
+                if joints is not None and up_m > 0 and self._above(joints, up_m) is None:
+                    reason = reason or "out of the arm's reach above it"
+                elif joints is not None and contact is None:
                     free.append((self.travel_s(joints - near_rad), pose, joints))
-                    continue
-                reason = contact.words if posture is USUAL else reason
-                if contact.by_tool:
-                    left.remove(pose)
+                elif contact is not None:
+                    reason = reason or contact.words
+                if joints is None or (contact is not None and contact.by_tool):
+                    left.remove((pose, answers))
             if free:
                 _, pose, joints = min(free, key=lambda entry: entry[0])
                 return pose, joints
-        return reason
+        return reason or "out of the arm's reach"
 
     def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by a free way, as soon as it is found; see `free_way`."""
@@ -211,7 +216,7 @@ class MotionPlanner:
         return above if above is not None and self.kinematics.within_limits(above) else None
 
     def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
-        """Along straight ways between joints (k, 6), without stops where limits and room allow."""
+        """Along straight ways between joints (k, joints), without stops where limits and room allow."""
         legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
         return blended(legs, self.settings, scene.is_free)
 

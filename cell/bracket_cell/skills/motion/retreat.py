@@ -45,7 +45,7 @@ def retreat_share(
     No link may come nearer anywhere on it, as long as it is nearer than `clear_m`; at its end there is more room.
 
     Args:
-        joints_rad: (6,) as measured.
+        joints_rad: (n,) as measured.
         ahead: the trajectory, and how far along it the arm is.
         person: where the hand is.
         speed_m_s: of the fastest point, at most.

@@ -19,14 +19,9 @@ LEVEL_CHECKS, TILTED_CHECKS = 1200, 8000  # after so many in vain a round is giv
 STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each
-BEYOND_RAD = np.array([1.2, 1.4, 1.4, 0.0, 0.0, 2.5])  # how far over both ends ways may swing; wrist_1 as below
-TILTED_RAD = BEYOND_RAD + np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])  # where no way is found that keeps the tool level
-SAME_RAD = 1e-6
-REACH_M = np.array([1.2, 1.2, 0.8, 0.3, 0.3, 0.15])  # from each axis to what it moves, of an arm of this size
-# wrist_1 is told by how the tool pitches, lift + elbow + wrist_1: ways between postures with the tool down keep it so.
-PITCH_FROM_JOINTS = np.eye(6)
-PITCH_FROM_JOINTS[3, 1:4] = 1.0
-JOINTS_FROM_PITCH = np.linalg.inv(PITCH_FROM_JOINTS)
+BEYOND = (0.9, 1.5)  # shares of the arm's reach that points may swing over both ends, in the two rounds
+SAME_M, SAME_RAD = 1e-6, 1e-6
+LEVEL = 1e-3  # of the tool's tilt in [rad] for a turn of a joint by 1 rad: less is none
 
 util.setLogLevel(util.LOG_NONE)
 
@@ -34,19 +29,19 @@ util.setLogLevel(util.LOG_NONE)
 def ways_around(
     scene: Scene, searched: Scene, ends_rad: Array, limits_rad: Array, checks: int
 ) -> Iterator[Array | None]:
-    """Joints (k, 6) with straight ways between them, as the last answer; None after every piece of the work before it.
+    """Joints (k, n) with straight ways between them, as the last answer; None after every piece of the work before it.
 
     Nothing more comes where none was found.
 
     Args:
         searched: the same as the scene with room to spare, which lets the search go in coarse steps.
-        ends_rad: (2, 6) start and goal.
-        limits_rad: (2, 6) the least and the most of each joint.
+        ends_rad: (2, n) start and goal.
+        limits_rad: (2, n) the least and the most of each joint.
         checks: of postures, in a piece.
     """
-    for beyond_rad, most in ((BEYOND_RAD, LEVEL_CHECKS), (TILTED_RAD, TILTED_CHECKS)):
+    for level, most in ((True, LEVEL_CHECKS), (False, TILTED_CHECKS)):
         for step_m in STEPS_M:
-            search = Search(Room(searched, ends_rad, limits_rad, beyond_rad), step_m, most)
+            search = Search(Room(searched, ends_rad, limits_rad, level=level), step_m, most)
             while (found := search.go_on(checks)) is None and not search.over:
                 yield None
             if found is None:
@@ -61,33 +56,44 @@ def ways_around(
 class Room:
     """Postures of one round as states, whose distances tell about how far the arm's points go.
 
+    In a level one joints only move together so that the tool does not tilt at either end, and along the way between.
     Knows nothing of OMPL, which knows it: two that knew one another would never be freed.
     """
 
-    def __init__(self, scene: Scene, ends_rad: Array, limits_rad: Array, beyond_rad: Array = BEYOND_RAD) -> None:
-        self.checks, self._scene, self._wrist_rad = 0, scene, limits_rad[:, 3]
-        ends = ends_rad @ PITCH_FROM_JOINTS.T
-        low, high = ends.min(axis=0) - beyond_rad, ends.max(axis=0) + beyond_rad
-        joints = [0, 1, 2, 4, 5]
-        low[joints], high[joints] = np.maximum(low, limits_rad[0])[joints], np.minimum(high, limits_rad[1])[joints]
-        free = np.flatnonzero(high - low > SAME_RAD)
-        scale = REACH_M[free]
-        fixed = ends[0].copy()
-        fixed[free] = 0.0
-        self._fixed_rad, self._joints_from_state = JOINTS_FROM_PITCH @ fixed, JOINTS_FROM_PITCH[:, free] / scale
-        self.size, self.ends = len(free), ends[:, free] * scale
-        self.low, self.high = low[free] * scale - SAME_RAD, high[free] * scale + SAME_RAD
+    def __init__(self, scene: Scene, ends_rad: Array, limits_rad: Array, *, level: bool) -> None:
+        self.checks, self._scene = 0, scene
+        self._low_rad, self._high_rad = limits_rad[0] - SAME_RAD, limits_rad[1] + SAME_RAD
+        reaches_m = scene.reaches_m(ends_rad)
+        ends = ends_rad * reaches_m
+        ways = _level_ways(scene.tilts(ends_rad) / reaches_m, ends[1] - ends[0]) if level else np.eye(len(reaches_m))
+        self._start, self._joints_from_state = ends_rad[0], ways / reaches_m[:, np.newaxis]
+        self.size, self.ends = ways.shape[1], (ends - ends[0]) @ ways
+        beyond_m = BEYOND[0 if level else 1] * float(reaches_m.max())
+        self.low, self.high = self.ends.min(axis=0) - beyond_m, self.ends.max(axis=0) + beyond_m
+        if not level:
+            self.low = np.maximum(self.low, (self._low_rad - ends_rad[0]) * reaches_m)
+            self.high = np.minimum(self.high, (self._high_rad - ends_rad[0]) * reaches_m)
 
     def joints(self, state: base.State) -> Array:
-        """(6,) of a state."""
-        joints: Array = self._joints_from_state @ [state[number] for number in range(self.size)] + self._fixed_rad
+        """(n,) of a state."""
+        joints: Array = self._joints_from_state @ [state[number] for number in range(self.size)] + self._start
         return joints
 
     def is_free(self, state: base.State) -> bool:
         """Whether nothing touches there."""
         self.checks += 1
         joints = self.joints(state)
-        return bool(self._wrist_rad[0] <= joints[3] <= self._wrist_rad[1]) and not self._scene.touches(joints)
+        inside = bool(((joints >= self._low_rad) & (joints <= self._high_rad)).all())
+        return inside and not self._scene.touches(joints)
+
+
+def _level_ways(tilts: Array, direct: Array) -> Array:
+    """(n, m) an orthonormal basis of the ways that do not tilt the tool, and of the direct one."""
+    _, sizes, rows = np.linalg.svd(tilts)
+    kept = rows[int((sizes > LEVEL).sum()) :]
+    rest = direct - kept.T @ (kept @ direct)
+    length = float(np.linalg.norm(rest))
+    return (np.vstack([kept, rest / length]) if length > SAME_M else kept).T
 
 
 class Search:
@@ -125,7 +131,7 @@ class Search:
         return self._room.checks >= self._most and not self._problem.hasExactSolution()
 
     def go_on(self, checks: int) -> Array | None:
-        """The way (k, 6), if it is found and short with so many checks more, or one try to make it shorter."""
+        """The way (k, joints), if it is found and short with so many checks more, or one try to make it shorter."""
         room, enough = self._room, self._room.checks + checks
         if not self._problem.hasExactSolution():
             self._planner.solve(base.PlannerTerminationCondition(lambda: room.checks >= enough))

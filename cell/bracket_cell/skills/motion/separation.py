@@ -130,11 +130,13 @@ class SeparationMonitor:
         the arm stands. Where nobody tells that, it sped up evenly through them, from rest.
 
         Args:
-            joints_rad: (6,) as measured.
+            joints_rad: (n,) as measured.
             holding: a part is between the fingers.
             ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
         """
-        path_rad = np.empty((0, 6)) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * SEPARATION.mark_s)
+        path_rad = (
+            np.empty((0, len(joints_rad))) if ahead is None else ahead[0].along(ahead[1] + NUMBERS * SEPARATION.mark_s)
+        )
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
         corners_m = turned(self.outline.corners_m(placed))
         known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]

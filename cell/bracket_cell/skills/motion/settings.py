@@ -5,28 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
-from pydantic import AfterValidator, Field, PrivateAttr
+from pydantic import Field, PrivateAttr
 
 from bracket_ground.files.model import Model
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.robot import RobotModel, default_robot
 
-SixFloats = tuple[float, float, float, float, float, float]
-
-
-MOST_JERK_RAD_S3 = 1000.0
-
-
-def _checked(values: SixFloats) -> SixFloats:
-    """Of the six joints."""
-    for joint, value in zip(JOINTS, values, strict=True):
-        if not 0 < value <= MOST_JERK_RAD_S3:
-            raise ValueError(f"{joint} has {value:g}, legal is more than 0 and at most {MOST_JERK_RAD_S3:g}")
-    return values
-
-
 Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
-JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
 
 
 LEAST_TICK_S = 0.04  # a faster loop is judged as one of 25 Hz: what else takes time does not get faster
@@ -109,7 +93,6 @@ class MotionSettings(Model):
     """How the arm and the gripper move; what the arm can do at most, its robot file says.
 
     Attributes:
-        jerk_limits_rad_s3: of each joint.
         sample_s: spacing of trajectory samples, the arm's own control period.
         line_speed_m_s: speed of the tool on straight lines.
         line_acceleration_m_s2: acceleration of the tool on straight lines.
@@ -131,7 +114,10 @@ class MotionSettings(Model):
     """
 
     moved: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("speed_limits_rad_s", "acceleration_limits_rad_s2"), "the robot file has limits: robot: FILE"),
+        **dict.fromkeys(
+            ("speed_limits_rad_s", "acceleration_limits_rad_s2", "jerk_limits_rad_s3"),
+            "the robot file has limits: robot: FILE",
+        ),
         **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
         "collision_step_rad": "nothing: ways are checked by how far points of the arm go",
     }
@@ -150,7 +136,6 @@ class MotionSettings(Model):
     collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
     arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take
 
-    jerk_limits_rad_s3: JointJerks = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
     sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
     line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
     line_acceleration_m_s2: float = Field(default=1.6, gt=0, le=20)
@@ -174,7 +159,7 @@ class MotionSettings(Model):
     _configured_share: float | None = PrivateAttr(default=None)
 
     def of(self, robot: RobotModel, tick_s: float = LEAST_TICK_S, trailing_s: float = 0.0) -> MotionSettings:
-        """The same for another robot than the UR10, and another control loop than one of 25 Hz.
+        """The same for another robot than the default, and another control loop than one of 25 Hz.
 
         Args:
             tick_s: period of the loop.
@@ -206,11 +191,16 @@ class MotionSettings(Model):
         return self._robot
 
     @property
-    def speed_limits_rad_s(self) -> SixFloats:
+    def speed_limits_rad_s(self) -> tuple[float, ...]:
         """Of planned motions, for each joint."""
         return self._robot.speed_rad_s
 
     @property
-    def acceleration_limits_rad_s2(self) -> SixFloats:
+    def acceleration_limits_rad_s2(self) -> tuple[float, ...]:
         """Of planned motions, for each joint."""
         return self._robot.acceleration_rad_s2
+
+    @property
+    def jerk_limits_rad_s3(self) -> tuple[float, ...]:
+        """Of planned motions, for each joint."""
+        return self._robot.jerk_rad_s3

@@ -106,7 +106,7 @@ def blended(
 
     Args:
         legs: each starts where the last one ends, at rest.
-        is_free: whether a path (n, 6) touches nothing.
+        is_free: whether a path (k, n) touches nothing.
         most: share of the shorter leg in which two legs are one motion at most.
     """
     whole = legs[0]
@@ -125,7 +125,7 @@ def blended(
 
 
 def _added(path_rad: Array, corner: int, overlap: int) -> Array:
-    """A path (n, 6) whose part behind a corner begins so many samples earlier, added to what is before it."""
+    """A path (k, n) whose part behind a corner begins so many samples earlier, added to what is before it."""
     behind = path_rad[corner:] - path_rad[corner]
     early = np.concatenate(
         [path_rad[: corner + 1], np.repeat(path_rad[corner : corner + 1], len(behind) - overlap - 1, 0)]
@@ -141,7 +141,7 @@ def _within(path_rad: Array, settings: MotionSettings) -> bool:
 
 
 def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Pose, shares: Array) -> Array | None:
-    """Joints (n, 6) at shares 0..1 of the straight way."""
+    """Joints (k, n) at shares 0..1 of the straight way."""
     rows = [np.array(start_rad, dtype=float)]
     for share in shares[1:]:
         joints = kinematics.follow(_between(start, goal, float(share)), rows[-1])

@@ -82,7 +82,7 @@ class RunPolicy(SkillNode):
             raise NodeError(f"zone_m {zone} is not least;largest x;y;z like 0.3;0.8;-0.6;0.3;0.1;0.6")
         part, others = part_and_others(self.parts.get(), self.index.get())
         try:
-            self._policy = Policy(Path(self.file.get()))
+            self._policy = Policy(Path(self.file.get()), services.tools.motion.kinematics.count)
         except ModelError as error:
             raise NodeError(str(error)) from None
         services.journal.note("message", text=f"policy {self.file.get()}, sha256 {self._policy.sha256}")
@@ -112,15 +112,15 @@ class MoveToJoints(SkillNode):
 
     traits = Traits(claims=("arm",))
 
-    joints_deg = InputPort(list[float], "six angles in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
+    joints_deg = InputPort(list[float], "angles of all joints in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
 
     def make_skill(self) -> Skill:
         from bracket_cell.skills import move_to
 
         angles = self.joints_deg.get()
-        if len(angles) != 6:
-            raise NodeError(f"the arm has 6 joints, not {len(angles)}")
         services = self.services
+        if len(angles) != (count := services.tools.motion.kinematics.count):
+            raise NodeError(f"the arm has {count} joints, not {len(angles)}")
         return move_to.MoveToJoints(services.tools.motion, *self.surroundings, joints_rad=np.radians(angles))
 
 

@@ -205,7 +205,7 @@ def test_what_a_policy_wants_to_see_is_checked_by_name(tmp_path: Path) -> None:
         )  # fmt: skip
         onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), tmp_path / "p")
         with pytest.raises(ModelError, match=why):
-            Policy(tmp_path / "p")
+            Policy(tmp_path / "p", 6)
     (tmp_path / "p").write_bytes(b"no network")
     with pytest.raises(ModelError, match="is no ONNX file"):
-        Policy(tmp_path / "p")
+        Policy(tmp_path / "p", 6)

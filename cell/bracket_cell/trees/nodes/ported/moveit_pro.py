@@ -140,7 +140,7 @@ class RetrieveWaypoint(CellNode):
 
     waypoint_name = InputPort(str, "its name")
     file = InputPort(str, "JSON file with all waypoints", default=WAYPOINTS)
-    waypoint_joint_state = OutputPort(list[float], "six angles in [deg], as MoveToJoints takes them")
+    waypoint_joint_state = OutputPort(list[float], "angles in [deg], as MoveToJoints takes them")
 
     def update(self) -> Status:
         path, name = self.file.get(), self.waypoint_name.get()
@@ -148,7 +148,7 @@ class RetrieveWaypoint(CellNode):
         known = {} if text is None else entries_in(text, path)
         if name not in known:
             raise NodeError(f"{path} has no waypoint '{name}'; it has: {', '.join(known) or 'none'}")
-        self.waypoint_joint_state.set(_numbers(name, known[name], 6))
+        self.waypoint_joint_state.set(_numbers(name, known[name], self.tools.motion.kinematics.count))
         return SUCCESS
 
 

@@ -107,7 +107,7 @@ class MoveTo(FreeMove):
             way_s = planner.travel_s(joints - joints_of(observation))
             return round(way_s + planner.travel_s(look - joints), 3), way_s
 
-        turned = list(park + np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(6) == 5))
+        turned = list(park + np.pi * np.arange(-2, 3)[:, np.newaxis] * (np.arange(len(park)) == len(park) - 1))
         chosen: Array = min((joints for joints in turned if planner.kinematics.within_limits(joints)), key=takes_s)
         return chosen
 

@@ -119,6 +119,7 @@ class UrArm:
     def __init__(self, settings: UrSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
         self._settings, self._clock = settings, clock
         self._slower: float = getattr(clock, "slower", 1.0)
+        self._acceleration_rad_s2 = np.array(robot.acceleration_rad_s2)
         self._tcp = (0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0)
         self._part_kg = max((part.mass_kg for part in product.parts.values()), default=0.0)
         self._carried = False
@@ -280,7 +281,7 @@ class UrArm:
         if stream.lost:
             raise DeviceFault("arm", f"the controller takes no program: {stream.lost}")
         sample = self._receiver.newest
-        stream.say(said.Start(sample.positions_rad))
+        stream.say(said.Start(sample.positions_rad, self._acceleration_rad_s2))
         path, path_s = self._path, self._path_s
         if path is not None and path_s is not None:
             stream.begin(path, path_s)

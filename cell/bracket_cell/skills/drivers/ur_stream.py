@@ -27,9 +27,10 @@ USED = ("already in use", "in use")
 
 
 class Start(Message, frozen=True):
-    """Stream from where the arm is, (6,)."""
+    """Stream from where the arm is, (6,); so soon (6,) may its joints be fast, and so they brake."""
 
     at_rad: Array
+    acceleration_rad_s2: Array
 
 
 class Begin(Message, frozen=True):
@@ -209,8 +210,8 @@ class _Stream:
 
     def _do(self, message: ToStream) -> None:
         match message:
-            case Start(at_rad):
-                self._path, self._target = PacedPath(at_rad, self._period_s), at_rad
+            case Start(at_rad, acceleration_rad_s2):
+                self._path, self._target = PacedPath(at_rad, self._period_s, acceleration_rad_s2), at_rad
             case Begin(trajectory, from_s) if self._path is not None:
                 self._path.follow(trajectory, self._share, from_s)
                 self._beside, self._blended = self._target - self._path.at_rad, 0.0

@@ -20,7 +20,7 @@ STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by 
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each
 BEYOND = (0.9, 1.5)  # shares of the arm's reach that points may swing over both ends, in the two rounds
-SAME_M, SAME_RAD = 1e-6, 1e-6
+SAME_M, SAME_RAD = 1e-3, 1e-6  # a way that leaves the level ones by less is one of them
 LEVEL = 1e-3  # of the tool's tilt in [rad] for a turn of a joint by 1 rad: less is none
 
 util.setLogLevel(util.LOG_NONE)

@@ -17,7 +17,6 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.gate import Address
 from bracket_cell.watching.observer import Observer
 from bracket_ground.files.files import shipped
-from bracket_ground.interfaces.bench import JOINTS
 from bracket_ground.interfaces.operator import OperatorOrder
 from btxml.engine.tree import Tree
 
@@ -128,7 +127,7 @@ def open_viewers(
     if (topics := files.configuration.plant.ros2) is not None:
         from bracket_cell.plant.ros_topics import RosTopics
 
-        ros = RosTopics(topics, JOINTS, model.motion.kinematics.forward)
+        ros = RosTopics(topics, model.motion.settings.robot.joints, model.motion.kinematics.forward)
     return Viewers(recorder, live, monitor, page, opcua, mqtt, ros)
 
 

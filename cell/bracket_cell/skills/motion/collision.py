@@ -239,6 +239,12 @@ class Scene:
             rows.append(across @ np.cross(axes, tool).T)
         return np.concatenate(rows)
 
+    def tool_axis(self, joints_rad: Array) -> Array:
+        """(3,) where the tool points in the world, in a posture (n,)."""
+        pinocchio.forwardKinematics(self._model, self._data, joints_rad)
+        axis: Array = self._data.oMi[self._model.nq].rotation @ self._points
+        return axis
+
     def _axes(self, joints_rad: Array) -> list[tuple[Array, Array]]:
         """Of each joint: the axis that it turns about, 0 for one that slides, and a point of it, in the world."""
         pinocchio.forwardKinematics(self._model, self._data, joints_rad)

@@ -20,6 +20,8 @@ from bracket_ground.interfaces.robot import SAME_RAD
 FLANGE = "tool0"
 SAME_POSTURE_RAD = 0.05  # answers that differ by less are one
 MOST_STEPS = 40
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a straight way between postures, at which the tool's tilt is looked at
+TILTED_RAD = 0.75  # what the gripper holds may lean by so much on a way
 TRIED = 16  # postures from which an answer is looked for, beside the usual one
 
 _TOLERANCE = 1e-7  # in [m] and [rad]: answers from two postures of one kind are the same
@@ -70,17 +72,24 @@ class Kinematics:
         return next(self.answers(world_from_tool, near_rad), None)
 
     def answers(self, world_from_tool: Pose, near_rad: Array | None = None) -> Iterator[Array]:
-        """Joint angles (n,) that bring the tool there: the usual posture first, others by how far they are."""
+        """Joint angles (n,) that bring the tool there.
+
+        The usual posture comes first; others by whether the tool stays level on the straight way there, then by how
+        far they are.
+        """
         near = self.usual_rad if near_rad is None else np.asarray(near_rad, dtype=float)
-        found: list[Array] = []
-        for start in self._starts(world_from_tool, near):
+        usual = self.solved(world_from_tool, self.turned_to(self.usual_rad, world_from_tool))
+        found = [] if usual is None else [self.wrapped(usual, near)]
+        yield from found
+        for start in self._other_starts(world_from_tool, near):
             joints = self.solved(world_from_tool, start)
-            if joints is None:
-                continue
-            joints = self.wrapped(joints, near)
-            if all(np.abs(joints - one).max() > SAME_POSTURE_RAD for one in found):
-                found.append(joints)
-                yield joints
+            if joints is not None:
+                joints = self.wrapped(joints, near)
+                if all(np.abs(joints - one).max() > SAME_POSTURE_RAD for one in found):
+                    found.append(joints)
+        others = [turned for joints in found for turned in self._other_turns(joints)]
+        others += found[(usual is not None) :]
+        yield from sorted(others, key=lambda joints: (self._tilts(near, joints), float(np.abs(joints - near).max())))
 
     def follow(self, world_from_tool: Pose, previous_rad: Array) -> Array | None:
         """Joint angles (n,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
@@ -147,13 +156,26 @@ class Kinematics:
             _USUAL[key] = usual_posture(self, self._postures)
         return _USUAL[key]
 
-    def _starts(self, world_from_tool: Pose, near_rad: Array) -> Iterator[Array]:
-        """Postures to begin from: the usual one turned there, the present one, and sampled ones near the pose."""
-        yield self.turned_to(self.usual_rad, world_from_tool)
-        yield self.turned_to(near_rad, world_from_tool)
-        yield near_rad
-        near = self.starts_near(world_from_tool, TRIED)
-        yield from sorted(near, key=lambda start: float(np.abs(self.wrapped(start, near_rad) - near_rad).max()))
+    def _other_starts(self, world_from_tool: Pose, near_rad: Array) -> list[Array]:
+        """Postures to begin from beside the usual one: the present one, and sampled ones near the pose."""
+        return [self.turned_to(near_rad, world_from_tool), near_rad, *self.starts_near(world_from_tool, TRIED)]
+
+    def _other_turns(self, joints_rad: Array) -> Iterator[Array]:
+        """The same pose with a joint turned by a whole turn more, within the limits."""
+        for number in np.flatnonzero(self._postures.turns):
+            for turn in (-2 * math.pi, 2 * math.pi):
+                turned = joints_rad.copy()
+                turned[number] += turn
+                if self.within_limits(turned):
+                    yield turned
+
+    def _tilts(self, start_rad: Array, goal_rad: Array) -> bool:
+        """Whether the tool leaves the directions that it has at both ends of a straight way between."""
+        axes = [
+            self._flange_placement(start_rad + share * (goal_rad - start_rad)).rotation[:, 2].copy() for share in SHARES
+        ]
+        level = [max(float(axis @ axes[0]), float(axis @ axes[-1])) for axis in axes]
+        return min(level) < math.cos(TILTED_RAD)
 
     def _turned_to(self, start_rad: Array, flange: Array) -> Array:
         """A posture whose first joints lead the flange towards a pose (4, 4), and whose last one takes its heading."""

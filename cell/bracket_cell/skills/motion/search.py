@@ -6,6 +6,7 @@ cut into pieces, and a replay finds the same way after the same number of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,11 +16,12 @@ from bracket_cell.skills.motion.collision import Scene
 from bracket_ground.interfaces.pose import Array
 
 SEED = 1
-LEVEL_CHECKS, TILTED_CHECKS = 1200, 8000  # after so many in vain a round is given up
+LEVEL_CHECKS, TILTED_CHECKS = 800, 8000  # after so many in vain a round is given up
 STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each
-BEYOND = (0.9, 1.5)  # shares of the arm's reach that points may swing over both ends, in the two rounds
+SWING_RAD = 1.2  # of a joint over both ends; in [m] of one that slides
+LEANS_RAD = 0.75  # of the tool from its directions at both ends: what is held stays in
 SAME_M, SAME_RAD = 1e-3, 1e-6  # a way that leaves the level ones by less is one of them
 LEVEL = 1e-3  # of the tool's tilt in [rad] for a turn of a joint by 1 rad: less is none
 
@@ -64,15 +66,13 @@ class Room:
         self.checks, self._scene = 0, scene
         self._low_rad, self._high_rad = limits_rad[0] - SAME_RAD, limits_rad[1] + SAME_RAD
         reaches_m = scene.reaches_m(ends_rad)
-        ends = ends_rad * reaches_m
-        ways = _level_ways(scene.tilts(ends_rad) / reaches_m, ends[1] - ends[0]) if level else np.eye(len(reaches_m))
+        ends = (ends_rad - ends_rad[0]) * reaches_m
+        ways = _level_ways(scene.tilts(ends_rad) / reaches_m, ends[1]) if level else np.eye(len(reaches_m))
+        ways, beyond_m = _swings(ways, SWING_RAD * reaches_m)
+        self._axes = np.array([scene.tool_axis(joints) for joints in ends_rad])
         self._start, self._joints_from_state = ends_rad[0], ways / reaches_m[:, np.newaxis]
-        self.size, self.ends = ways.shape[1], (ends - ends[0]) @ ways
-        beyond_m = BEYOND[0 if level else 1] * float(reaches_m.max())
+        self.size, self.ends = ways.shape[1], ends @ ways
         self.low, self.high = self.ends.min(axis=0) - beyond_m, self.ends.max(axis=0) + beyond_m
-        if not level:
-            self.low = np.maximum(self.low, (self._low_rad - ends_rad[0]) * reaches_m)
-            self.high = np.minimum(self.high, (self._high_rad - ends_rad[0]) * reaches_m)
 
     def joints(self, state: base.State) -> Array:
         """(n,) of a state."""
@@ -80,11 +80,12 @@ class Room:
         return joints
 
     def is_free(self, state: base.State) -> bool:
-        """Whether nothing touches there."""
+        """Whether nothing touches there, and the tool leans little."""
         self.checks += 1
         joints = self.joints(state)
         inside = bool(((joints >= self._low_rad) & (joints <= self._high_rad)).all())
-        return inside and not self._scene.touches(joints)
+        level = float((self._axes @ self._scene.tool_axis(joints)).max()) > math.cos(LEANS_RAD) if inside else False
+        return level and not self._scene.touches(joints)
 
 
 def _level_ways(tilts: Array, direct: Array) -> Array:
@@ -94,6 +95,12 @@ def _level_ways(tilts: Array, direct: Array) -> Array:
     rest = direct - kept.T @ (kept @ direct)
     length = float(np.linalg.norm(rest))
     return (np.vstack([kept, rest / length]) if length > SAME_M else kept).T
+
+
+def _swings(ways: Array, most_m: Array) -> tuple[Array, Array]:
+    """The same ways (n, m) along the axes of the ellipsoid of all joints' swings (n,), and its half axes (m,)."""
+    sizes, axes = np.linalg.eigh(ways.T @ (ways / most_m[:, np.newaxis] ** 2))
+    return ways @ axes, 1.0 / np.sqrt(sizes)
 
 
 class Search:

@@ -17,7 +17,7 @@ from bracket_ground.files.files import read_text, shipped
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Point
 from bracket_ground.files.yaml_file import load_yaml
-from bracket_ground.interfaces.bench import Mount
+from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.urdf import (
     FLANGE,

@@ -146,7 +146,8 @@ def usual_posture(arm: Kinematics, postures: Postures) -> Array:
     x, y, _ = postures.origin
     places = [(x + share * postures.reach_m, y, high) for share in REACHES for high in HEIGHTS_M]
     spots = [Pose((float(a), float(b), c), FINGERS_DOWN.quaternion_wxyz) for a, b, c in places]
-    best, best_score = arm.limits_rad.mean(axis=0), -math.inf
+    best: Array = arm.limits_rad.mean(axis=0)
+    best_score = -math.inf
     kinds: list[Array] = []
     for number, spot in enumerate((*spots[2:4], *spots[:2], *spots[4:])):
         if number > 1 and kinds:

@@ -63,7 +63,8 @@ class RobotPoseHistory:
         if not len(times_s) or not np.abs(times_s - time_s).min() <= NEAR_S:
             return None
         joints = np.concatenate([*(one.positions_rad for one in self._samples), *([one[1]] for one in states)])
-        return self._forward(np.array([np.interp(time_s, times_s, column) for column in joints.T]))
+        between = np.array([np.interp(time_s, times_s, column) for column in joints.T])
+        return self._forward(between) if np.isfinite(between).all() else None
 
     def at(self, time_s: float) -> Array | None:
         """Points around the links at a time, see `Frame.robot_m`; None where the arm was not measured about then.

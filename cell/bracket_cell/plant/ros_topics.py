@@ -53,7 +53,7 @@ class RosTopics(Observer):
 
     def tick(self, record: TickRecord) -> None:
         seen, now_s = record.observation, record.observation.time_s
-        joints = seen.arm.joints_rad
+        joints = seen.arm.known_rad(len(self._joints))
         if joints is not None:
             header = self._header(seen.arm.time_s, "")
             told = {"name": self._joints, "position": list(joints), "velocity": list(seen.arm.velocities_rad_s)}

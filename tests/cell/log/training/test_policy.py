@@ -191,7 +191,7 @@ def test_a_chunk_of_actions_or_of_steps_is_taken(
         [helper.make_tensor_value_info(ACTION, TensorProto.FLOAT, list(shape))], [chunk, nothing],
     )  # fmt: skip
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), tmp_path / "p")
-    told = Policy(tmp_path / "p").actions({"state": np.zeros(7)})
+    told = Policy(tmp_path / "p", 6).actions({"state": np.zeros(7)})
     assert told.shape == answers
     assert told[0, 1] == pytest.approx(0.01)
 

@@ -108,9 +108,9 @@ def ask(planner: MotionPlanner, start: Array, goal: Array, load: Load, tally: Ta
 
 
 def found_in_a_minute(planner: MotionPlanner, start: Array, goal: Array, load: Load) -> bool:
-    """Whether the search finds it with a minute and all that the joints can do."""
+    """Whether the search finds it within a minute, also with a tool that tilts."""
     scene, limits_rad = planner.scene(load), planner.kinematics.limits_rad
-    room = search.Room(scene, np.array([start, goal]), limits_rad, beyond_rad=np.full(6, 7.0))
+    room = search.Room(scene, np.array([start, goal]), limits_rad, level=False)
     trees, until_s = search.Search(room, search.STEPS_M[1], np.inf), time.process_time() + MINUTE_S
     while time.process_time() < until_s:
         if trees.go_on(search.TILTED_CHECKS) is not None:

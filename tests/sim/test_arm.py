@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import JointTrajectory
-from bracket_ground.interfaces.paced_path import PACE_ACCELERATION_RAD_S2
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.devices.arm import KEPT_SAMPLES
 from bracket_sim.scene.settings import PhysicsSettings
@@ -70,7 +69,7 @@ def test_a_stop_stays_on_the_path_and_within_the_limit(make_rig: MakeRig, bench:
         speeds.append(np.array(arm.state().velocities_rad_s))
     rig.wait(0.3)
     decelerations = np.abs(np.diff(speeds, axis=0)).max(axis=0) / PERIOD_S
-    assert (decelerations < 1.5 * PACE_ACCELERATION_RAD_S2).all()
+    assert (decelerations < 1.5 * np.array(rig.cell.world.robot.acceleration_rad_s2)).all()
     stopped = np.array(arm.state().positions_rad)
     travel = trajectory.positions_rad[-1] - start
     share = (stopped - start) @ travel / (travel @ travel)

@@ -22,7 +22,7 @@ FILES = [
     *(("cell", path) for path in (CONFIG / "cell.yaml", CONFIG / "paper.yaml", CONFIG / "twin_cell.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
     *(("cell", path) for path in (CONFIG / "examples").glob("*/cell.yaml")),
-    *(("products", path) for path in (CONFIG / "examples").glob("*/product.yaml")),
+    *(("products", path) for name in ("product", "flange") for path in (CONFIG / "examples").glob(f"*/{name}.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("sim", path) for path in (*CONFIG.glob("sim*.yaml"), *CONFIG.glob("examples/*/sim.yaml"))),
     *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),

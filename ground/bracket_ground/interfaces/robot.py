@@ -22,9 +22,7 @@ from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.urdf import (
     FLANGE,
     chain_to,
-    element,
     finished,
-    held_still,
     mounted,
     parsed,
     solid_links,
@@ -269,8 +267,7 @@ def drawn(
     """
     path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
     text = _moved(read_text(path), dict(origins_m))
-    still = held_still(element(text, path), flange)
-    root = parsed(text, path, flange)
+    root, still = parsed(text, path, flange)
     remarks = [f"{', '.join(still)}: held at 0, as nothing moves them"] * bool(still)
     remarks += solid_links(root, lambda name: _mesh(name, path))
     text = finished(root, flange)

@@ -19,20 +19,22 @@ NUMBERS = {
 }
 
 
-def parsed(text: str, path: Path, flange: str) -> ElementTree.Element:
-    """A URDF whose flange is moved by enough joints.
+def parsed(text: str, path: Path, flange: str) -> tuple[ElementTree.Element, list[str]]:
+    """A URDF whose flange is moved by enough joints, and the joints beside the arm, which are held at 0.
 
     Raises:
         ValueError: with what is wrong with it.
     """
     root = element(text, path)
+    still: list[str] = []
     wrong = [*_wrong_tree(root, flange), *_wrong_numbers(root)]
     if not wrong:
-        _make_alike(root, flange)
+        still = held_still(root, flange)
+        _make_alike(root, flange, still)
         wrong = [*_wrong_joints(root, flange)]
     if wrong:
         raise ValueError(f"{path}: {'; '.join(wrong)}")
-    return root
+    return root, still
 
 
 def element(text: str, path: Path) -> ElementTree.Element:
@@ -146,9 +148,9 @@ def held_still(root: ElementTree.Element, flange: str = FLANGE) -> list[str]:
     ]
 
 
-def _make_alike(root: ElementTree.Element, flange: str) -> None:
+def _make_alike(root: ElementTree.Element, flange: str, still: list[str]) -> None:
     """What hangs on the flange gives way to the cell's gripper; joints beside the arm are held at 0."""
-    still, beyond = held_still(root, flange), _beyond(root, flange)
+    beyond = _beyond(root, flange)
     for joint in root.findall("joint"):
         if _end(joint, "child") in beyond:
             root.remove(joint)

@@ -46,6 +46,7 @@ class LabelServer:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((LOOPBACK, port))
+            self._socket.listen()  # a browser that comes before `serve` waits, and is not refused
         except OSError as error:
             raise InputError(
                 f"port {port} cannot be used for the page: {error.strerror}; choose another --port"

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from bracket_cell.trees.nodes.placing import PlacePart
+from bracket_cell.trees.vocabulary import ShownAs
 from btxml.engine.controls import ReactiveSequence, SequenceWithMemory
 from btxml.engine.errors import TraitError
 from btxml.engine.node import Node
@@ -25,7 +26,7 @@ class Waits(Node):
 
 def test_a_class_has_the_traits_of_its_base_until_it_has_its_own() -> None:
     assert Waits.traits == Node.traits == Traits()
-    assert PlacePart.traits == Traits(claims=("arm", "gripper"), needs_guard=True)
+    assert PlacePart.traits == Traits(claims=("arm", "gripper"), needs_guard=True, shown_as=ShownAs.PLACES)
     assert SequenceWithMemory.traits.succeeds_after == ""
     assert list(ReactiveSequence.traits.asked_before(2)) == [0, 1]
     assert replace(Waits.traits, instant=True).instant

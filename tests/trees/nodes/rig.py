@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 from bracket_cell.configuration import load_configuration, load_product
@@ -59,11 +60,13 @@ class ScriptedGrasps:
 
 
 def services(**changes: Any) -> Services:
-    """Services whose motion planner is absent and whose arm reaches everything."""
+    """Services whose motion planner knows the arm's joints alone and whose arm reaches everything."""
     tools = Tools(
         product=PRODUCT,
         bench=BENCH,
-        motion=cast(MotionPlanner, None),
+        motion=cast(
+            MotionPlanner, SimpleNamespace(kinematics=SimpleNamespace(count=len(STANDING.positions_rad or ())))
+        ),
         semantic=ScriptedPlanner(SURE),
         rule_semantic=ScriptedPlanner(SURE),
         grasp=ScriptedGrasps({}),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from bracket_cell.device_settings import DeviceSettings, OwnDevice
+from bracket_cell.device_settings import DeviceSettings, OwnDevice, SimulatedDevice
 from bracket_cell.kinds import DETECTORS, KindSettings, files_of, kind_of
 from bracket_cell.settings import (
     ControllerSettings,
@@ -22,7 +22,7 @@ from bracket_cell.settings import (
     ProductionSettings,
 )
 from bracket_cell.simulator import simulator
-from bracket_cell.skills.drivers.settings import ModbusSignalSettings, SignalSettings, UrSettings
+from bracket_cell.skills.drivers.settings import ModbusSignalSettings, RecordedSettings, SignalSettings, UrSettings
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.trees.guard import GuardSettings
 from bracket_cell.trees.node_library import USUAL_FOLDER
@@ -109,6 +109,14 @@ class Configuration(Model):
                     places.append((("bench", name), what))
         if places:
             raise Disagreement(places)
+        return self
+
+    @model_validator(mode="after")
+    def _the_shapes_of_a_real_arm_are_known(self) -> Configuration:
+        links = self.robot.unshaped
+        if links and not isinstance(self.devices.arm, SimulatedDevice | RecordedSettings):
+            what = f"meshes of {', '.join(links)} are missing, and what a real arm would hit is not known"
+            raise Disagreement([(("robot",), f"{what}: put them where {self.robot.urdf} says")])
         return self
 
     @model_validator(mode="after")

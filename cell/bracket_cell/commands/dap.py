@@ -170,8 +170,11 @@ class Adapter:
         """Pass on what comes, in a thread of its own."""
 
         def listen() -> None:
-            for message in source:
-                self._inbox.put((kind, message))
+            try:
+                for message in source:
+                    self._inbox.put((kind, message))
+            except ValueError as error:  # what comes is no message of the protocol: nothing behind it can be read
+                sys.stderr.write(f"cell: {kind} of the debugger cannot be read: {error}\n")
             self._inbox.put((f"{kind} ended", None))
 
         threading.Thread(target=listen, name=f"debugger's {kind}", daemon=True).start()

@@ -102,7 +102,7 @@ def examine(path: Path) -> list[Finding]:
     there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
     devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
-    own = [Finding(f"configuration {path}", True), *_bench(configuration, product, path)]
+    own = [Finding(f"configuration {path}", True), _arm(configuration), *_bench(configuration, product, path)]
     return [
         *machine,
         *devices,
@@ -112,6 +112,12 @@ def examine(path: Path) -> list[Finding]:
         *_signed(configuration, path),
         *rest,
     ]
+
+
+def _arm(configuration: Configuration) -> Finding:
+    """What was taken for granted about the arm, such as shapes of links whose meshes are missing."""
+    remarks = configuration.robot.remarks
+    return Finding(f"shapes and joints of {configuration.robot.name}", not remarks, "; ".join(remarks), needed=False)
 
 
 def _bench(configuration: Configuration, product: Product, path: Path) -> Iterator[Finding]:

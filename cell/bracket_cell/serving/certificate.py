@@ -13,10 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 
 from bracket_cell.settings import PageSettings
 
-VALID, LEFT = (
-    timedelta(days=800),
-    timedelta(days=30),
-)  # browsers refuse more than 825 days; it is made anew before its end
+VALID, LEFT = timedelta(days=800), timedelta(days=30)  # browsers refuse more than 825; made anew before its end
 
 
 def with_certificate(settings: PageSettings, folder: Path, host: str) -> PageSettings:
@@ -38,9 +35,9 @@ def fingerprint(certificate: Path) -> str:
 def _fits(certificate: Path, host: str) -> bool:
     try:
         found = x509.load_pem_x509_certificate(certificate.read_bytes())
-    except ValueError:
+        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (ValueError, x509.ExtensionNotFound):
         return False
-    names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return _name(host) in names and found.not_valid_after_utc - datetime.now(UTC) > LEFT
 
 

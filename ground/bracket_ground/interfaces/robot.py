@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -100,7 +100,8 @@ class RobotModel(Model):
         name: for messages.
         urdf: file of the arm, whose flange six joints or more move; relative to this file, or package://ROBOT/... of a
             robot that is shipped. Its meshes: relative to the URDF, or package://PACKAGE/..., where PACKAGE is shipped
-            or a folder that the URDF lies in. A link whose mesh is missing is taken for a thick line.
+            or a folder that the URDF lies in. A link whose mesh is missing is a thick line in simulation; a real arm is
+            refused.
         flange: link of the URDF that the gripper is mounted on, its z away from the arm; what hangs on it is left out.
         mount: where the arm's base is in the world, the table's top at z = 0; at the origin by default.
         origins_m: place (x, y, z) of joints in their parents' links, where it is another than in the URDF.
@@ -161,15 +162,20 @@ class RobotModel(Model):
     @property
     def urdf_text(self) -> str:
         """The URDF of this very arm where it is mounted, with whole paths of meshes; the collision shapes alone."""
-        return self._drawn[0]
+        return self._drawn.text
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was taken for granted about the arm, in words."""
-        return self._drawn[1]
+        return self._drawn.remarks
 
     @property
-    def _drawn(self) -> tuple[str, tuple[str, ...]]:
+    def unshaped(self) -> tuple[str, ...]:
+        """Links whose collision meshes are missing: thick lines stand for them."""
+        return self._drawn.unshaped
+
+    @property
+    def _drawn(self) -> Drawn:
         return drawn(self.urdf, self.flange, tuple(self.origins_m.items()), self.calibration, self.mount)
 
 
@@ -251,6 +257,20 @@ def _named(value: Any, info: ValidationInfo) -> Any:
 NamedRobot = Annotated[RobotModel, BeforeValidator(_named, json_schema_input_type=str)]
 
 
+class Drawn(NamedTuple):
+    """A URDF as the program reads it.
+
+    Attributes:
+        text: the URDF.
+        remarks: what was taken for granted, in words.
+        unshaped: links whose meshes are missing.
+    """
+
+    text: str
+    remarks: tuple[str, ...]
+    unshaped: tuple[str, ...]
+
+
 @cache
 def drawn(
     urdf: str,
@@ -258,8 +278,8 @@ def drawn(
     origins_m: tuple[tuple[str, Point], ...] = (),
     calibration: Calibration | None = None,
     mount: Mount | None = None,
-) -> tuple[str, tuple[str, ...]]:
-    """A URDF as the program reads it, and what was taken for granted, in words; see `RobotModel`.
+) -> Drawn:
+    """The URDF of an arm; see `RobotModel`.
 
     Raises:
         ValueError: with what is wrong with it.
@@ -269,10 +289,10 @@ def drawn(
     text = _moved(read_text(path), dict(origins_m))
     root, still = parsed(text, path, flange)
     remarks = [f"{', '.join(still)}: held at 0, as nothing moves them"] * bool(still)
-    remarks += solid_links(root, lambda name: _mesh(name, path))
+    taken, unshaped = solid_links(root, lambda name: _mesh(name, path))
     text = finished(root, flange)
     text = text if calibration is None else _calibrated(text, calibration)
-    return (text if mount is None else _mounted(text, mount)), tuple(remarks)
+    return Drawn(text if mount is None else _mounted(text, mount), (*remarks, *taken), unshaped)
 
 
 def _mounted(text: str, mount: Mount) -> str:

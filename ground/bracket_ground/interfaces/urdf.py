@@ -71,13 +71,16 @@ def mounted(text: str, xyz: str, rpy: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def solid_links(root: ElementTree.Element, found: Callable[[str], Path | None]) -> list[str]:
-    """Leave each link its collision shapes, whose meshes get whole paths; returns what was taken for granted.
+def solid_links(root: ElementTree.Element, found: Callable[[str], Path | None]) -> tuple[list[str], tuple[str, ...]]:
+    """Leave each link its collision shapes, whose meshes get whole paths.
 
     What is only drawn counts where no link has a collision shape. A link whose mesh is missing is a thick line.
 
     Args:
         found: where a mesh of this name lies.
+
+    Returns:
+        What was taken for granted, in words, and the links whose meshes are missing.
     """
     remarks = []
     if root.find("link/collision") is None and root.find("link/visual") is not None:
@@ -100,7 +103,7 @@ def solid_links(root: ElementTree.Element, found: Callable[[str], Path | None]) 
         link = next(one for one in root.findall("link") if one.get("name") == name)
         link.extend(_thick_lines(root, name))
         remarks.append(f"{name}: there is no mesh {', '.join(meshes)}; a line {2e3 * LINE_M:g} mm thick stands for it")
-    return remarks
+    return remarks, tuple(missing)
 
 
 def _thick_lines(root: ElementTree.Element, link: str) -> Iterator[ElementTree.Element]:
@@ -189,6 +192,8 @@ def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
     yield from (f"two joints carry {link!r}" for link, count in Counter(ends["child"]).items() if count > 1)
     if len(loose := [link for link in links if link not in ends["child"]]) != 1:
         yield f"must have one base, has {', '.join(loose) or 'none, as its joints make a ring'}"
+    elif ring := sorted(set(links) - {*loose} - _beyond(root, loose[0])):
+        yield f"joints of {', '.join(ring)} make a ring"
 
 
 def _wrong_numbers(root: ElementTree.Element) -> Iterator[str]:

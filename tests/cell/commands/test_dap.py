@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
@@ -125,6 +125,19 @@ def adapted() -> Iterator[Editor]:
             sink.close()
             for listener in [one for one in threading.enumerate() if one.name == "debugger's request"]:
                 listener.join(LONG_S)
+
+
+@pytest.mark.parametrize("said", [b"Content-Length: 3\r\n\r\n{x}", b"Content-Length: much\r\n\r\n", b"\xff\n"])
+def test_an_editor_that_says_something_else_is_left(said: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    asks_end, asks = os.pipe()
+    with FileIO(asks_end) as heard, BytesIO() as told, os.fdopen(asks, "wb") as sink:
+        sink.write(said)
+        sink.close()
+        thread = threading.Thread(target=Adapter(heard, told).serve)
+        thread.start()
+        thread.join(LONG_S)
+        assert not thread.is_alive()
+    assert "Traceback" not in capsys.readouterr().err
 
 
 @pytest.fixture

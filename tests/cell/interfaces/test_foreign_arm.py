@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.errors import CellError
 from bracket_ground.interfaces.robot import FOLDER, RobotModel, load_robot
 from bracket_sim.scene.world import build_world
+from tests import ROOT
 
 CONFIGURATION = load_configuration()
 URDF = (FOLDER / "ur10/ur10.urdf").read_text()
@@ -65,6 +67,7 @@ ELBOW = 'lower="-3.14159265359" upper="3.14159265359"'
 RING = """<robot name="a"><link name="tool0"/><link name="b"/>
 <joint name="1" type="fixed"><parent link="tool0"/><child link="b"/></joint>
 <joint name="2" type="fixed"><parent link="b"/><child link="tool0"/></joint></robot>"""
+BESIDE = RING.replace("</robot>", '<link name="base"/></robot>')
 BROKEN = {
     "floats": (with_type("elbow_joint", "floating"), "elbow_joint is floating, must be revolute"),
     "no axis": (URDF.replace('<axis xyz="0 0 1"', '<axis xyz="0 0 0"'), "shoulder_pan_joint has no axis"),
@@ -79,6 +82,11 @@ BROKEN = {
     "bad number": (URDF.replace('lower="-3.14159265359"', 'lower="a lot"'), "elbow_joint: <limit> has lower='a lot'"),
     "infinite": (URDF.replace('xyz="0.0 -0.1719 0.612"', 'xyz="0 0 inf"'), "elbow_joint: <origin> has xyz='0 0 inf'"),
     "ring": (RING, "make a ring"),
+    "ring beside the base": (BESIDE, "joints of b, tool0 make a ring"),
+    "ring beside the arm": (
+        URDF.replace("</robot>", RING[RING.index("<link") :].replace("tool0", "c")),
+        "joints of b, c make a ring",
+    ),
     "two bases": (URDF.replace("</robot>", '<link name="b"/></robot>'), "must have one base, has .*b"),
     "no such link": (URDF.replace('<child link="forearm_link"', '<child link="fore"'), "child 'fore' is no link"),
 }
@@ -96,6 +104,17 @@ def test_a_missing_mesh_is_a_thick_line_and_said(tmp_path: Path) -> None:
     assert arm.remarks == ("forearm_link: there is no mesh package://ur10/collision/missing.stl; a line 100 mm thick "
                            "stands for it",)  # fmt: skip
     build_world(load_product(CONFIGURATION), CONFIGURATION.bench, (), robot=arm)
+
+
+def test_a_real_arm_needs_the_shapes_of_its_links(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(ROOT / "config", tmp_path / "config"))
+    robot(folder, URDF.replace("forearm.stl", "missing.stl"))
+    file = folder / "cell.yaml"
+    file.write_text(file.read_text().replace("robot: ur10 ", "robot: arm.yaml "))
+    assert load_configuration(file).robot.unshaped == ("forearm_link",)
+    file.write_text(file.read_text().replace("arm: {kind: simulated}", "arm: {kind: ur, host: 192.0.2.1}"))
+    with pytest.raises(CellError, match=r"cell.yaml:3:8: meshes of forearm_link are missing"):
+        load_configuration(file)
 
 
 def test_what_hangs_on_the_flange_gives_way_and_what_moves_beside_the_arm_stands(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 
 from bracket_cell.skills.motion.grip import STROKE_M
-from bracket_cell.skills.motion.kinematics import FLANGE, Kinematics, LinkPlaces
+from bracket_cell.skills.motion.kinematics import Kinematics, LinkPlaces
 from bracket_cell.skills.motion.outline import Shape, shapes
 from bracket_cell.skills.motion.postures import axis_of
 from bracket_cell.skills.motion.settings import MotionSettings
@@ -23,6 +23,7 @@ from bracket_ground.interfaces.grasping import PAD_WIDTH_M
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.urdf import FLANGE
 
 # Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
 PALM_M = ((0.0, 0.0, 0.0425), (0.104, 0.076, 0.085))

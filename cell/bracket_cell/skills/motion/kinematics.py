@@ -12,12 +12,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pinocchio
 
-from bracket_cell.skills.motion.postures import Postures, axis_of, usual_posture
+from bracket_cell.skills.motion.postures import Postures, axis_of, slides, usual_posture
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.robot import SAME_RAD
+from bracket_ground.interfaces.urdf import FLANGE
 
-FLANGE = "tool0"
 SAME_POSTURE_RAD = 0.05  # answers that differ by less are one
 MOST_STEPS = 40
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a straight way between postures, at which the tool's tilt is looked at
@@ -129,13 +129,6 @@ class Kinematics:
         least, most = self.limits_rad
         return bool(np.all((joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)))
 
-    def manipulability(self, joints_rad: Array) -> float:
-        """The slowest speed of the tool in [m/s] that the fastest joint's 1 rad/s gives, whichever way it goes."""
-        jacobian = pinocchio.computeFrameJacobian(
-            self.model, self._data, np.asarray(joints_rad, dtype=float), self._flange, pinocchio.LOCAL_WORLD_ALIGNED
-        )
-        return float(np.linalg.svd(jacobian[:3], compute_uv=False)[-1])
-
     def starts_near(self, world_from_tool: Pose, count: int) -> list[Array]:
         """Sampled postures (n,) whose tool is nearest to a pose, turned towards it."""
         flange = (world_from_tool @ self._tool_from_flange).matrix
@@ -214,11 +207,6 @@ class LinkPlaces:
             carried[:, number] = place
         placed: Array = carried[:, self._joints] @ self._placements
         return placed
-
-
-def slides(model: pinocchio.Model, number: int) -> bool:
-    """Whether a joint moves along its axis instead of turning about it."""
-    return not np.any(axis_of(model, number)[3:])
 
 
 def _move(model: pinocchio.Model, number: int) -> tuple[Array, Array, Array]:

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio
 
 from bracket_ground.interfaces.pose import FINGERS_DOWN, Array, Pose
+from bracket_ground.interfaces.urdf import FLANGE
 
 if TYPE_CHECKING:
     from bracket_cell.skills.motion.kinematics import Kinematics
@@ -39,8 +40,8 @@ class Postures:
         self._model = model = pinocchio.buildModelFromXML(urdf_text)
         self._data = model.createData()
         self._limits_rad = limits_rad
-        self._flange = model.getFrameId("tool0")
-        self._slides = np.array([not np.any(axis_of(model, number)[3:]) for number in range(1, model.njoints)])
+        self._flange = model.getFrameId(FLANGE)
+        self._slides = np.array([slides(model, number) for number in range(1, model.njoints)])
         self.turns = ~self._slides & (np.ptp(limits_rad, axis=0) > 2 * math.pi)
         self._first = int(np.argmin(self._slides))  # the first joint that turns
         pinocchio.forwardKinematics(model, self._data, np.clip(np.zeros(model.nq), *limits_rad))
@@ -177,6 +178,11 @@ def axis_of(model: pinocchio.Model, number: int) -> Array:
     model.joints[number].calc(data, np.zeros(model.nq))
     axis: Array = np.asarray(data.S).ravel()
     return axis
+
+
+def slides(model: pinocchio.Model, number: int) -> bool:
+    """Whether a joint moves along its axis instead of turning about it."""
+    return not np.any(axis_of(model, number)[3:])
 
 
 def _angle(axis: Array, first: Array, second: Array) -> float:

@@ -113,7 +113,8 @@ def test_unknown_is_never_good() -> None:
     """A hand whose speed is not known yet, and a hand that left the view."""
     assert judged(beside(0.045, None), AWAY).leaving == 0
     for edge in EDGES:
-        found = MONITOR.judge(OVER_P2_RAD, [MONITOR.persons.behind(edge, AGE_S)], False, (AWAY, 0.0))
+        gone = MONITOR.persons.behind(edge, AGE_S, left=edge != MONITOR.persons.edge)
+        found = MONITOR.judge(OVER_P2_RAD, [gone], False, (AWAY, 0.0))
         assert found.leaving == (found.distance_m >= found.least_m + S.hysteresis_m), edge
 
 

@@ -55,7 +55,7 @@ def persons(hands: Sequence[HandSample], left_by: Sequence[Edge], age_s: float) 
 
 
 def judge_beyond(edge: Edge, ahead: Following) -> Separation:
-    return MONITOR.judge(PARK, [MONITOR.persons.behind(edge, 0.15)], False, ahead)
+    return MONITOR.judge(PARK, [MONITOR.persons.behind(edge, 0.15, left=edge != MONITOR.persons.edge)], False, ahead)
 
 
 def speed_towards_person(speed_m_s: float) -> tuple[float, float]:
@@ -76,7 +76,7 @@ def test_later_known_or_faster_is_never_faster_for_the_arm(
     assert worst.share > 0
 
 
-def with_settings(**changes: float) -> SeparationMonitor:
+def with_settings(**changes: object) -> SeparationMonitor:
     settings, planner = motion_planner().settings, motion_planner()
     changed = settings.model_copy(update={"separation": S.model_copy(update=changes)})
     return type(planner)(planner.product, BENCH, changed).separation
@@ -390,3 +390,15 @@ def test_links_are_placed_as_pinocchio_places_them() -> None:
         wanted = {item.name: at.oMg[number].homogeneous for number, item in enumerate(geometry.geometryObjects)}
         for name, one in zip(outline.names, found, strict=True):
             np.testing.assert_allclose(one, wanted[name], atol=1e-12)
+
+
+def test_over_an_edge_that_is_open_somebody_else_may_come_at_any_time() -> None:
+    """The arm is slow before that; it does not wait there, as nobody was seen to leave."""
+    both = [hand(0.9, 0.4), hand(0.9, -0.4)]
+    assert len(persons(both, (), 0.1)) == 2
+    space = with_settings(open_edges=("top",)).persons
+    view = BenchView(0, 0.0, None, {}, Action("idle", 1.0), other_hands=tuple(both))
+    *seen, other = space.of(KnownBench(space.view_range, view, 0.1))
+    assert (len(seen), other.waited_for) == (2, False)
+    left = replace(view, left_by=("top",))
+    assert space.of(KnownBench(space.view_range, left, 0.1))[-1].waited_for

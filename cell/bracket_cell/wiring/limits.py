@@ -16,6 +16,7 @@ from bracket_cell.running import fault_checks, gripper_checks, hand_checks, pers
 from bracket_cell.running.wrist_freshness import WristLimits
 from bracket_cell.skills.motion.arm_monitor import ARM
 from bracket_cell.skills.motion.arm_outline import OUTLINE
+from bracket_cell.skills.motion.contact import CONTACT
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.person_space import PERSON
 from bracket_cell.skills.motion.retreat import RETREAT
@@ -26,6 +27,7 @@ RECORDS: Mapping[str, Any] = {
     "arm_monitor": ARM,
     "arm_outline": OUTLINE,
     "bench_evidence": SCENE,
+    "contact": CONTACT,
     "due_change": DueChangeLimits(),
     "fault_checks": fault_checks.LIMITS,
     "freshness": FreshnessLimits(),

@@ -75,10 +75,12 @@ class Tool(Model):
     Attributes:
         tcp_from_flange_m: distance of the tool frame (TCP) from the flange, along the flange's z.
         fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
+        mass_kg: of all that hangs on the flange, with the heaviest part.
     """
 
     tcp_from_flange_m: float = Field(default=0.156, gt=0, le=1)
     fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0, le=1)
+    mass_kg: float = Field(default=1.2, gt=0, le=50)
 
 
 class Servos(Model):
@@ -158,6 +160,11 @@ class RobotModel(Model):
         least, most = self.limits_rad
         inside: NDArray[np.bool_] = (joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)
         return inside
+
+    @property
+    def moving_kg(self) -> float:
+        """Of all links that the joints move, as the URDF has it; 0 where it has no masses."""
+        return _moving_kg(self.urdf_text)
 
     @property
     def urdf_text(self) -> str:
@@ -367,6 +374,14 @@ def _of_limits(urdf_text: str, name: str) -> tuple[float, ...]:
     """A value of the joints' limits in the URDF; 0 where there is none."""
     limits = [joint.find("limit") for joint in turning_joints(ElementTree.fromstring(urdf_text))]
     return tuple(float(limit.get(name, 0.0)) for limit in limits if limit is not None)
+
+
+@cache
+def _moving_kg(urdf_text: str) -> float:
+    root = ElementTree.fromstring(urdf_text)
+    turned = {child.get("link") for joint in turning_joints(root) for child in joint.iter("child")}
+    masses = [link.find("inertial/mass") for link in root.iter("link") if link.get("name") in turned]
+    return sum(float(mass.get("value", 0.0)) for mass in masses if mass is not None)
 
 
 @cache

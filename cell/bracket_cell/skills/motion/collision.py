@@ -68,6 +68,7 @@ class CollisionChecker:
 
     Attributes:
         shapes: arm and gripper as they are checked, for drawing them.
+        standing_m: corners (n, 3) of boxes around all that stands on the bench.
     """
 
     def __init__(
@@ -85,10 +86,11 @@ class CollisionChecker:
         self._arm = tuple(item.parentJoint for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
         _add_pairs(self._geometry, _self_pairs(self._model, self._geometry, kinematics.limits_rad))
-        for box in standing_boxes(product, bench):
-            self._add_obstacle(self._geometry, box.name, box.pose, coal.Box(*box.size_m))
-        for obstacle in bench.obstacles:
-            self._add_obstacle(self._geometry, obstacle.name, *placed(obstacle))
+        standing = [(box.name, box.pose, coal.Box(*box.size_m)) for box in standing_boxes(product, bench)]
+        standing += [(obstacle.name, *placed(obstacle)) for obstacle in bench.obstacles]
+        for name, pose, shape in standing:
+            self._add_obstacle(self._geometry, name, pose, shape)
+        self.standing_m = [pose.transform(box_corners(shape)) for _, pose, shape in standing]
 
     @property
     def model(self) -> pinocchio.Model:

@@ -117,19 +117,24 @@ class PersonSpace:
 
         A hand that left by an edge may come back anywhere there. Behind the edge where the person stands a hand may
         stay away for long: the arm is slow before it could arrive, but does not wait for it. All hands that are not
-        seen may be there, whatever else is seen.
+        seen may be there, whatever else is seen. And over an edge that the bench leaves open somebody else may come.
         """
         speed_m_s = self._settings.hand_speed_m_s
         persons = [
             Person(self.wall(hand), known.age_of_s(hand), speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2)
             for hand in known.hands
         ]
-        edges = {*known.left_by, self.edge} if known.count < HANDS else {*known.left_by}
-        return persons + [self.behind(edge, known.age_s) for edge in EDGES if edge in edges]
+        edges = {*known.left_by, *self._settings.open_edges, *[self.edge] * (known.count < HANDS)}
+        left = {*known.left_by} - {self.edge}
+        return persons + [self.behind(edge, known.age_s, left=edge in left) for edge in EDGES if edge in edges]
 
-    def behind(self, edge: Edge, age_s: float) -> Person:
-        """Whoever may be beyond an edge of the view, of which so old a frame is known."""
-        return Person(self.beyond[edge], age_s, self._settings.hand_speed_m_s, waited_for=edge != self.edge)
+    def behind(self, edge: Edge, age_s: float, *, left: bool = False) -> Person:
+        """Whoever may be beyond an edge of the view, of which so old a frame is known.
+
+        Args:
+            left: a hand was seen to leave there, and may be just behind it: the arm waits for it.
+        """
+        return Person(self.beyond[edge], age_s, self._settings.hand_speed_m_s, waited_for=left)
 
     def wall(self, hand: HandSample) -> coal.Convex:
         """A wall over the bench, from the fingertips over the palm along the forearm; C is 0, as the tips are seen."""

@@ -3,7 +3,8 @@
 The terms are those of the protective distance S_p = S_h + S_r + S_s + C + Z_d + Z_r of ISO/TS 15066, 5.5.4.2.3, which
 is part of ISO 10218-2:2025 now. An arm at the reduced speed stands before the hand that is coming, as fast as it is
 seen to come, arrives. And a faster link is slowed down to that speed before a hand that comes at full speed could be
-there: for that, the arm's braking is played through along its path. It is no safety function: see docs/safety.md.
+there: for that, the arm's braking is played through along its path. Where a link could clamp a hand, the speed at which
+it closes the gap has a limit of its own. It is no safety function: see docs/safety.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from bracket_cell.skills.motion.arm_outline import ArmOutline, Rooms, turned
 from bracket_cell.skills.motion.collision import CollisionChecker, placed
+from bracket_cell.skills.motion.contact import ContactMap, clamp_m_s
 from bracket_cell.skills.motion.person_space import Person, PersonSpace
 from bracket_cell.skills.motion.retreat import retreat_share
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
@@ -101,6 +103,7 @@ class SeparationMonitor:
     Attributes:
         outline: of the arm.
         persons: where people may be.
+        contacts: where a hand could be clamped.
         arm_error_m: Z_r, how far a link may be off: the tolerance of the joints, at the arm's full reach.
     """
 
@@ -108,6 +111,9 @@ class SeparationMonitor:
         self.settings = motion.separation
         self.outline = ArmOutline(checker)
         self.persons = PersonSpace(bench, self.settings)
+        self.contacts, self._clamps = ContactMap(checker.standing_m), 1.0
+        if (clamp_n := self.settings.clamp_n) is not None:
+            self._clamps = self.settings.slow_m_s / clamp_m_s(motion.robot, clamp_n)
         self._acceleration_rad_s2 = np.array(motion.acceleration_limits_rad_s2)
         self._mean_over_s = SEPARATION.speed_frames / bench.overhead.rate_hz
         self._model, self._data = checker.model, checker.model.createData()
@@ -191,10 +197,15 @@ class SeparationMonitor:
         return self.settings.slow_m_s / float(np.maximum(fastest_m_s, self.settings.slow_m_s))
 
     def _speeds_m_s(self, corners_m: Array) -> Array:
-        """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L)."""
+        """(K - 1, L) of the fastest point of each link between K places of the path, from corners (3, 8, K, L).
+
+        What closes a gap that could clamp a hand counts as faster, by how much lower its limit is.
+        """
         squares = np.square(np.diff(corners_m, axis=2))
         speeds: Array = np.sqrt((squares[0] + squares[1] + squares[2]).max(axis=0, initial=0.0)) / SEPARATION.mark_s
-        return speeds
+        if not self._clamps > 1:
+            return speeds
+        return np.maximum(speeds, self._clamps * self.contacts.closing_m_s(corners_m, SEPARATION.mark_s))
 
     def _share(self, path_rad: Array, corners_m: Array, known: Sequence[tuple[Person, Rooms]]) -> float:
         """The largest share of speed from which every link is slow before anybody could be there.

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field, PrivateAttr
 
 from bracket_ground.files.model import Model
+from bracket_ground.interfaces.perception import Edge
 from bracket_ground.interfaces.robot import RobotModel, default_robot
 
 Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
@@ -27,6 +28,8 @@ class SeparationSettings(Model):
         hand_speed_m_s: how fast a hand may become that is slow now, and v_h of a hand whose speed is not measured.
         slow_m_s: reduced speed of the arm near a person (at most 0.25 m/s in ISO 10218-1). No limit of force: a contact
             at this speed may hurt.
+        clamp_n: force at most on a hand between the arm and what stands on the bench (ISO/TS 15066: 140 N): such a gap
+            closes no faster than the robot's masses allow for it, 0.129 m/s for a UR10; without it at slow_m_s.
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
         reaction_s: from an answer of the detectors to the first braking: a period of `controller.tick_hz`, the arm's
             cycle, and what joints trail; worked out where it is left out, 0.078 s at 25 Hz and faster.
@@ -36,6 +39,8 @@ class SeparationSettings(Model):
             is more than this; of a tracker without a card, 0.06 m.
         intrusion_m: C, how far a hand may be over the edge of the view before the tracker finds it: half a hand, as the
             card counts a hand that shows less as one that need not be found. It is 0 for a hand that is seen.
+        open_edges: of the overhead image, over which more people may come at any time, as nothing stands there; the
+            person's own always counts.
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
     """
 
@@ -53,6 +58,7 @@ class SeparationSettings(Model):
 
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
+    clamp_n: float | None = Field(default=None, gt=0, le=1000)
     leaving_m_s: float = Field(default=0.1, ge=0, le=0.25)
     reaction_s: float = Field(default=0.078, ge=0, le=1)
     hand_height_m: float = Field(default=0.30, gt=0, le=1)
@@ -60,6 +66,7 @@ class SeparationSettings(Model):
     hand_error_m: float = Field(default=0.025, ge=0, le=0.5)
     intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
+    open_edges: tuple[Edge, ...] = ()
 
     def reacting(self, tick_s: float, trailing_s: float) -> SeparationSettings:
         """The same with the reaction that a control loop and an arm have, where none was chosen.

@@ -37,7 +37,7 @@ SOURCE = "configuration, motion.separation"
 def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
     """Checks that need to know the arm's outline."""
     known: list[tuple[int, Separation | None]] = [(-1, None)]
-    given = monitor.settings.model_dump()
+    given = {name: value for name, value in monitor.settings.model_dump().items() if isinstance(value, float)}
 
     def separation(seen: Observation, memory: Memory) -> Separation | None:
         if known[0][0] != seen.tick:

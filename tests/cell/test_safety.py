@@ -14,7 +14,7 @@ import yaml
 
 import bracket_cell
 from bracket_cell.commands.main import main
-from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults, load_product
 from bracket_cell.running import fault_checks
 from bracket_cell.runs.signing import required_signature, sign, signature_file, signature_of
 from bracket_cell.wiring import limits
@@ -112,12 +112,22 @@ def test_every_row_of_the_fault_table_with_its_reset_is_in_it_in_whatever_order_
 
 def test_numbers_in_code_that_judge_are_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
     configuration = load_configuration()
-    table = load_faults(configuration)
-    signed = safety_of(configuration, table)
+    product, table = load_product(configuration), load_faults(configuration)
+    signed = safety_of(configuration, product, table)
     looser = replace(fault_checks.LIMITS, off_path_rad=0.5)
     monkeypatch.setattr("bracket_cell.wiring.limits.RECORDS", {**limits.RECORDS, "fault_checks": looser})
-    changes = safety_of(configuration, table).changes(signed.values)
+    changes = safety_of(configuration, product, table).changes(signed.values)
     assert changes == ["limits.fault_checks.off_path_rad: signed 0.025, now 0.5"]
+
+
+def test_the_map_of_where_a_hand_could_be_clamped_is_signed_with_its_speed(tmp_path: Path) -> None:
+    assert not [key for key in safety_from(cell_in(tmp_path)).values if key.startswith("clamps.")]
+    post = {"name": "post", "position_m": [0, 0.5, 0.2], "box_m": [0.1, 0.1, 0.4]}
+    limited = put("motion", "separation", "clamp_n", 140.0)
+    signed = safety_from(cell_in(tmp_path, lambda data: (limited(data), put("bench", "obstacles", [post])(data))))
+    assert signed.values["clamps.closing_m_s"] == pytest.approx(0.129, abs=0.001)
+    assert signed.values["clamps.at.post"] == [[-0.05, 0.45, 0.0], [0.05, 0.55, 0.4]]
+    assert "clamps.at.the table" in signed.values
 
 
 def test_every_record_of_limits_is_in_it_with_the_meaning_of_each_number() -> None:

@@ -204,7 +204,7 @@ class Files:
     @cached_property
     def safety(self) -> SafetyConfiguration:
         """What decides on people in this run."""
-        return safety_of(self.configuration, self.faults)
+        return safety_of(self.configuration, self.product, self.faults)
 
     @property
     def signed(self) -> str:

@@ -14,10 +14,13 @@ from typing import Any
 from pydantic import BaseModel
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, located
+from bracket_cell.skills.motion.collision import standing_m
+from bracket_cell.skills.motion.contact import clamps
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.wiring import limits
 from bracket_cell.wiring.detectors import fitted
 from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel
 
 NOT_ABOUT_PEOPLE = frozenset({"wrist", "bins_m", "arm_look_rad"})  # of the bench: where parts are looked for
@@ -59,20 +62,21 @@ def hash_of(values: Values) -> str:
     return sha256(json.dumps(values, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def safety_of(configuration: Configuration, table: FaultTable) -> SafetyConfiguration:
+def safety_of(configuration: Configuration, product: Product, table: FaultTable) -> SafetyConfiguration:
     """The safety configuration of a cell as it runs: with the detectors, and the errors of their cards, that it has.
 
     Whatever `motion` has belongs to it, the numbers that nobody may set among them, and all of the bench but where
     parts are looked for: a key that is added later is signed, too.
     """
     bench, devices, motion = configuration.bench, configuration.devices, configuration.motion
-    perception = configuration.perception
+    perception, robot = configuration.perception, configuration.robot
     parts: dict[str, Any] = {
         "faults": {row.signal: row.model_dump(exclude={"signal"}) for row in table.faults},
         "unsafe_table": configuration.unsafe_table,
         "controller": configuration.controller.model_dump(exclude={"max_duration_s"}),
         "motion": {**_fixed(MotionSettings), **motion.model_dump(), "speed_share": motion.configured_share},
-        "robot": {**configuration.robot.model_dump(exclude={"urdf"}), "urdf": _geometry(configuration.robot)},
+        "clamps": clamps(standing_m(product, bench), robot, motion.separation.clamp_n),
+        "robot": {**robot.model_dump(exclude={"urdf"}), "urdf": _geometry(robot)},
         "bench": bench.model_dump(exclude=set(NOT_ABOUT_PEOPLE)),
         "hands": {"kind": perception.chosen("hands").kind, **perception.files("hands")},
         "classical": perception.classical.model_dump(),
@@ -91,8 +95,8 @@ def safety_from(path: Path) -> SafetyConfiguration:
     """
     configuration = load_configuration(path)
     with located(path, configuration):
-        configuration, _ = fitted(configuration, load_product(configuration, path))
-    return safety_of(configuration, load_faults(configuration))
+        configuration, _ = fitted(configuration, product := load_product(configuration, path))
+    return safety_of(configuration, product, load_faults(configuration))
 
 
 def other_limits(recorded: str) -> list[str]:

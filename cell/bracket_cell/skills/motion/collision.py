@@ -68,7 +68,7 @@ class CollisionChecker:
 
     Attributes:
         shapes: arm and gripper as they are checked, for drawing them.
-        standing_m: corners (n, 3) of boxes around all that stands on the bench.
+        standing_m: see `standing_m`.
     """
 
     def __init__(
@@ -86,11 +86,9 @@ class CollisionChecker:
         self._arm = tuple(item.parentJoint for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
         _add_pairs(self._geometry, _self_pairs(self._model, self._geometry, kinematics.limits_rad))
-        standing = [(box.name, box.pose, coal.Box(*box.size_m)) for box in standing_boxes(product, bench)]
-        standing += [(obstacle.name, *placed(obstacle)) for obstacle in bench.obstacles]
-        for name, pose, shape in standing:
+        for name, pose, shape in _standing(product, bench):
             self._add_obstacle(self._geometry, name, pose, shape)
-        self.standing_m = [pose.transform(box_corners(shape)) for _, pose, shape in standing]
+        self.standing_m = standing_m(product, bench)
 
     @property
     def model(self) -> pinocchio.Model:
@@ -315,6 +313,18 @@ def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
     table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
     bins = (_bin_box(product, bench, name) for name in product.assembled)
     return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins, *_place_boxes(product, bench))
+
+
+def standing_m(product: Product, bench: Bench) -> dict[str, Array]:
+    """Corners (8, 3) of boxes around all that stands on the bench, by name."""
+    return {name: pose.transform(box_corners(shape)) for name, pose, shape in _standing(product, bench)}
+
+
+def _standing(product: Product, bench: Bench) -> Iterator[tuple[str, Pose, coal.CollisionGeometry]]:
+    for box in standing_boxes(product, bench):
+        yield box.name, box.pose, coal.Box(*box.size_m)
+    for obstacle in bench.obstacles:
+        yield obstacle.name, *placed(obstacle)
 
 
 def part_box(part: PartDetection, product: Product, name: str) -> Box:

@@ -8,7 +8,7 @@ mass is small: 280 N at 1.3 m/s of a UR10, which no slow arm reaches.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +41,14 @@ def clamp_m_s(robot: RobotModel, force_n: float) -> float:
     """How fast a robot may close a gap in which a hand could be, for a force on it at most."""
     moving_kg = robot.moving_kg if robot.moving_kg >= CONTACT.least_kg else CONTACT.unknown_kg
     return force_n / math.sqrt(CONTACT.stiffness_n_m * (moving_kg / 2 + robot.tool.mass_kg))
+
+
+def clamps(standing_m: Mapping[str, Array], robot: RobotModel, force_n: float | None) -> dict[str, object]:
+    """The map that a person signs: at what a hand could be clamped, and how fast a gap there may close."""
+    if force_n is None:
+        return {}
+    boxes = {name: np.round([at.min(axis=0), at.max(axis=0)], 4).tolist() for name, at in standing_m.items()}
+    return {"closing_m_s": round(clamp_m_s(robot, force_n), 4), "at": boxes}
 
 
 class ContactMap:

@@ -111,7 +111,7 @@ class SeparationMonitor:
         self.settings = motion.separation
         self.outline = ArmOutline(checker)
         self.persons = PersonSpace(bench, self.settings)
-        self.contacts, self._clamps = ContactMap(checker.standing_m), 1.0
+        self.contacts, self._clamps = ContactMap([*checker.standing_m.values()]), 1.0
         if (clamp_n := self.settings.clamp_n) is not None:
             self._clamps = self.settings.slow_m_s / clamp_m_s(motion.robot, clamp_n)
         self._acceleration_rad_s2 = np.array(motion.acceleration_limits_rad_s2)

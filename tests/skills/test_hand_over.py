@@ -132,6 +132,14 @@ def test_a_hand_that_pulls_gets_the_part_though_it_holds_the_arm(planner: Motion
     assert opened(robot)
 
 
+@pytest.mark.parametrize("force_n", [-15.0, -30.0, -50.0])
+def test_a_hand_that_pushes_at_the_part_does_not_get_it(
+    planner: MotionPlanner, robot: HandedRobot, force_n: float
+) -> None:
+    assert over(planner, robot, pulls(2.0, force_n=force_n)).reason == "nobody took o2 in 10 s"
+    assert not opened(robot)
+
+
 def test_a_hand_that_pulls_while_the_part_is_still_brought_gets_it(planner: MotionPlanner, robot: HandedRobot) -> None:
     assert over(planner, robot, lambda _: Beside(AT_PART, 15.0)).status is SkillStatus.SUCCESS
     assert opened(robot)

@@ -1,8 +1,8 @@
 """Give a part to a hand, take one from a hand, and hold one while a hand fastens it.
 
 Giving has four steps (Ortenzi et al., Object Handovers, IEEE T-RO 2021): the arm brings the part and stands, a hand
-comes, its pull is felt, the fingers open. A pull counts only while a hand is seen at the part; without one the fingers
-keep what they hold, whatever pushes the arm.
+comes, its pull is felt, the fingers open. A pull draws towards a hand that is seen at the part; without one the fingers
+keep what they hold, whatever pushes the arm, and a hand that bumps into the part pushes it away.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from bracket_ground.interfaces.command import Command, GripperCommand, HandComma
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
-from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.skill import Progress, SkillStatus
 
 AT_PART_M = 0.18  # a hand of which something is seen so near to the tool may hold what is between its fingers
-FELT_S = 0.12  # a pull that lasts shorter is a knock
+FELT_S = 0.2  # a pull that lasts shorter is a knock
 RESTS_S = 0.12  # for so long without a hand the force of the part alone is measured
 BETWEEN_M = 0.10  # and one so near may hold something between open fingers
 STEADY_S, STEADY_M_S = 0.6, 0.05  # a hand that gives a part holds it still for so long
@@ -57,12 +57,20 @@ LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the fingers beside a hand
 
 def hand_away_m(planner: MotionPlanner, observation: Observation) -> float:
     """How far the nearest fingertips or palm are from the tool, seen from above; NaN where hands are not known."""
+    return _hand_at(planner, observation)[0]
+
+
+def _hand_at(planner: MotionPlanner, observation: Observation) -> tuple[float, Array]:
+    """The same, and the way (2,) from the tool to the palm of that hand."""
     view = observation.bench
     if view is None or view.hand_unknown:
-        return math.nan
-    tool = planner.kinematics.forward(joints_of(observation)).position_m[:2]
-    points = [point for hand in view.hands for point in (hand.fingertips_m, hand.palm_m)]
-    return min((math.dist(point, tool) for point in points), default=math.inf)
+        return math.nan, np.zeros(2)
+    tool_m = planner.kinematics.forward(joints_of(observation)).position_m[:2]
+    away = [(min(math.dist(hand.fingertips_m, tool_m), math.dist(hand.palm_m, tool_m)), hand) for hand in view.hands]
+    if not away:
+        return math.inf, np.zeros(2)
+    away_m, hand = min(away, key=lambda found: found[0])
+    return away_m, np.subtract(hand.palm_m, tool_m)
 
 
 @dataclass(eq=False)
@@ -72,10 +80,12 @@ class Pull:
     Attributes:
         rest_n: (3,) of the part alone; None until it was measured without a hand.
         force_n: beyond it now.
+        along_n: (x, y) of that.
     """
 
     rest_n: tuple[float, float, float] | None = None
     force_n: float = 0.0
+    along_n: Array = field(default_factory=lambda: np.zeros(2))
     _told_n: list[tuple[float, float, float]] = field(default_factory=list)
     _alone_since_s: float | None = None
 
@@ -83,7 +93,7 @@ class Pull:
         """One more tick; returns whether the force of the part alone is known by now."""
         told, now_s = observation.arm.force_n, observation.time_s
         if told is None or not all(map(math.isfinite, told)):
-            self.force_n = 0.0
+            self.force_n, self.along_n = 0.0, np.zeros(2)
             return self.rest_n is not None
         if self.rest_n is None:
             if not away_m > AT_PART_M:  # NaN: nobody knows
@@ -95,8 +105,13 @@ class Pull:
                 x, y, z = np.median(np.array(self._told_n), axis=0).tolist()
                 self.rest_n = x, y, z
             return False
-        self.force_n = math.dist(told, self.rest_n)
+        self.force_n, self.along_n = math.dist(told, self.rest_n), np.subtract(told, self.rest_n)[:2]
         return True
+
+    def towards_n(self, way: Array) -> float:
+        """How hard something draws along a way (2,); negative for a push against it, 0 where there is no way."""
+        length = float(np.linalg.norm(way))
+        return float(self.along_n @ way) / length if length else 0.0
 
 
 @dataclass(eq=False)
@@ -154,9 +169,9 @@ class Offer:
 
     def pulled(self, observation: Observation) -> bool:
         """Whether a hand that is seen at the part has pulled at it for long enough; asked in every tick."""
-        now_s, away_m = observation.time_s, hand_away_m(self.planner, observation)
-        felt = self._pull.feel(observation, away_m)
-        if not (felt and away_m < AT_PART_M and self.pull_n <= self._pull.force_n <= self.limit_n):
+        now_s, (away_m, way) = observation.time_s, _hand_at(self.planner, observation)
+        felt = self._pull.feel(observation, away_m) and self._pull.force_n <= self.limit_n
+        if not (felt and away_m < AT_PART_M and self._pull.towards_n(way) >= self.pull_n):
             self._pulled_since_s = None
         elif self._pulled_since_s is None:
             self._pulled_since_s = now_s

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -19,12 +19,14 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.goals import OpenGoals
-from bracket_cell.learned.semantic.graph import Layout
+from bracket_cell.learned.semantic.graph import EMPTY, Ints, Layout
+from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.model import BayesPlanner
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR
 from bracket_cell.trees.guard import Guard, GuardSettings
+from bracket_ground.interfaces.perception import HoleView
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
-from bracket_lab.experiments.semantic_streams import assemble, unlisted
 
 LISTED = (3, 12, 60)  # goals; 60 are all arrangements that there are
 SHIPPED = load_configuration().guard
@@ -100,6 +102,79 @@ def told(row: Row, brackets: Brackets) -> str:
     words = f"{row.goals:5} {'listed' if row.listed else 'unlisted':8} {'4.5 %' if row.errs else 'true':7}"
     acted = len(acts) / len(states)
     return f"{words} {'yes' if row.answers else 'nobody':7} | {cells} | {acted:.2f} | {np.mean(first):.2f}"
+
+
+def unlisted(layout: Layout, count: int, rng: np.random.Generator, *, repeated: bool = False) -> list[Ints]:
+    """Arrangements of the product's parts that are none of its goals."""
+    parts = np.repeat(np.arange(len(layout.parts)), layout.quantities)
+    known = {tuple(row) for row in layout.types.tolist()}
+    found: list[Ints] = []
+    while len(found) < count:
+        types = rng.permutation(parts)
+        if tuple(types.tolist()) not in known:
+            found.append(types)
+            if not repeated:
+                known.add(tuple(types.tolist()))
+    return found
+
+
+def assemble(
+    planner: BayesPlanner,
+    guard: Guard,
+    types: Ints,
+    confusions: Confusions | None,
+    rng: np.random.Generator,
+    *,
+    answers: bool,
+) -> list[dict[str, bool]]:
+    """One bracket in random order: what would the guard do after each action but the last, and rightly?
+
+    A camera sees which holes are filled: reports of open ones are dropped. The first wrong act is taken out again at
+    once; then that part, at that position, speaks against the goals that want it.
+
+    Args:
+        answers: the first question is answered truly, before anything else.
+    """
+    layout, m = planner.layout, len(types)
+    order, product = rng.permutation(m), guard.product
+    state, states = AssemblyState({}), []
+    for count in range(1, m):
+        true, seen = seen_after(layout, types, order[:count], confusions, rng)
+        state = replace(state, placed=layout.state(seen).placed)
+        plan = planner.plan(state).after_reactions(product, state)
+        asked = answers and state.told_goal is None and guard.asks_for_goal(plan, state)
+        if asked:
+            known = zip(layout.goals, layout.types.tolist(), strict=True)
+            state = state.told(next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL))
+            plan = planner.plan(state)
+        holes = {
+            at: HoleView(None if part == EMPTY else "", 1.0, 0.0)
+            for at, part in zip(layout.positions, true, strict=True)
+        }
+        acts = [
+            (belief, placement)
+            for placement, belief in plan.next_belief.items()
+            if guard.judge(plan, state, holes, *placement, reachable=True, may_ask=answers).decision == "act"
+        ]
+        placement = max(acts)[1] if acts else None
+        wrong = placement is not None and layout.parts[types[layout.positions.index(placement[1])]] != placement[0]
+        if wrong and placement is not None:
+            state = replace(state, taken_out={**state.taken_out, placement[1]: placement[0]})
+        states.append({"acts": placement is not None, "wrong": wrong, "asked": asked})
+    return states
+
+
+def seen_after(
+    layout: Layout, types: Ints, done: Ints, confusions: Confusions | None, rng: np.random.Generator
+) -> tuple[Ints, Ints]:
+    """A bracket (m,) after the positions `done` were filled: as it is, and as it was reported.
+
+    A camera sees which holes are filled: reports of open ones are dropped.
+    """
+    true: Ints = np.where(np.isin(np.arange(len(types)), done), types, EMPTY)
+    some = Scenarios(np.zeros(1, int), true[None], np.zeros(1, int))
+    reported = misdetect(layout, some, rng, confusions=None if confusions is None else confusions.matrix).seen[0]
+    return true, np.where(true == EMPTY, EMPTY, reported)
 
 
 def _share(some: int, count: int) -> str:

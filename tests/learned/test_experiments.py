@@ -8,24 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from bracket_cell.fleet.engine import mapped
 from bracket_ground.errors import InputError
 from bracket_lab.experiments import experiments
 from bracket_lab.experiments.experiments import (
     Cell,
-    Cells,
-    Experiment,
     code_version,
     kept,
     markdown,
     measured,
     number,
-    shown,
     shown_share,
-    values_of,
-    write_page,
+    write_sections,
 )
-from tests.learned.products import DEFAULT
 
 asked: list[int] = []
 
@@ -59,18 +53,6 @@ def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
         kept(path)
 
 
-def squared(number: int) -> dict[str, int]:
-    return {"square": number**2}
-
-
-@pytest.mark.slow
-def test_workers_measure_what_one_process_does(tmp_path: Path) -> None:
-    several = [Cell({"number": number}, partial(squared, number)) for number in range(3)]
-    alone = measured("a test", several, kept(tmp_path / "alone"), quiet=True)
-    assert measured("a test", several, kept(tmp_path / "cells"), partial(mapped, workers=2), quiet=True) == alone
-    assert (tmp_path / "cells").read_text() == (tmp_path / "alone").read_text()
-
-
 def test_other_code_measures_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured("a test", cells()[:2], kept(tmp_path / "cells"), quiet=True)
     monkeypatch.setattr(experiments, "code_version", lambda _: "another")
@@ -100,9 +82,6 @@ def test_the_code_of_this_project_is_found() -> None:
 
 def test_numbers_as_text() -> None:
     assert [number(value) for value in (0.25, 0.0, 1.0, 1.5)] == [".250", "0.000", "1.000", "1.500"]
-    assert shown([]) == "-"
-    assert shown([0.5, 0.5]) == ".500"
-    assert shown([0.4, 0.5, 0.6]) == ".500 +- .248"
 
 
 def test_a_share_of_several_seeds_shows_the_ends_of_all_their_intervals() -> None:
@@ -110,18 +89,13 @@ def test_a_share_of_several_seeds_shows_the_ends_of_all_their_intervals() -> Non
     assert shown_share(found, "a") == ".600 (.400 - .800)"
     assert shown_share(found, "a", seed=2) == ".700 (.600 - .800)"
     assert shown_share(found, "a", seed=3) == "-"
-    assert values_of(found, lambda values: values["a"], seed=1) == [0.5]
 
 
 def test_figures_hold_the_tables_of_the_page(tmp_path: Path) -> None:
-    def section(found: Cells) -> str:
-        table = markdown(("", "square"), [(str(key["number"]), str(values["square"])) for key, values in found])
-        return f"## Squares\nOf few numbers.\n\nSmall ones:\n\n{table}\n\nThe same again:\n\n{table}"
-
-    tables = {"squares": Experiment(lambda _product: cells()[:2], (section,))}
-    store, facts = kept(tmp_path / "cells"), {"command": "`measure`", "date": "some day"}
+    table = markdown(("", "square"), [(str(number), str(number**2)) for number in range(2)])
+    section = f"## Squares\nOf few numbers.\n\nSmall ones:\n\n{table}\n\nThe same again:\n\n{table}"
     for name in ("page.md", "figures.json"):
-        write_page("# A title\nWords.", tables, DEFAULT, store, tmp_path / name, facts)
+        write_sections("# A title\nWords.", [section], tmp_path / name, {"command": "`measure`", "date": "some day"})
     assert "| 1 | 1 |" in (tmp_path / "page.md").read_text()
     found = json.loads((tmp_path / "figures.json").read_text())
     assert (found["title"], found["about"]) == ("A title", "Words. date: some day.")

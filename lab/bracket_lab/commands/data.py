@@ -1,4 +1,4 @@
-"""`cell lab data`: training data from the simulated world, drawn for the planners, or from recorded runs."""
+"""`cell lab data`: training data from the simulated world, or from recorded runs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,11 @@ from bracket_cell.commands.log_export import write_training
 from bracket_cell.commands.options import JsonOption
 from bracket_ground.errors import InputError
 from bracket_lab.commands.hands import compose
-from bracket_lab.commands.planners import draw_grasp, draw_semantic
 from bracket_lab.commands.stacks import draw_stacks
 from bracket_lab.commands.training.worlds import data_app as app_of
 from bracket_lab.evaluations.beside_robot import record_beside_robot
 
 data_app = app_of(record_beside_robot)
-data_app.command("grasp")(draw_grasp)
-data_app.command("semantic")(draw_semantic)
 data_app.command("stacks")(draw_stacks)
 data_app.command("photographs")(compose)
 

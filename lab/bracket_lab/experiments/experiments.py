@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -18,15 +18,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from bracket_cell.learned.inference.scores import student
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import RowStore
-from bracket_ground.interfaces.product import Product
 
 Key = Mapping[str, Any]  # of what JSON can hold
 Values = dict[str, Any]
 Cells = Sequence[tuple[Key, Values]]
-Scheduler = Callable[[Callable[..., Values], Iterable[tuple[Any, ...]]], Iterator[Values]]
 _ROOT = Path(__file__).parents[2]
 
 
@@ -45,19 +42,6 @@ class Cell:
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """What is measured, and what is written of it."""
-
-    cells: Callable[[Product], Sequence[Cell]]
-    sections: tuple[Callable[[Cells], str], ...]
-
-
-def in_turn(work: Callable[..., Values], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Values]:
-    """What a function answers to each of the arguments, one after the other; the fleet's `mapped` has workers."""
-    return (work(*one) for one in arguments)
-
-
 def kept(path: Path) -> RowStore:
     """The cells of a file, lines {"name": ..., "key": {...}, "values": {...}}, written after every cell.
 
@@ -67,23 +51,16 @@ def kept(path: Path) -> RowStore:
     return RowStore(path, ["name"])
 
 
-def measured(
-    title: str, cells: Sequence[Cell], store: RowStore, scheduler: Scheduler = in_turn, *, quiet: bool = False
-) -> Cells:
+def measured(title: str, cells: Sequence[Cell], store: RowStore, *, quiet: bool = False) -> Cells:
     """Keys and values of all cells; measures those that are not in the store."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     missing = {cell.name: cell for cell in cells if cell.name not in store}
     with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as progress:
         shown = progress.add_task(title, total=len(cells), completed=len(cells) - len(missing))
-        answers = scheduler(_values, ((cell,) for cell in missing.values()))
-        for (name, cell), values in zip(missing.items(), answers, strict=True):
-            store.add({"name": name, "key": dict(cell.key), "values": values})
+        for name, cell in missing.items():
+            store.add({"name": name, "key": dict(cell.key), "values": cell.measure()})
             progress.advance(shown)
     return [(cell.key, store[cell.name]["values"]) for cell in cells]
-
-
-def _values(cell: Cell) -> Values:
-    return cell.measure()
 
 
 @cache
@@ -120,33 +97,11 @@ def _says_only(line: ast.AST) -> bool:
     return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant)
 
 
-def write_page(
-    head: str,
-    experiments: Mapping[str, Experiment],
-    product: Product,
-    store: RowStore,
-    out: Path,
-    facts: Mapping[str, str],
-    scheduler: Scheduler = in_turn,
-) -> None:
-    """Measure what is not in the store, and write it as a page, or as a file of figures (`.json`).
+def write_sections(head: str, sections: Sequence[str], out: Path, facts: Mapping[str, str]) -> None:
+    """Write tables as a page, or as a file of figures (`.json`).
 
     Args:
         facts: command, date, machine and the like, for the head of the page.
-        scheduler: measures the cells, here or on workers.
-
-    Raises:
-        InputError: the page cannot be written.
-    """
-    found = [
-        (experiment, measured(name, experiment.cells(product), store, scheduler))
-        for name, experiment in experiments.items()
-    ]
-    write_sections(head, [write(cells) for experiment, cells in found for write in experiment.sections], out, facts)
-
-
-def write_sections(head: str, sections: Sequence[str], out: Path, facts: Mapping[str, str]) -> None:
-    """Write tables as a page, or as a file of figures (`.json`); for the arguments see `write_page`.
 
     Raises:
         InputError: the page cannot be written.
@@ -193,28 +148,13 @@ def values_of(cells: Cells, pick: Callable[[Values], float], **wanted: object) -
     return [pick(values) for key, values in cells if all(key.get(name) == value for name, value in wanted.items())]
 
 
-def score_of(name: str, part: str = "") -> Callable[[Values], float]:
-    """Picks a score by name, of a part of the values where one is named."""
-
-    def pick(values: Values) -> float:
-        return float(values[part][name] if part else values[name])
-
-    return pick
-
-
-def shown(numbers: Sequence[float], digits: int = 3) -> str:
-    """Mean over seeds and half the width of its interval as text; a dash where nothing was measured."""
-    if not numbers:
-        return "-"
-    mean, half = student(numbers)
-    if round(half, digits) == 0.0:
-        return number(mean, digits)
-    return f"{number(mean, digits)} +- {number(half, digits)}"
-
-
 def shown_share(cells: Cells, name: str, **wanted: object) -> str:
     """A share as text, with Wilson's interval; of several seeds their mean, and the ends of all their intervals."""
-    shares, low, high = (values_of(cells, score_of(name + end), **wanted) for end in ("", "_low", "_high"))
+    found = [values for key, values in cells if wanted.items() <= dict(key).items()]
+    shares, low, high = ([values[name + end] for values in found] for end in ("", "_low", "_high"))
+        [values[name + end] for key, values in cells if all(key.get(at) == want for at, want in wanted.items())]
+        for end in ("", "_low", "_high")
+    )
     if not shares:
         return "-"
     return f"{number(sum(shares) / len(shares))} ({number(min(low))} - {number(max(high))})"

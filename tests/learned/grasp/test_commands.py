@@ -1,4 +1,4 @@
-"""`cell lab data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
+"""`cell lab train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
 
 from __future__ import annotations
 
@@ -8,23 +8,14 @@ from pathlib import Path
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_lab.learned.grasp.data import read_scenes
+from bracket_lab.learned.grasp.data import read_scenes, write_scenes
+from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     monkeypatch.setattr("sys.argv", ["cell", *words])
     return main()
-
-
-def test_drawn_scenes_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out = tmp_path / "scenes.jsonl"
-    words = ["--count", "4", "--clutter", "tray", "--seed", "2", "--out", str(out)]
-    assert run(monkeypatch, "lab", "data", "grasp", *words) == 0
-    assert len(read_scenes(out, PRODUCT)) == 4
-    assert json.loads(out.read_text().splitlines()[0])["source"].startswith("cell lab data grasp --count 4")
-    assert run(monkeypatch, "lab", "data", "grasp", "--count", "1", "--out", str(out)) == 2
-    assert len(read_scenes(out, PRODUCT)) == 4
 
 
 def test_a_planner_is_scored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,17 +25,12 @@ def test_a_planner_is_scored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     assert "needless_moves_6" in scores
 
 
-def test_an_experiment_needs_a_page_and_a_page_an_experiment(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "lab", "eval", "grasp", "--experiment", "table2") == 2
-    assert run(monkeypatch, "lab", "eval", "grasp", "--page", "page.md") == 2
-
-
 @pytest.mark.torch
 def test_damaged_scenes_are_named_before_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "scenes.jsonl"
-    assert run(monkeypatch, "lab", "data", "grasp", "--count", "2", "--out", str(data)) == 0
+    write_scenes(data, draw_scenes(PRODUCT, 0, 2, "train"), PRODUCT, "a test")
     data.write_text(data.read_text().replace('"confidence"', '"certainty"', 1))
     out = tmp_path / "grasp.onnx"
     assert run(monkeypatch, "lab", "train", "grasp", "--data", str(data), "--out", str(out)) == 2
@@ -56,8 +42,6 @@ def test_damaged_scenes_are_named_before_training(
 def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
     from bracket_cell.learned.grasp.settings import PairwiseSettings
     from bracket_cell.learned.inference.onnx_model import OnnxModel
-    from bracket_lab.learned.grasp.data import write_scenes
-    from bracket_lab.learned.grasp.scenes import draw_scenes
     from bracket_lab.learned.grasp.train import train_grasp
 
     data = tmp_path / "scenes.jsonl"

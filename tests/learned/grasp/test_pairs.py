@@ -6,18 +6,15 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from bracket_cell.learned.grasp.boxes import boxes_of
 from bracket_cell.learned.grasp.candidates import as_headed, available
-from bracket_cell.learned.grasp.model import PairwisePlanner, RulePlanner
+from bracket_cell.learned.grasp.model import PairwisePlanner
 from bracket_cell.learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
 from bracket_cell.learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.interfaces.perception import PartDetection
-from bracket_ground.interfaces.planning import GraspPlanner
 from bracket_ground.interfaces.pose import Array
-from bracket_lab.learned.grasp.evaluate import is_right
 from bracket_lab.learned.grasp.scenes import draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
 
@@ -81,18 +78,3 @@ def test_more_noise_makes_the_planner_less_sure() -> None:
     )
     assert sure > 0.95
     assert doubtful < sure - 0.1
-
-
-@pytest.mark.torch
-def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
-    from bracket_lab.experiments.paper.grasp import AveragingPlanner
-
-    noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
-    planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))
-    right = [0, 0]
-    for scene in draw_scenes(PRODUCT, 42, 60, "validation", SceneSettings(noise=noise)):
-        for number, planner in enumerate(planners):
-            right[number] += sum(
-                is_right(planner.plan(scene.parts, i), scene.blocks, i) for i in range(len(scene.parts))
-            )
-    assert right[0] > right[1]

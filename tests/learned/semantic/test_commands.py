@@ -1,4 +1,4 @@
-"""`cell lab data semantic` and what `cell lab eval semantic` refuses."""
+"""What `cell lab eval semantic` refuses."""
 
 from __future__ import annotations
 
@@ -7,35 +7,13 @@ from pathlib import Path
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.learned.semantic.records import load_demonstrations
 from bracket_ground.files.files import shipped
 from bracket_lab.commands.training.weights import new_weights
-from tests.learned.products import DEFAULT
-
-
-def test_generated_demonstrations_are_written(tmp_path: Path) -> None:
-    path = tmp_path / "some.jsonl"
-    assert main(["lab", "data", "semantic", "--out", str(path), "--count", "30", "--strength", "2", "--seed", "4"]) == 0
-    assert len(load_demonstrations(path, DEFAULT)) == 30
-    assert '"source":"cell lab data semantic --count 30 --strength 2 --seed 4"' in path.read_text().splitlines()[0]
-    assert main(["lab", "data", "semantic", "--out", str(path), "--scenarios"]) == 2
-    assert len(load_demonstrations(path, DEFAULT)) == 30
-    path.unlink()
-    assert main(["lab", "data", "semantic", "--out", str(path), "--scenarios"]) == 0
-    assert len(load_demonstrations(path, DEFAULT)) == 186
-
-
-def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").write_text("")
-    assert main(["lab", "data", "semantic", "--out", str(tmp_path / "file" / "some.jsonl"), "--count", "1"]) == 2
-    assert "some.jsonl: cannot be written" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--experiment", "ratios"], "--experiment needs --page FILE"),
-        (["--page", "page.md"], "--page is for --experiment"),
         (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, htn, bayes, auto"),
     ],
 )

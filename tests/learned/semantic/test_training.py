@@ -191,34 +191,13 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
         assert np.allclose(found.placements, exact(edges).placements, atol=1e-9)
 
 
-@pytest.mark.slow
-def test_habits_that_are_shown_are_learned() -> None:
-    from bracket_lab.experiments.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
-    from bracket_lab.experiments.semantic_models import exact_scores, optimal_scores, planner_of
-    from bracket_lab.experiments.semantic_optimum import exact_joint, run_states
-    from bracket_lab.learned.semantic.data import states_of
-    from bracket_lab.learned.semantic.evaluate import Answers
-
-    rng = np.random.default_rng(2)
-    demonstrators = drawn_demonstrators(LAYOUT, HabitSettings(strength=2.0), rng)
-    train = states_of(LAYOUT, whole_demonstrations(demonstrators, 200, rng))
-    joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, demonstrators), 0.045)
-    learned, fixed = (
-        exact_scores(Answers(planner_of(kind, DEFAULT, train, 0), LAYOUT), joint) for kind in ("factored", "bayes")
-    )
-    best = optimal_scores(joint)
-    assert fixed["goal_accuracy"] < learned["goal_accuracy"] <= best["goal_accuracy"]
-    assert learned["goal_accuracy"] > best["goal_accuracy"] - 0.004
-    assert learned["goal_nll"] < fixed["goal_nll"] - 0.005
-
-
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from bracket_cell.learned.semantic.records import save_demonstrations
-    from bracket_lab.experiments.semantic_demonstrators import generated_demonstrations
+    from bracket_lab.learned.semantic.data import demonstrations_of
     from bracket_lab.learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"
-    save_demonstrations(data, DEFAULT, generated_demonstrations(DEFAULT, 40, 1.0, 0), "a test")
+    save_demonstrations(data, DEFAULT, demonstrations_of(LAYOUT, scenarios(LAYOUT, 0)), "a test")
     scores = train_semantic(DEFAULT, out, 0, "factored", data=data, settings=short("factored"), quiet=True)
     planner = load_semantic_planner("factored", out, DEFAULT)
     assert f"--data {data}" in planner.card.command  # type: ignore[attr-defined]
@@ -226,35 +205,6 @@ def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     data.write_text("\n".join(data.read_text().splitlines()[:2]))
     with pytest.raises(InputError, match="too few to hold any out"):
         train_semantic(DEFAULT, out, 0, "factored", data=data)
-
-
-def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One page of all sections, from cells that are not really measured."""
-    from bracket_lab.experiments.experiments import kept, write_page
-    from bracket_lab.experiments.semantic_page import EXPERIMENTS, HEAD
-
-    small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
-    names = ["goal_nll", "goal_calibration_error", "next_calibration_error", "wrong_always", "coverage_at_act"]
-    small |= dict.fromkeys([*names, "wrong_at_act", "best_coverage", *(f"goal_accuracy_{k}" for k in range(1, 6))], 0.5)
-    success = dict.fromkeys(["success", "strict_success", "bound", "unique_success", "consistent_success"], 0.75)
-    both = {f"{name}_{where}": value for name, value in success.items() for where in ("all", "held_out")}
-    joints = ("uniform", "uniform_seen", "runs_0.0", "runs_0.045", "runs_0.1", "runs_seen")
-    parts = dict.fromkeys(joints, small)
-    unknown = {"unknown_goals": {f"unknown_goal_auc_{k}": 0.5 for k in range(1, 6)}}
-    stream = ["wrong_assemblies_unknown", "asked_unknown", "coverage_known", "wrong_acts_known", "asked_known", "asked"]
-    stream += ["wrong_acts", "wrong_acts_second_half", "coverage", "coverage_second_half"]
-    stream += ["coverage_seen_twice", "coverage_as_listed"]
-    shares = {name + end: 0.5 for name in stream for end in ("", "_low", "_high")}
-    values = {**small, **success, **both, **parts, **unknown, **shares, "train_s": 1.0, "plan_s": 1e-3}
-
-    monkeypatch.setattr(
-        "bracket_lab.experiments.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells]
-    )
-    page = tmp_path / "semantic.md"
-    write_page(HEAD, EXPERIMENTS, DEFAULT, kept(tmp_path / "none"), page, {"seeds": "1"})
-    text = page.read_text()
-    assert "| seeds | 1 |" in text
-    assert "| factored | 0.2 | .750 | .750 |" in text
 
 
 def test_no_training_for_what_is_not_learned(tmp_path: Path) -> None:

@@ -138,12 +138,10 @@ def train_network(
     settings: TrainingSettings,
     *,
     camera: TrayCamera | None = None,
-    footprints: FootprintNet | None = None,
-    untrained: Untrained | None = None,
 ) -> nn.Module:
     """A trained network that is not written; the same arguments give the same weights."""
     task = Task(seed=seed)
-    recipe = grasp_recipe(scenes, product, settings, task, camera=camera, footprints=footprints, untrained=untrained)
+    recipe = grasp_recipe(scenes, product, settings, task, camera=camera)
     recipe.fit(task)
     return recipe.network
 
@@ -155,23 +153,18 @@ def grasp_recipe(
     task: Task,
     *,
     camera: TrayCamera | None = None,
-    footprints: FootprintNet | None = None,
-    untrained: Untrained | None = None,
 ) -> Recipe:
     """An untrained network of the kind that the settings are of, but for what tells it footprints.
 
     Args:
         camera: takes the images of the scenes, where a network learns from them.
-        footprints: trained on such scenes before; trained on these where None.
-        untrained: a network of another kind, and its samples.
     """
     seed = task.seed
     torch.manual_seed(seed)
     begun = None if task.out is None else _footprints_of(task.out)
     seen = list(observed_again(scenes, seed, settings))
-    told = partial(fit_footprints, checkpoint=begun, quiet=task.quiet) if footprints is None else lambda *_: footprints
-    made = partial(_task, seed=seed, camera=camera, footprints=told) if untrained is None else untrained
-    network, data = made(seen, product, settings)
+    fit = partial(fit_footprints, checkpoint=begun, quiet=task.quiet)
+    network, data = _task(seen, product, settings, seed=seed, camera=camera, footprints=fit)
 
     def losses(epoch: int) -> Iterator[Tensor]:
         torch.manual_seed(seed * 100_003 + epoch)
@@ -215,9 +208,6 @@ class TrainingData(Protocol):
         ...
 
 
-Untrained = Callable[[list[Scene], Product, Any], tuple[nn.Module, TrainingData]]  # by scenes and settings
-
-
 def _task(
     scenes: list[Scene],
     product: Product,
@@ -243,12 +233,6 @@ def _task(
         network.crops.footprints = seen
         maps = [seen.maps(some) for some in crops]
     return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)
-
-
-def model_card(kind: str, product: Product, settings: TrainingSettings, seed: int, **more: Any) -> ModelCard:
-    """What a network is; `more` are further fields, those of `config` added to the settings."""
-    config = settings.model_dump(mode="json") | more.pop("config", {})
-    return ModelCard(kind=f"grasp.{kind}", config=config, vocabulary=vocabulary_of(product), seed=seed, **more)
 
 
 def _samples(settings: TrainingSettings, product: Product) -> list[dict[str, NDArray[Any]]]:

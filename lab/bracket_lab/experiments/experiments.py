@@ -152,9 +152,6 @@ def shown_share(cells: Cells, name: str, **wanted: object) -> str:
     """A share as text, with Wilson's interval; of several seeds their mean, and the ends of all their intervals."""
     found = [values for key, values in cells if wanted.items() <= dict(key).items()]
     shares, low, high = ([values[name + end] for values in found] for end in ("", "_low", "_high"))
-        [values[name + end] for key, values in cells if all(key.get(at) == want for at, want in wanted.items())]
-        for end in ("", "_low", "_high")
-    )
     if not shares:
         return "-"
     return f"{number(sum(shares) / len(shares))} ({number(min(low))} - {number(max(high))})"

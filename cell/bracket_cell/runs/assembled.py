@@ -81,7 +81,7 @@ class RunParts:
         )
         titles = {goal: product.goal_title(goal) for goal in product.goals}
         jobs = WorkOrders(titles, options.work_orders, keeper.book)
-        self.operator = _operator(options, product, jobs, console)
+        self.operator = _operator(options, product, jobs)
         now_s = self.devices.clock.now_s
         lost = partial(console.print, "MQTT:")
         press = self.operator.press
@@ -153,14 +153,9 @@ class RunParts:
         return x, y
 
 
-def _operator(options: RunOptions, product: Product, jobs: WorkOrders, console: Console) -> OperatorChannel:
+def _operator(options: RunOptions, product: Product, jobs: WorkOrders) -> OperatorChannel:
     shift = options.brackets is not None
-    operator = OperatorChannel(
-        product.goals, options.attended, options.brackets or None, shift, jobs, product.fastenings
-    )
-    if options.orders is not None:
-        options.orders(operator.put, lambda: operator.questions, console.print)
-    return operator
+    return OperatorChannel(product.goals, options.attended, options.brackets or None, shift, jobs, product.fastenings)
 
 
 def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str], None]) -> Lateness:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,6 @@ from bracket_cell.wiring.services import Planners
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.faults import FaultTable
-from bracket_ground.interfaces.operator import OperatorOrder, Question
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resume import ResumeState
 from btxml.engine.tree import Tree
@@ -35,7 +34,6 @@ LOOK_HELP = (
 )
 PERSON_HELP = "The simulated person: careful, ordinary, varied, careless, or a YAML file; A,B take turns in a shift."
 SHARE_HELP = "The arm never exceeds this share of its speed."
-Orders = Callable[[Callable[[OperatorOrder], None], Callable[[], Sequence[Question]], Callable[[str], None]], object]
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,6 @@ class RunOptions:
         beside: further tree files, and folders with them, whose trees may be named.
         entries: of the main tree, set before the first tick.
         devices: open already, in place of those that the configuration names.
-        orders: begins to pass on an operator's orders, with what takes one, the questions that stand and what answers.
         max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
         slower: the wall's clock goes so many times slower, as a twin's does.
@@ -99,7 +96,6 @@ class RunOptions:
         Option(metavar="FILE", hidden=True, help="`cell serve`: write this run into its book of production (SQLite)."),
     ] = None
     operator: Annotated[str, Option(metavar="NAME", hidden=True, help="`cell serve`: who begins the run.")] = ""
-    orders: Orders | None = None
     brackets: Annotated[
         int | None,
         Option("--shift", metavar="N", min=0, help="Assemble N brackets one after the other; 0: until you stop it."),
@@ -152,7 +148,7 @@ class RunOptions:
     @property
     def attended(self) -> bool:
         """Whether somebody is there who answers questions."""
-        return self.brackets is not None or self.page is not None or self.orders is not None
+        return self.brackets is not None or self.page is not None
 
     def load(self, product: Product, configuration: Configuration) -> Tree:
         """The tree as it stands in its files now.

@@ -13,10 +13,9 @@ EVALUATIONS = {
         ("encounters", "encounters:encounters", "Assemble next to a person who gets in the way."),
         ("faults", "faults:faults", "Put every fault into every state of a pick and place."),
         ("figure10", "figure10:figure10", "Train and score action detectors on five splits."),
-        ("grasp", "planners:evaluate_grasp_planner", "Score the grasp planner, or run an experiment."),
+        ("grasp", "planners:evaluate_grasp_planner", "Score the grasp planner."),
         ("hands", "hands:evaluate", "Score hand trackers on simulated assemblies."),
         ("holes", "things:evaluate_holes", "Score a hole reader on stills."),
-        ("knobs", "knobs:knobs", "Score a detector for several values of the look."),
         ("latency", "system:latency", "Measure the detectors' processor time for a frame."),
         ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
         ("reaches", "reaches:evaluate", "Score what a robot spares the person."),
@@ -27,7 +26,6 @@ EVALUATIONS = {
         ),
         ("stacks", "stacks:evaluate_stacks", "Score planners of what lies on what."),
         ("system", "system:system", "Score whole assemblies by number of goals."),
-        ("weights", "same_weights:evaluate_weights", "Compare trained weights with others."),
     )
 }
 COMMANDS = {
@@ -47,6 +45,5 @@ COMMANDS = {
     "hands": Command("bracket_lab.commands.hands:fetch", "Fetch MediaPipe's hand networks."),
     "files": Command("bracket_lab.commands.logs:files", "Write the files that a run was made with."),
     "reaches": Command("bracket_lab.commands.reaches:of_logs", "Tell what the person of a run reached for."),
-    "sheet": Command("bracket_lab.commands.logs:sheet", "Draw the contact sheet of a run."),
     "snapshots": Command("bracket_lab.commands.logs:snapshots", "Write the pictures that a tree took."),
 }

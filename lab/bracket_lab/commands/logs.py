@@ -1,4 +1,4 @@
-"""`cell lab files|sheet|snapshots`: the files, pictures and snapshots that a log holds."""
+"""`cell lab files|snapshots`: the files and snapshots that a log holds."""
 
 from __future__ import annotations
 
@@ -10,21 +10,16 @@ import typer
 
 from bracket_cell.commands.log_terminal import (
     LogArgument,
-    beside,
     read,
     say,
-    spared,
     streamed,
     tell_json,
-    tell_lack,
     tell_nothing,
 )
-from bracket_cell.commands.options import JsonOption, OverwriteOption
+from bracket_cell.commands.options import JsonOption
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log
-from bracket_cell.log.report.contact_sheet import write_sheet
-from bracket_cell.viewing.moments import Moments
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import LogError
 from bracket_ground.files.files import write_new
 
 
@@ -53,27 +48,6 @@ def check_name(log: Path, name: str) -> None:
     path = PurePosixPath(name)
     if path.is_absolute() or not path.name or {"..", "\\"} & {*path.parts, *name}:
         raise LogError(log, f"its file {name!r} would lie outside the folder")
-
-
-def sheet(
-    log: LogArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; next to the log by default.")] = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Draw the contact sheet of a run, from its log."""
-    target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
-    recorded, moments = streamed(log), Moments()
-    for piece in recorded:
-        for tick in piece.ticks:
-            moments.see(tick.observation, tick.notes)
-    tell_lack(log, recorded)
-    try:
-        made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
-    if not made:
-        raise InputError(f"{recorded.path}: holds no image of the overhead camera")
-    say(str(target))
 
 
 def snapshots(

@@ -17,13 +17,12 @@ from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import JPEG_QUALITY
 from bracket_ground.files.files import MANIFEST, whole_folder, write_whole
 from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
-from bracket_lab.commands.planners import KEPT
-from bracket_lab.experiments.stacks.files import read_stacks
 from bracket_lab.experiments.stacks.settings import LEARNED, RULES, StackTraining
-from bracket_lab.experiments.stacks.vmrd import write_scene, write_splits
+from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
 from bracket_lab.stacks.draw import draw_stack
 from bracket_sim.stacks.settings import StackSettings
 
+KEPT = Path("data")  # finished cells and features
 TESTED = 10  # every tenth picture is for tests, as in VMRD
 BATCH = 8  # scenes that a worker is asked for at once
 OutFolder = Annotated[Path, Option("--out", "-o", help="New folder.")]
@@ -99,7 +98,7 @@ def _drawn(seed: int, asked: list[tuple[int, StackSettings]]) -> list[tuple[Stac
 
 
 def evaluate_stacks(
-    data: Annotated[Path, Option("--data", help="Folder of VMRD, or of REGRAD V1 or V2.")],
+    data: Annotated[Path, Option("--data", help="Folder of VMRD.")],
     classes: Annotated[
         str | None, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
     ] = None,
@@ -115,8 +114,8 @@ def evaluate_stacks(
     as_json: JsonOption = False,
 ) -> None:
     """Score planners of what lies on what, trained on the same folder; finished cells and features stay in data/."""
-    kinds, read = _kinds(kind), read_stacks(data)
-    other = None if detector_of is None else read_stacks(detector_of)
+    kinds, read = _kinds(kind), read_vmrd(data)
+    other = None if detector_of is None else read_vmrd(detector_of)
     if other is not None and other.classes != read.classes:
         raise InputError(f"--detector-of {detector_of}: its classes are not those of {data}")
     counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)

@@ -73,11 +73,10 @@ def test_the_list_says_of_a_command_what_its_help_begins_with() -> None:
                 assert told.startswith(one.help.rstrip(".")), name
 
 
-def test_a_run_has_few_options_and_the_labs_six_more() -> None:
+def test_a_run_has_few_options_and_the_lab_five_more() -> None:
     assert options("run") == RUN
     assert options("lab", "run") - RUN == {
         "--person",
-        "--orders",
         "--inject",
         "--world",
         "--overwrite",
@@ -117,8 +116,8 @@ def leaves(found: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...],
 def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
-    assert len(evaluations) == 17
-    assert len(names) <= 59
+    assert len(evaluations) == 15
+    assert len(names) <= 55
 
 
 def test_a_port_may_be_left_out() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -68,27 +67,4 @@ def vmrd(folder: Path) -> Path:
         put(folder / f"JPEGImages/{name}.jpg", picture())
     put(folder / "ImageSets/Main/trainval.txt", "00001\n")
     put(folder / "ImageSets/Main/test.txt", "00002\n")
-    return folder
-
-
-def rows() -> list[dict[str, object]]:
-    """Objects of a view of REGRAD."""
-    return [{"model_name": NAMES[number], "obj_id": number, "bbox": box} for number, box in BOXES.items()]
-
-
-def regrad_v1(folder: Path) -> Path:
-    """REGRAD V1: a tree for each scene, objects for each view."""
-    for split in ("train", "test"):
-        put(folder / split / "00003/mrt.json", json.dumps(TREE, indent=1))
-        put(folder / split / "00003/1/info.json", json.dumps(rows(), indent=1))
-        put(folder / split / "00003/1/rgb.jpg", picture())
-    return folder
-
-
-def regrad_v2(folder: Path) -> Path:
-    """REGRAD V2: trees and objects of a split in one file each."""
-    for split in ("train", "test"):
-        put(folder / split / "mrts.json", json.dumps({"00003": TREE}, indent=1))
-        put(folder / split / "objects.json", json.dumps({"00003": {"1": rows()}}, indent=1))
-        put(folder / split / "00003/1/rgb.jpg", picture())
     return folder

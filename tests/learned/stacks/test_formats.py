@@ -1,9 +1,8 @@
-"""VMRD and REGRAD: what fathers and parents mean, and that every fault is told with its place."""
+"""VMRD: what fathers and parents mean, and that every fault is told with its place."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +12,14 @@ from bracket_cell.commands.main import main
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.stacks import StackedScene
 from bracket_lab.experiments.stacks.checks import above_of, children_first
-from bracket_lab.experiments.stacks.files import read_stacks
 from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
-from tests.learned.stacks.folders import picture, put, regrad_v1, regrad_v2, vmrd
-
-Write = Callable[[Path], Path]
-FORMATS: dict[str, Write] = {"vmrd": vmrd, "regrad_v1": regrad_v1, "regrad_v2": regrad_v2}
+from tests.learned.stacks.folders import picture, put, vmrd
 
 
-@pytest.fixture(params=FORMATS)
-def scene(request: pytest.FixtureRequest, tmp_path: Path) -> StackedScene:
-    """The scene for tests of a folder of each format."""
-    return read_stacks(FORMATS[request.param](tmp_path)).test[0]
+@pytest.fixture
+def scene(tmp_path: Path) -> StackedScene:
+    """The scene for tests."""
+    return read_vmrd(vmrd(tmp_path)).test[0]
 
 
 def test_fathers_lie_below_and_children_on_top(scene: StackedScene) -> None:
@@ -65,21 +60,6 @@ def test_vmrd_is_read_as_it_was_written(tmp_path: Path) -> None:
     second = read_vmrd(tmp_path / "second")
     assert (second.trainval, second.test) == (trainval, test)
     assert [one.index for one in second.test[0].grasps] == [7, 4]
-
-
-def test_hidden_objects_of_regrad_are_left_out(tmp_path: Path) -> None:
-    folder = regrad_v1(tmp_path)
-    _edit(folder / "test/00003/1/info.json", "   20,\n   20,\n   70,\n   60\n", "", "[\n  ]", "null")
-    scene = read_stacks(folder).test[0]
-    assert [one.index for one in scene.objects] == [1, 7, 4]
-    assert scene.objects[1].fathers == (1,)
-
-
-def test_segments_number_objects_too(tmp_path: Path) -> None:
-    folder = regrad_v1(tmp_path)
-    text = (folder / "test/00003/1/info.json").read_text("utf-8")
-    put(folder / "test/00003/1/info.json", re.sub(r'"obj_id": (\d)', r'"obj_id": \g<1>1', text))
-    assert [one.index for one in read_stacks(folder).test[0].objects] == [1, 2, 7, 4]
 
 
 def _edit(file: Path, *changes: str) -> None:
@@ -147,29 +127,6 @@ VMRD_MUTANTS = [
     (TEST_SET, "00002\n", "00002\n00002\n", 2, "picture 00002 is at"),
     (TEST_SET, "00002\n", "00002\n00001\n", 2, "picture 00001 is at"),
 ]  # fmt: skip
-INFO, TREE = "test/00003/1/info.json", "test/00003/mrt.json"
-# of REGRAD V1
-REGRAD_MUTANTS = [
-    (TREE, '"book-2": [\n  "box-1"', '"book-2": [\n  "box-9"', 4, "parent 9, which is not there"),
-    (TREE, '"book-2": [\n  "box-1"', '"book-2": [\n  "cup-7"', 3, "objects lie on each other in a ring"),
-    (TREE, '"pen-4": []', '"pen-4": ["pen-4"]', 10, "its own father"),
-    (TREE, '"pen-4": []', '"pen": []', 10, "'pen' names no object"),
-    (TREE, '"pen-4": []', '"pen-4": 3', 10, "the parents of pen-4 are no list"),
-    (INFO, '"obj_id": 4', '"obj_id": 5', 34, "object 5 has no entry among the relations"),
-    (TREE, "}", "", 11, "not JSON"),
-    (INFO, "100,\n   80", "140,\n   80", 35, "outside the picture of 120 x 90"),
-    (INFO, "100,\n   80", "80,\n   80", 35, "is empty"),
-    (INFO, "100,\n   80", "100", 35, "four numbers"),
-    (INFO, "100,\n   80", '"far",\n   80', 35, "four numbers"),
-    (INFO, '"model_name": "pen",', "", 32, "obj_id, model_name and bbox are wanted"),
-    (INFO, '"obj_id": 4', '"obj_id": 7', 34, "index 7 is taken"),
-    (INFO, '"obj_id": 4', '"obj_id": "4"', 34, "no entry among the relations"),
-    (INFO, "[\n {", "{", 10, "not JSON"),
-]
-
-
-def test_there_are_sixty_mutants_and_more() -> None:
-    assert len(VMRD_MUTANTS) + len(REGRAD_MUTANTS) >= 60
 
 
 @pytest.mark.parametrize(("file", "old", "new", "line", "words"), VMRD_MUTANTS)
@@ -178,19 +135,8 @@ def test_faults_of_vmrd_are_told_with_their_line(
 ) -> None:
     _edit(vmrd(tmp_path) / file, old, new)
     with pytest.raises(InputError) as told:
-        read_stacks(tmp_path)
+        read_vmrd(tmp_path)
     assert f"{file}:{line}" in str(told.value)
-    assert words in str(told.value)
-
-
-@pytest.mark.parametrize(("file", "old", "new", "line", "words"), REGRAD_MUTANTS)
-def test_faults_of_regrad_are_told_with_their_line(
-    tmp_path: Path, file: str, old: str, new: str, line: int, words: str
-) -> None:
-    _edit(regrad_v1(tmp_path) / file, old, new)
-    with pytest.raises(InputError) as told:
-        read_stacks(tmp_path)
-    assert re.search(rf"{re.escape(file)}:{line}\b", str(told.value)), told.value
     assert words in str(told.value)
 
 
@@ -200,29 +146,14 @@ def test_a_ring_is_told(tmp_path: Path) -> None:
           "<father><num>7</num></father>\n    <children><num>2</num><num>7</num>", "<children></children>",
           "<children><num>1</num></children>")  # fmt: skip
     with pytest.raises(InputError, match=r"00002.xml:7: objects lie on each other in a ring: 1 on 7 on 1"):
-        read_stacks(folder)
+        read_vmrd(folder)
 
 
 @pytest.mark.parametrize("missing", [XML, "JPEGImages/00002.jpg", TEST_SET, TRAINVAL])
 def test_missing_files_of_vmrd_are_named(tmp_path: Path, missing: str) -> None:
     (vmrd(tmp_path) / missing).unlink()
     with pytest.raises(InputError, match=re.escape(missing)):
-        read_stacks(tmp_path)
-
-
-@pytest.mark.parametrize("write", [regrad_v1, regrad_v2])
-def test_regrad_without_tests_is_refused(tmp_path: Path, write: Write) -> None:
-    folder = write(tmp_path)
-    for name in ("objects.json", "mrts.json", "00003/1/info.json"):
-        (folder / "test" / name).unlink(missing_ok=True)
-    with pytest.raises(InputError, match=r"test: the split is empty"):
-        read_stacks(folder)
-
-
-def test_v2_tells_the_line_in_the_common_file(tmp_path: Path) -> None:
-    _edit(regrad_v2(tmp_path) / "test/objects.json", "100,", "140,")
-    with pytest.raises(InputError, match=r"objects.json:\d+:\d+: the box of object 4 is outside"):
-        read_stacks(tmp_path)
+        read_vmrd(tmp_path)
 
 
 def test_another_folder_is_refused_without_a_traceback(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -256,7 +187,7 @@ def by_another_program(folder: Path) -> Path:
 
 
 def test_a_folder_by_another_program_is_read(tmp_path: Path) -> None:
-    found = read_stacks(by_another_program(tmp_path))
+    found = read_vmrd(by_another_program(tmp_path))
     (scene,) = found.test
     assert [(one.name, one.fathers, one.children) for one in scene.objects] == [
         ("wrist developer", (), (3,)),

@@ -1,1 +1,1 @@
-"""Objects that lie on each other: files of VMRD and REGRAD, planners of what to take first, and their scores."""
+"""Objects that lie on each other: files of VMRD, planners of what to take first, and their scores."""

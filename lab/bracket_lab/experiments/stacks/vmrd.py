@@ -48,6 +48,10 @@ def read_vmrd(folder: Path) -> StackData:
     Raises:
         InputError: all that is wrong, with file and line.
     """
+    if not (folder / SPLITS).is_dir():
+        raise InputError(
+            Problem(Place(folder), "no folder of stacks", f"{SPLITS}, as `cell lab data stacks` writes it")
+        )
     splits = {
         file: read_text(file, "a folder of VMRD has it").split()
         for file in (folder / SPLITS / TRAINVAL, folder / SPLITS / TEST)

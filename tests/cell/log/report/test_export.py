@@ -140,7 +140,7 @@ def test_what_a_log_lacks_is_a_typed_error(assembly_log: Log, tmp_path: Path) ->
 @pytest.mark.usefixtures("small_files")
 @pytest.mark.parametrize(
     "command",
-    [["report"], ["lab", "sheet"], *(["log", "export", "--to", to] for to in ("csv", "parquet", "lerobot"))],
+    [["report"], *(["log", "export", "--to", to] for to in ("csv", "parquet", "lerobot"))],
 )
 def test_a_full_disk_leaves_no_piece_of_a_file(
     command: list[str], assembly_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -116,7 +116,6 @@ def test_a_span_that_is_none_is_bad_input(
         ["report", "LOG", "-o", "LOG"],
         ["show", "LOG", "--svg", "LOG"],
         ["log", "diff", "LOG", "LOG", "--html", "LOG"],
-        ["lab", "sheet", "LOG", "-o", "LOG"],
         *(["log", "export", "LOG", "--to", kind, "-o", "LOG"] for kind in ("csv", "btlog", "video")),
     ],
 )

@@ -30,7 +30,7 @@ from bracket_lab.learned.actions.data import load_segments
 from bracket_lab.learned.grasp.data import read_scenes
 from tests import ROOT
 
-COMMAND = "cell lab data --from x --out y"
+COMMAND = "cell log export x --to training --out y"
 
 
 @pytest.fixture(scope="module")
@@ -227,13 +227,10 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
 def test_command_writes_and_asks_for_what_is_missing(
     tray_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for words in (["lab", "data", "--from"], ["log", "export", "--to", "training"]):
-        assert main([*words, str(tray_log.path), "--out", str(tmp_path / words[0])]) == 0
-        assert (tmp_path / words[0] / "manifest.json").exists()
+    export = ["log", "export", "--to", "training"]
+    assert main([*export, str(tray_log.path), "--out", str(tmp_path / "log")]) == 0
+    assert (tmp_path / "log" / "manifest.json").exists()
     capsys.readouterr()
-    assert main(["lab", "data", "--from", str(tray_log.path)]) == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert "or a data set: actions, hands, holes, plates, objects, grasp, semantic" in told
     bad, copied = tmp_path / "bad.mcap", tmp_path / "copied.mcap"
     bad.write_bytes(b"bad")
     copied.write_bytes(tray_log.path.read_bytes())
@@ -243,8 +240,7 @@ def test_command_writes_and_asks_for_what_is_missing(
         (tray_log.path, f"{tray_log.path.name}: is named twice"),
         (copied, "copied.mcap: is named twice, or is a copy of another"),
     ):
-        words = ["lab", "data", "--from", str(tray_log.path), "--from", str(other), "--out", str(tmp_path / "other")]
-        assert main(words) == 2
+        assert main([*export, str(tray_log.path), str(other), "--out", str(tmp_path / "other")]) == 2
         assert why in capsys.readouterr().err
         assert not (tmp_path / "other").exists()
 
@@ -253,8 +249,8 @@ def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, mon
     monkeypatch.setattr("bracket_cell.commands.log_export.read", lambda _: pytest.fail("a log is read"))
     (tmp_path / "some.mcap").write_bytes(b"some")
     for other in ("none.mcap", "./some.mcap"):
-        words = ["lab", "data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
-        assert main(words) == 2
+        logs = [str(tmp_path / "some.mcap"), f"{tmp_path}/{other}"]
+        assert main(["log", "export", *logs, "--to", "training", "--out", "new"]) == 2
 
 
 def test_the_logs_of_a_folder_are_known_by_their_content(tray_log: Log, folder: Path, tmp_path: Path) -> None:

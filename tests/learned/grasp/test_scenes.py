@@ -55,26 +55,21 @@ def test_scenes_hold_every_kind_of_answer() -> None:
 
 def test_normalised_weights_sum_to_one_and_favour_the_near() -> None:
     centres = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 3.0]])
-    weights = edge_weights(centres, "normalised")
+    weights = edge_weights(centres)
     assert np.allclose(weights.sum(axis=1), 1.0)
     assert np.allclose(weights[0], [0.0, 0.75, 0.25])
-
-
-def test_printed_weights_are_the_same_for_every_neighbour() -> None:
-    weights = edge_weights(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]), "printed")
-    assert np.allclose(weights[0], [0.0, 1 / 1.5, 1 / 1.5])
-    assert edge_weights(np.zeros((1, 2)), "printed").tolist() == [[0.0]]
+    assert edge_weights(np.zeros((1, 2))).tolist() == [[0.0]]
 
 
 def test_the_graph_says_what_is_required_and_where_it_stands() -> None:
     parts = (standing("o1", 0.1, 0.0, 0.3), standing("o2", 0.15, 0.02, 1.0), standing("o3", 0.05, -0.06, 2.0))
-    graph = scene_graph(parts, (1, 2), PRODUCT, "normalised")
+    graph = scene_graph(parts, (1, 2), PRODUCT)
     kinds = len(PRODUCT.parts)
     assert graph.order[0] == 1
     assert [graph.order[place] for place in np.flatnonzero(graph.nodes[:, kinds])] == [1, 2]
-    shifted = scene_graph(tuple(moved(part, 0.3, -0.2, 0.0) for part in parts), (1, 2), PRODUCT, "normalised")
+    shifted = scene_graph(tuple(moved(part, 0.3, -0.2, 0.0) for part in parts), (1, 2), PRODUCT)
     assert np.allclose(graph.nodes, shifted.nodes, atol=1e-5)
-    turned = scene_graph(tuple(moved(part, 0.0, 0.0, 0.7) for part in parts), (1, 2), PRODUCT, "normalised")
+    turned = scene_graph(tuple(moved(part, 0.0, 0.0, 0.7) for part in parts), (1, 2), PRODUCT)
     assert np.allclose(graph.weights, turned.weights, atol=1e-5)
     place = graph.nodes[:3, kinds + 1 : kinds + 3] @ [[math.cos(0.7), math.sin(0.7)], [-math.sin(0.7), math.cos(0.7)]]
     assert np.allclose(turned.nodes[:3, kinds + 1 : kinds + 3], place, atol=1e-5)
@@ -82,6 +77,6 @@ def test_the_graph_says_what_is_required_and_where_it_stands() -> None:
 
 def test_the_graph_keeps_the_nearest_parts() -> None:
     parts = tuple(standing("o1", 0.1 * index, 0.0) for index in range(MAX_PARTS + 2))
-    graph = scene_graph(parts, (0,), PRODUCT, "normalised")
+    graph = scene_graph(parts, (0,), PRODUCT)
     assert graph.order == tuple(range(MAX_PARTS))
     assert graph.nodes.shape == (MAX_PARTS, feature_count(PRODUCT))

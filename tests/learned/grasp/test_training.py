@@ -13,7 +13,7 @@ import pytest
 from bracket_cell.learned.grasp.boxes import boxes_of
 from bracket_cell.learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
 from bracket_cell.learned.grasp.pairs import PAIR_FEATURES
-from bracket_cell.learned.grasp.settings import Attention, PairwiseSettings, PaperSettings, TrainingSettings
+from bracket_cell.learned.grasp.settings import PairwiseSettings, PaperSettings, TrainingSettings
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.planning import crops_file
@@ -39,7 +39,6 @@ SHORT_PAPER = PaperSettings(
     batch=8,
     hidden=16,
     layers=2,
-    edges="printed",
     loose_share=0.0,
     footprint_passes=20,
 )
@@ -87,7 +86,7 @@ def noisy_camera(views: Sequence[View]) -> list[Crops]:
 
 
 def order_of(scene: Scene) -> tuple[int, ...]:
-    return scene_graph(scene.parts, (0,), PRODUCT, "normalised").order
+    return scene_graph(scene.parts, (0,), PRODUCT).order
 
 
 def random_maps(scenes: list[Scene]) -> list[Maps]:
@@ -126,9 +125,7 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
     net = train_network(drawn_for(SHORT_PAPER), PRODUCT, SEED, SHORT_PAPER, camera=noisy_camera)
     crops = load_crops(crops_file(paper.path))
     for scene in embedded(scenes, noisy_camera, crops):
-        graphs = [
-            scene_graph(scene.parts, (i,), PRODUCT, SHORT_PAPER.edges, crops=True) for i in range(len(scene.parts))
-        ]
+        graphs = [scene_graph(scene.parts, (i,), PRODUCT, crops=True) for i in range(len(scene.parts))]
         inputs = {
             name: np.stack([getattr(graph, name) for graph in graphs]) for name in ("nodes", "weights", "present")
         }
@@ -176,15 +173,14 @@ def test_an_interrupted_training_keeps_what_tells_footprints(
     assert crops_file(tmp_path / "grasp.onnx").read_bytes() == crops_file(paper.path).read_bytes()
 
 
-@pytest.mark.parametrize("attention", ["additive", "printed", "none"])
-def test_padding_does_not_change_the_answer(scenes: list[Scene], attention: Attention) -> None:
+def test_padding_does_not_change_the_answer(scenes: list[Scene]) -> None:
     import torch
 
     from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
-    data = graph_data(scenes, PRODUCT, "normalised")
-    net = PaperNet(len(PRODUCT.parts), 16, 2, attention=attention, features=data.nodes.shape[-1]).eval()
+    data = graph_data(scenes, PRODUCT)
+    net = PaperNet(len(PRODUCT.parts), 16, 2, features=data.nodes.shape[-1]).eval()
     small = int(data.present.sum(1).argmin())
     count = int(data.present[small].sum())
     graph = data.nodes[small : small + 1], data.weights[small : small + 1], data.present[small : small + 1]
@@ -201,7 +197,7 @@ def test_it_learns_verdicts_and_words_of_all_required_parts(scenes: list[Scene])
     from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
-    data = graph_data(scenes, PRODUCT, "normalised", maps=random_maps(scenes))
+    data = graph_data(scenes, PRODUCT, maps=random_maps(scenes))
     features = data.nodes.shape[-1] + EMBEDDING
     net = PaperNet(len(PRODUCT.parts), 16, 2, features=features, crops=True)
     optimiser = torch.optim.AdamW(net.parameters(), 0.01)
@@ -221,7 +217,7 @@ def test_turning_the_scene_turns_poses_and_not_footprints(scenes: list[Scene]) -
     from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     maps = random_maps(scenes)
-    data = graph_data(scenes, PRODUCT, "normalised", maps=maps)
+    data = graph_data(scenes, PRODUCT, maps=maps)
     net = PaperNet(len(PRODUCT.parts), 8, 1, features=data.nodes.shape[-1] + EMBEDDING, crops=True).eval()
     chosen, kinds = torch.arange(4), len(PRODUCT.parts)
     with torch.no_grad():
@@ -243,7 +239,7 @@ def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
     from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(1)
-    data = graph_data(scenes, PRODUCT, "printed")
+    data = graph_data(scenes, PRODUCT)
     net = PaperNet(len(PRODUCT.parts), 16, 2, features=data.nodes.shape[-1]).eval()
     with torch.no_grad():
         _, words = net(data.nodes, data.weights, data.present)
@@ -257,7 +253,7 @@ def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
 def test_words_of_the_data_are_the_solutions(scenes: list[Scene]) -> None:
     from bracket_lab.learned.grasp.paper import graph_data
 
-    data = graph_data(scenes[:1], PRODUCT, "normalised")
+    data = graph_data(scenes[:1], PRODUCT)
     names = list(PRODUCT.parts)
     types = [names.index(name) for name in scenes[0].boxes.types]
     for place, part in enumerate(order_of(scenes[0])):

@@ -6,14 +6,9 @@ closes.
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from bracket_ground.files.model import Model
-
-EdgeKind = Literal["printed", "normalised", "none", "gcn"]
-Attention = Literal["printed", "additive", "none"]
 
 
 class GripperOutline(Model):
@@ -155,18 +150,13 @@ class PairwiseSettings(TrainingSettings):
 
 
 class PaperSettings(TrainingSettings):
-    """The paper's planner, and what Table 2 compares it with.
+    """The paper's planner.
 
     Attributes:
         batch: scenes in a step.
         loose_share: of the scenes are drawn as loose as the simulator's tray, the others as `data` says.
         crops: nodes have features of the images' crops.
         footprint_passes: crops by which a network learns where parts stand around a part, before all else.
-        edges: which reading of Eq. 4 weights the edges; "none" weights them alike, "gcn" is the plain graph
-            convolution without weights of its own for the node itself.
-        filter_m: parts farther from each other have no edge.
-        attention: how the decoder scores embedding, label and graspability of the nodes: by Eq. 7 as printed, by an
-            additive score, or not at all.
     """
 
     scenes: int = Field(default=4000, gt=0)
@@ -179,6 +169,3 @@ class PaperSettings(TrainingSettings):
     footprint_passes: int = Field(default=120_000, gt=0)
     hidden: int = Field(default=64, gt=0)
     layers: int = Field(default=3, gt=0)
-    edges: EdgeKind = "normalised"
-    filter_m: float | None = Field(default=None, gt=0)
-    attention: Attention = "printed"

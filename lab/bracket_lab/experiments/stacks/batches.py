@@ -77,7 +77,7 @@ def batch_of(views: Sequence[StackView], classes: Sequence[str]) -> Batch:
         boxes[k, :count], regions[k, :count], present[k, :count] = view.boxes, view.regions, 1.0
         unions[k, :count, :count], pairs[k, :count, :count] = view.unions, pair_geometry(view.boxes)
         middles = (view.boxes[:, :2] + view.boxes[:, 2:]) / 2
-        weights[k, :count, :count] = edge_weights(middles, "normalised")
+        weights[k, :count, :count] = edge_weights(middles)
     return Batch(*(torch.from_numpy(values) for values in (labels, boxes, regions, unions, pairs, weights, present)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bracket_cell.learned.grasp.boxes import Boxes, boxes_of
 from bracket_cell.learned.grasp.crops import EMBEDDING
-from bracket_cell.learned.grasp.settings import EdgeKind
 from bracket_cell.learned.grasp.solution import nearest_first
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.perception import PartDetection
@@ -52,15 +51,12 @@ def scene_graph(
     parts: Sequence[PartDetection],
     required: Sequence[int],
     product: Product,
-    edges: EdgeKind,
-    filter_m: float | None = None,
     crops: bool = False,
 ) -> SceneGraph:
     """The graph of all detections; every required part has its flag.
 
     Args:
         required: the first of them is asked about.
-        filter_m: parts farther from each other have no edge.
         crops: nodes hold the detections' embeddings, too.
 
     Raises:
@@ -82,52 +78,18 @@ def scene_graph(
             raise ModelError(f"the detections have no embeddings of {EMBEDDING} features of their crops")
         nodes[:count, kinds + 1 + POSE :] = [parts[i].embedding for i in order]
     weights = np.zeros((MAX_PARTS, MAX_PARTS), dtype=np.float32)
-    weights[:count, :count] = edge_weights(centre, edges, None if filter_m is None else filter_m / UNIT_M)
+    weights[:count, :count] = edge_weights(centre)
     present = (np.arange(MAX_PARTS) < count).astype(np.float32)
     return SceneGraph(nodes, weights, present, tuple(order), near)
 
 
-def edge_weights(centres: Array, edges: EdgeKind, farthest: float | None = None) -> Array:
-    """e_ij (n, n) between nodes at centres (n, 2); 0 beyond the farthest and, but for "gcn", on the diagonal."""
+def edge_weights(centres: Array) -> Array:
+    """e_ij (n, n) between nodes at centres (n, 2), 0 on the diagonal: (1 / d_ij) / sum_k (1 / d_ik).
+
+    Eq. 4 as printed is the same for every j; this reading weights neighbours.
+    """
     between = centres[None] - centres[:, None]
-    distance = np.hypot(between[..., 0], between[..., 1])
-    closeness = 1.0 / np.maximum(distance, 1e-3)
+    closeness = 1.0 / np.maximum(np.hypot(between[..., 0], between[..., 1]), 1e-3)
     np.fill_diagonal(closeness, 0.0)
-    if farthest is not None:
-        closeness[distance > farthest] = 0.0
-    total = np.maximum(closeness.sum(axis=1, keepdims=True), 1e-9)
-    return _EDGE_WEIGHTS[edges](closeness, total)
-
-
-def _printed(closeness: Array, total: Array) -> Array:
-    """Eq. 4 as printed: the same for every j, it says how isolated i is."""
-    weights: Array = np.where(closeness > 0, 1.0 / total, 0.0)
+    weights: Array = closeness / np.maximum(closeness.sum(axis=1, keepdims=True), 1e-9)
     return weights
-
-
-def _normalised(closeness: Array, total: Array) -> Array:
-    """The reading that weights neighbours: e_ij = (1 / d_ij) / sum_k (1 / d_ik)."""
-    weights: Array = closeness / total
-    return weights
-
-
-def _none(closeness: Array, total: Array) -> Array:  # noqa: ARG001
-    """All neighbours count alike."""
-    weights: Array = (closeness > 0).astype(np.float64)
-    return weights
-
-
-def _gcn(closeness: Array, total: Array) -> Array:  # noqa: ARG001
-    """D^-1/2 (A + I) D^-1/2 of the graph convolution by Kipf and Welling."""
-    linked = (closeness > 0) + np.eye(len(closeness))
-    degree = np.sqrt(linked.sum(axis=1))
-    weights: Array = linked / degree[:, None] / degree
-    return weights
-
-
-_EDGE_WEIGHTS: dict[EdgeKind, Callable[[Array, Array], Array]] = {
-    "printed": _printed,
-    "normalised": _normalised,
-    "none": _none,
-    "gcn": _gcn,
-}

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor, nn
 
 from bracket_cell.learned.grasp.crops import EMBEDDING
-from bracket_cell.learned.grasp.settings import Attention, EdgeKind
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.grasp.footprints import MAP_PX, FootprintNet, Maps
 from bracket_lab.learned.grasp.graph import MAX_PARTS, feature_count, scene_graph
@@ -23,29 +22,17 @@ _IMPOSSIBLE = -1e9
 
 
 class GraphConvolution(nn.Module):
-    """x_i' = W x_i + V sum_j e_ij x_j + b (Eq. 5), on dense batches; without W for the plain graph convolution."""
+    """x_i' = W x_i + V sum_j e_ij x_j + b (Eq. 5), on dense batches."""
 
-    def __init__(self, narrow: int, wide: int, own: bool = True) -> None:
+    def __init__(self, narrow: int, wide: int) -> None:
         super().__init__()
-        self.own: nn.Module = nn.Linear(narrow, wide) if own else _Bias(wide)
+        self.own = nn.Linear(narrow, wide)
         self.neighbours = nn.Linear(narrow, wide, bias=False)
 
     def forward(self, nodes: Tensor, weights: Tensor) -> Tensor:
         """Nodes (b, n, narrow) and weights (b, n, n) to nodes (b, n, wide)."""
         updated: Tensor = self.own(nodes) + self.neighbours(weights @ nodes)
         return updated
-
-
-class _Bias(nn.Module):
-    """A constant that is learned."""
-
-    def __init__(self, wide: int) -> None:
-        super().__init__()
-        self.bias = nn.Parameter(torch.zeros(wide))
-
-    def forward(self, nodes: Tensor) -> Tensor:  # noqa: ARG002
-        """(wide,), whatever the nodes."""
-        return self.bias
 
 
 class CropNet(nn.Module):
@@ -93,8 +80,6 @@ class PaperNet(nn.Module):
         types: int,
         hidden: int,
         layers: int,
-        own: bool = True,
-        attention: Attention = "printed",
         features: int = 0,
         crops: bool = False,
     ) -> None:
@@ -102,9 +87,9 @@ class PaperNet(nn.Module):
         self.types = types
         self.crops = CropNet(types) if crops else None
         widths = [features] + [hidden] * layers
-        self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide, own) for narrow, wide in pairwise(widths))
+        self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide) for narrow, wide in pairwise(widths))
         self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
-        self.decoder = Decoder(types, hidden, attention)
+        self.decoder = Decoder(types, hidden)
 
     def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Nodes by Eq. 5, graspability of each by Eq. 6, and what the decoder is told of each.
@@ -130,20 +115,17 @@ class PaperNet(nn.Module):
 
 
 class Decoder(nn.Module):
-    """LSTM that attends to the nodes at each word (Eq. 7): score h' W f as printed, or additive; or a plain LSTM."""
+    """LSTM that attends to the nodes at each word (Eq. 7): score h' W f."""
 
     grammar: Tensor
 
-    def __init__(self, types: int, hidden: int, attention: Attention) -> None:
+    def __init__(self, types: int, hidden: int) -> None:
         super().__init__()
         self.words, self.wide = FIRST_TYPE + types, hidden + types + 1
-        self.attention = attention
         self.begin = nn.Linear(2 * hidden, hidden)
         self.embedding = nn.Embedding(self.words + 1, hidden)
         self.cell = nn.LSTMCell(hidden + self.wide, hidden)
-        self.query = nn.Linear(hidden, hidden, bias=False)
         self.key = nn.Linear(self.wide, hidden)
-        self.energy = nn.Linear(hidden, 1, bias=False)
         self.word = nn.Linear(hidden + self.wide, self.words)
         self.register_buffer("grammar", torch.tensor(grammar(types), dtype=torch.float32), persistent=False)
 
@@ -188,12 +170,7 @@ class Decoder(nn.Module):
         return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
 
     def _context(self, hidden: Tensor, told: Tensor, keys: Tensor, present: Tensor) -> Tensor:
-        if self.attention == "none":
-            return hidden.new_zeros((len(hidden), self.wide))
-        if self.attention == "printed":
-            energy = (keys * hidden[:, None]).sum(-1)
-        else:
-            energy = self.energy(torch.tanh(self.query(hidden)[:, None] + keys)).squeeze(-1)
+        energy = (keys * hidden[:, None]).sum(-1)
         attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
         return (attention[..., None] * told).sum(1)
 
@@ -267,8 +244,6 @@ class GraphData:
 def graph_data(
     scenes: Sequence[Scene],
     product: Product,
-    edges: EdgeKind,
-    filter_m: float | None = None,
     maps: Sequence[Maps] | None = None,
 ) -> GraphData:
     """Graphs from the detections and the footprints around them, labels from the truth."""
@@ -280,7 +255,7 @@ def graph_data(
     for k, scene in enumerate(scenes):
         if len(scene.parts) > MAX_PARTS:
             raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
-        graph = scene_graph(scene.parts, (0,), product, edges, filter_m)
+        graph = scene_graph(scene.parts, (0,), product)
         nodes[k], weights[k], present[k] = graph.nodes, graph.weights, graph.present
         types = [names.index(name) for name in scene.boxes.types]
         for place, part in enumerate(graph.order):

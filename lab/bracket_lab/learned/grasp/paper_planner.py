@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.learned.grasp.model import PairwisePlanner, RulePlanner, side_by_side
-from bracket_cell.learned.grasp.settings import DetectionNoise, EdgeKind
+from bracket_cell.learned.grasp.settings import DetectionNoise
 from bracket_cell.learned.grasp.solution import Solution
 from bracket_cell.learned.inference.onnx_model import Network, OnnxModel
 from bracket_ground.errors import ModelError
@@ -50,8 +50,6 @@ class PaperPlanner:
         config = network.card.config
         self._network = network
         self._product = product
-        self._edges = cast(EdgeKind, config["edges"])
-        self._filter_m = cast("float | None", config["filter_m"])
         self._crops = bool(config["crops"])
         self._known: dict[tuple[int, tuple[int, ...]], _Answer] = {}
         self.plan(side_by_side(product), 0)
@@ -110,7 +108,7 @@ class PaperPlanner:
     def _graph(self, parts: tuple[PartDetection, ...], required: tuple[int, ...]) -> SceneGraph:
         if not all(part.upright for part in parts):
             raise ModelError("the paper's planner knows parts that stand, and something lies in the tray")
-        return scene_graph(parts, required, self._product, self._edges, self._filter_m, self._crops)
+        return scene_graph(parts, required, self._product, self._crops)
 
 
 def _inputs(graphs: Sequence[SceneGraph]) -> dict[str, NDArray[Any]]:

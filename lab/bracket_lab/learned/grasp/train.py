@@ -221,9 +221,9 @@ def _task(
     if isinstance(settings, PairwiseSettings):
         return PairNet(settings.hidden, settings.members), pair_data(scenes, product)
     assert isinstance(settings, PaperSettings)
-    features, own = feature_count(product, settings.crops), settings.edges != "gcn"
+    features = feature_count(product, settings.crops)
     types, sizes = len(product.parts), (settings.hidden, settings.layers)
-    network = PaperNet(types, *sizes, own, settings.attention, features, settings.crops)
+    network = PaperNet(types, *sizes, features, settings.crops)
     maps = None
     if network.crops is not None:
         if camera is None:
@@ -232,7 +232,7 @@ def _task(
         seen = footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
         network.crops.footprints = seen
         maps = [seen.maps(some) for some in crops]
-    return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)
+    return network, graph_data(scenes, product, maps)
 
 
 def _samples(settings: TrainingSettings, product: Product) -> list[dict[str, NDArray[Any]]]:

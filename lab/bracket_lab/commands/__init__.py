@@ -9,7 +9,6 @@ EVALUATIONS = {
     for name, module, text in (
         ("actions", "actions:evaluate", "Score action detectors on whole assemblies."),
         ("bars", "bars:bars", "Measure what the pages of figures show."),
-        ("cameras", "things:evaluate_cameras", "Score calibration of the cameras."),
         ("encounters", "encounters:encounters", "Assemble next to a person who gets in the way."),
         ("faults", "faults:faults", "Put every fault into every state of a pick and place."),
         ("figure10", "figure10:figure10", "Train and score action detectors on five splits."),

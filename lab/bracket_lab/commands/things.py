@@ -1,4 +1,4 @@
-"""`cell lab eval holes|parts|cameras`."""
+"""`cell lab eval holes|parts`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bracket_cell.commands.options import takes
 from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_ground.errors import InputError
 from bracket_lab.commands.shared import Shared, share_words
-from bracket_lab.evaluations.holes_and_parts import Task, score_calibration, score_holes, score_parts
+from bracket_lab.evaluations.holes_and_parts import Task, score_holes, score_parts
 from bracket_lab.evaluations.tilted_parts import score_tilted
 
 _OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
@@ -55,13 +55,6 @@ def evaluate_parts(
         return
     scores = score_parts(task, wanted, mixed)
     report_scores(f"parts, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
-
-
-@takes(Shared, "look", "seeds", "config", "as_json", seeds="900000:900020")
-def evaluate_cameras(shared: Shared) -> None:
-    """Score calibration of the cameras: how far off they see holes and the tray before and after it."""
-    _, wanted = shared.split()
-    report_scores(f"cameras, {shared.look}", score_calibration(_task(shared, ""), wanted), shared.as_json)
 
 
 def _kind(shared: Shared, legal: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from bracket_cell.configuration import Configuration
 from bracket_cell.learned.calibration.check import WORLD
-from bracket_cell.learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m
+from bracket_cell.learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera
 from bracket_cell.learned.holes.model import VOTES, Reading
 from bracket_cell.runs.calibrating import wrist_views
 from bracket_cell.skills.motion.grasp_pose import tool_down
@@ -28,7 +28,6 @@ from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing.plates import write_plates
-from bracket_lab.drawing.sight import true_calibration
 from bracket_lab.drawing.splits import sometimes_steel
 from bracket_lab.learned.holes.data import Plate, load_plates
 from bracket_lab.learned.holes.evaluate import HoleFindings, evaluate_holes
@@ -104,23 +103,6 @@ def _watch(reader: HoleReader, plates: Sequence[Plate]) -> Mapping[str, Reading 
     return {name: Reading(view.part, view.upright, view.confidence) for name, view in views.items()}
 
 
-def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
-    """How far cameras see things off before and after a calibration: overhead at the holes, wrist in the tray."""
-    off: dict[str, list[float]] = {"overhead_before": [], "overhead_after": [], "wrist_before": [], "wrist_after": []}
-    for seed in seeds:
-        bench, world = task.configuration.bench, _world(task.configuration, task.product, seed)
-        calibrated = calibrated_bench(task.configuration, task.product, seed, world)
-        true = bench.overhead.calibrated(true_calibration(world, "overhead", bench.overhead))
-        for name, one in (("before", bench), ("after", calibrated)):
-            off[f"overhead_{name}"].append(holes_off_m(one.overhead, true, bench, task.product))
-            off[f"wrist_{name}"] += list(_tray_off_m(world, one, bench))
-    return {
-        f"{name}_mm_p{percent}": 1e3 * float(np.percentile(values, percent))
-        for name, values in off.items()
-        for percent in (50, 95)
-    }
-
-
 def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
     kinematics = Kinematics(task.configuration.motion)
 
@@ -190,18 +172,3 @@ def calibrated_bench(configuration: Configuration, product: Product, seed: int, 
         for name, one in found.items()
     }
     return bench.model_copy(update=cameras)
-
-
-def _tray_off_m(world: World, believed: Bench, bench: Bench) -> Array:
-    """How far a camera over the tray sees points in it off, (49,)."""
-    world.set_arm(bench.arm_look_rad)
-    tool, tray = world.tool_pose(), bench.tray
-    true = bench.wrist.calibrated(true_calibration(world, "wrist", bench.wrist))
-    reach = np.linspace(-0.45, 0.45, 7)
-    spots = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2) * np.array(tray.size_m)
-    points = np.column_stack([spots + tray.centre_m[:2], np.full(len(spots), tray.centre_m[2])])
-    pixels = true.model.project(tool @ true.mount.pose, points)
-    camera = believed.wrist
-    seen = camera.model.onto_plane(tool @ camera.mount.pose, pixels, tray.centre_m[2])
-    off: Array = np.linalg.norm(seen - points, axis=1)
-    return off

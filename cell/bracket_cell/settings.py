@@ -232,22 +232,42 @@ class Ros2Settings(DdsSettings):
     namespace: str = Field(default="cell", pattern=r"^[A-Za-z_]\w*$")
 
 
+class OpcuaSettings(Model):
+    """A server of OPC UA that `cell serve` keeps beside the page; needs the extra opcua.
+
+    Attributes:
+        at: PORT or HOST:PORT where it listens.
+        trusted: folder with certificates (X.509) of clients that may order, relative to this file; a client is named
+            as its file is. Others may only read.
+    """
+
+    at: str = "127.0.0.1:4840"
+    trusted: Path | None = None
+
+    def beside(self, folder: Path) -> OpcuaSettings:
+        """With files relative to a folder."""
+        return self if self.trusted is None else self.model_copy(update={"trusted": folder / self.trusted})
+
+
 class PlantSettings(Model):
     """The plant that a cell stands in.
 
     Attributes:
         ros2: topics of ROS 2; none by default.
         mqtt: the broker that is told of runs; none by default.
+        opcua: the server that plants read and order by; none by default.
         bits: digital signals to and from a PLC.
     """
 
     ros2: Ros2Settings | None = None
     mqtt: MqttSettings | None = None
+    opcua: OpcuaSettings | None = None
     bits: BitSettings = BitSettings()
 
     def beside(self, folder: Path) -> PlantSettings:
         """With files relative to a folder."""
-        return self if self.mqtt is None else self.model_copy(update={"mqtt": self.mqtt.beside(folder)})
+        files = {"mqtt": self.mqtt, "opcua": self.opcua}
+        return self.model_copy(update={name: one and one.beside(folder) for name, one in files.items()})
 
 
 class LogSettings(Model):

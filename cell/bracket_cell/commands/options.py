@@ -24,7 +24,7 @@ from btxml.files.compile.registry import Registry
 
 CONFIGURATION = user_or_packaged("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
-MONITOR_PORT, LIVE_PORT, PAGE_PORT, OPCUA_PORT = 1667, 8765, 8780, 4840
+MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 _ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
@@ -33,7 +33,6 @@ DOORS = {
     "breakpoints": MONITOR_PORT,
     "debugger": MONITOR_PORT,
     "live": LIVE_PORT,
-    "opcua": OPCUA_PORT,
 }
 
 CONFIG_HELP = "Configuration file of the cell."
@@ -56,8 +55,7 @@ OpenOption = Annotated[
         "--open",
         metavar="DOOR[=PORT]",
         help=r"Let others watch; may be repeated. monitor: Groot2, `cell show --running`; breakpoints: these may stop "
-        r"nodes and override them, too; debugger: the run begins when these look; live: Foxglove; "
-        r"opcua: the run's numbers, also =HOST:PORT, needs cell\[opcua].",
+        r"nodes and override them, too; debugger: the run begins when these look; live: Foxglove.",
     ),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
@@ -186,9 +184,6 @@ def doors_of(given: Iterable[str] | None) -> dict[str, Any]:
         if door not in DOORS:
             raise InputError(f"--open {each}: there is no door {door!r}; legal: {', '.join(DOORS)}")
         at = at or str(DOORS[door])
-        if door == "opcua":
-            opened["opcua"] = at
-            continue
         if not (at.isdecimal() and 0 <= int(at) < 65535):
             raise InputError(f"--open {each}: {at!r} is no port; legal: 0 to 65534")
         opened["live_port" if door == "live" else "monitor_port"] = int(at)

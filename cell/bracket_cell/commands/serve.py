@@ -16,7 +16,10 @@ from bracket_cell.commands.terminal import console
 from bracket_cell.runs.options import RunOptions
 
 if TYPE_CHECKING:
+    from bracket_cell.plant.opcua_server import OpcuaServer
     from bracket_cell.production.book import Book
+    from bracket_cell.serving.control import CellControl
+    from bracket_cell.settings import OpcuaSettings
 
 TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
 SERVED = "served"  # folder beside the logs
@@ -50,6 +53,7 @@ def serve(
     from bracket_cell.configuration import load_configuration, load_product
     from bracket_cell.production.book import NAME, Book
     from bracket_cell.serving.certificate import fingerprint, with_certificate
+    from bracket_cell.serving.control import CellControl
     from bracket_cell.serving.launcher import Launcher
     from bracket_cell.serving.paired import Paired
     from bracket_cell.serving.server import CellServer
@@ -74,17 +78,24 @@ def serve(
     may = simulated if configuration.page.begin is None else configuration.page.begin
     more = _seeded(book, asked.seed) if simulated else list
     page = configuration.page if where.local else with_certificate(configuration.page, folder, where.host)
-    server = CellServer(where, page, launcher, paired, book, product, more if may else None)
+    titles = {goal: product.goal_title(goal) for goal in product.goals}
+    control = CellControl(launcher, book, titles, more if may else None)
+    server = CellServer(where, page, control, paired, product.name)
     say(f"the cell's page: {server.address}", highlight=False, soft_wrap=True)
     if page is not configuration.page and page.certificate is not None:
         say(f"its certificate is the cell's own; compare once: {fingerprint(page.certificate)}", highlight=False)
     news()
+    plant = None if configuration.plant.opcua is None else _opcua(configuration.plant.opcua, folder / "opcua", control)
+    if plant is not None:
+        say(f"OPC UA: {plant.address}", highlight=False)
     try:
         if begin and not launcher.busy:
             launcher.begin("", None, more())
         _wait()
     finally:
         server.close()
+        if plant is not None:
+            plant.close()
         if launcher.busy:
             say("the run goes on; `cell serve` finds it again", highlight=False)
 
@@ -99,6 +110,12 @@ def _again(tree: Path | None, real_time: float | None, repeated: Mapping[str, It
 def _seeded(book: Book, seed: int) -> Callable[[], list[str]]:
     """Another seed for each simulated run."""
     return lambda: ["--seed", str(seed + len(book.runs()))]
+
+
+def _opcua(settings: OpcuaSettings, folder: Path, control: CellControl) -> OpcuaServer:
+    from bracket_cell.plant.opcua_server import OpcuaServer
+
+    return OpcuaServer(settings, folder, control)
 
 
 def _wait() -> None:

@@ -70,6 +70,11 @@ class Bookkeeper(Observer):
         self._lasted_s = self._written_s = 0.0
         self._cause = ""
 
+    @property
+    def alarm(self) -> str:
+        """The signal that has held the cell first, and others may follow from; empty where it is not held."""
+        return self._cause if self._signals else ""
+
     def tick(self, record: TickRecord) -> None:
         self.last = record
         self.take(_moment(record))

@@ -17,7 +17,10 @@ HELP = {
     "cell_stops_total": "times the arm was held or the run stopped, by the sign that was seen",
     "cell_questions_total": "questions asked of a person",
     "cell_oee_ratio": "shares of ISO 22400-2 that are known, and the overall equipment effectiveness",
+    "cell_clock_seconds": "time of the run's newest tick; it stands still where the run hangs",
     "cell_speed_ratio": "share of the arm's speed that is allowed now",
+    "cell_alarm": "1 for the sign that has held the cell first, while it is held",
+    "cell_axis_position": "of each joint of the arm, in radians, of a linear axis in metres",
     "cell_order_done": "brackets finished of a work order that is open",
     "cell_order_amount": "brackets wanted of a work order that is open",
 }
@@ -45,10 +48,6 @@ class Samples:
         if self._keeper is None or changes != self._shares[0]:  # a week of brackets is not added up twice a second
             self._shares = changes, tuple(_shares(self._book))
         return (*_totals(self._book), *self._shares[1], *_now(self._keeper))
-
-    def metrics(self) -> str:
-        """The numbers in Prometheus' text format 0.0.4."""
-        return metrics_of(self())
 
 
 def metrics_of(samples: Iterable[Sample]) -> str:
@@ -92,7 +91,12 @@ def _now(keeper: Bookkeeper | None) -> Iterator[Sample]:
     if keeper is None or keeper.last is None:
         return
     seen = keeper.last.observation
+    yield "cell_clock_seconds", {}, round(seen.time_s, 3)
     yield "cell_speed_ratio", {}, round(seen.share, 3)
+    if keeper.alarm:
+        yield "cell_alarm", {"signal": keeper.alarm}, 1.0
+    for axis, position in enumerate(seen.arm.positions_rad, start=1):
+        yield "cell_axis_position", {"axis": str(axis)}, position
     for order in seen.operator.jobs:
         yield "cell_order_done", {"id": order.id, "variant": order.variant}, order.done
     for order in seen.operator.jobs:

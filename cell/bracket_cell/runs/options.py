@@ -48,7 +48,7 @@ class RunOptions:
         max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
         slower: the wall's clock goes so many times slower, as a twin's does.
-        monitor_port, live_port, opcua: where others may watch, each None where nobody may.
+        monitor_port, live_port: where others may watch, each None where nobody may.
         monitor_hooks: they may set breakpoints and overrides.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
@@ -86,7 +86,6 @@ class RunOptions:
             help="Serve the operator's page; port 8780 of this machine, or of a host that others open.",
         ),
     ] = None
-    opcua: str | None = None
     work_orders: Annotated[
         Path | None,
         Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),

@@ -99,9 +99,8 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
     configuration = load_configuration(options.configuration)
     if isinstance(panel := configuration.devices.panel, PagePanel) and options.page is None:
         options = replace(options, page=panel.at)
-    for text, option in ((options.page, "--page"), (options.opcua, "--open opcua")):
-        if text is not None:
-            Address.parse(text, option)  # before a file is touched
+    if options.page is not None:
+        Address.parse(options.page, "--page")  # before a file is touched
     options.refuse_simulated(configuration)
     configuration = simulated(configuration, options.look, options.person)
     if options.brackets is not None:

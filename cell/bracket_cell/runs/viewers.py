@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from bracket_cell.plant.sparkplug import SparkplugNode
     from bracket_cell.viewing.live_server import LiveServer
     from bracket_cell.viewing.monitor import Monitor
-    from bracket_cell.viewing.opcua_server import OpcuaServer
     from bracket_cell.viewing.page.page import OperatorPage
 
 LAYOUT = shipped("bracket_cell.config", "foxglove_layout.json")
@@ -39,14 +38,13 @@ class Viewers:
     live: LiveServer | None
     monitor: Monitor | None
     page: OperatorPage | None
-    opcua: OpcuaServer | None
     mqtt: SparkplugNode | None
     ros: RosTopics | None
 
     @property
     def observers(self) -> tuple[Observer, ...]:
         """They see every tick."""
-        viewers = (self.live, self.monitor, self.page, self.opcua, self.mqtt, self.ros)
+        viewers = (self.live, self.monitor, self.page, self.mqtt, self.ros)
         return tuple(viewer for viewer in viewers if viewer is not None)
 
     @property
@@ -59,7 +57,6 @@ class Viewers:
             told.append(f"the operator's page: {self.page.address}")
             told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
             told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
-        told += [] if self.opcua is None else [f"OPC UA: {self.opcua.address}"]
         told += [] if self.mqtt is None else [f"MQTT: {self.mqtt.address}"]
         return told if self.ros is None else [*told, self.ros.address]
 
@@ -93,7 +90,7 @@ def open_viewers(
     Raises:
         InputError: a port is taken, or an extra is missing.
     """
-    live, monitor, page, opcua, mqtt, ros = None, None, None, None, None, None
+    live, monitor, page, mqtt, ros = None, None, None, None, None
     if options.live_port is not None:
         from bracket_cell.viewing.live_server import LiveServer
 
@@ -114,11 +111,6 @@ def open_viewers(
         where, settings, told = Address.parse(options.page, "--page"), files.configuration.page, _told(options, files)
         page = OperatorPage(model, told, files.tree, put, where, settings, keeper, options.slower)
         stack.callback(page.abandon)
-    if options.opcua is not None:
-        from bracket_cell.viewing.opcua_server import OpcuaServer
-
-        opcua = OpcuaServer(Samples(keeper.book, keeper), Address.parse(options.opcua, "--open opcua"))
-        stack.callback(opcua.abandon)
     if (broker := files.configuration.plant.mqtt) is not None:
         from bracket_cell.plant.sparkplug import SparkplugNode
 
@@ -128,7 +120,7 @@ def open_viewers(
         from bracket_cell.plant.ros_topics import RosTopics
 
         ros = RosTopics(topics, model.motion.settings.robot.joints, model.motion.kinematics.forward)
-    return Viewers(recorder, live, monitor, page, opcua, mqtt, ros)
+    return Viewers(recorder, live, monitor, page, mqtt, ros)
 
 
 def _told(options: RunOptions, files: Files) -> dict[str, str]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import orjson
@@ -15,10 +14,9 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from bracket_cell.log.report.report import production_html
-from bracket_cell.production.book import Book, csv_lines
-from bracket_cell.production.samples import Samples
-from bracket_cell.running.work_orders import WorkOrders
-from bracket_cell.serving.launcher import Launcher
+from bracket_cell.production.book import csv_lines
+from bracket_cell.production.samples import metrics_of
+from bracket_cell.serving.control import CellControl
 from bracket_cell.serving.paired import Paired
 from bracket_cell.serving.relay import asked
 from bracket_cell.settings import PageSettings
@@ -27,7 +25,6 @@ from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.state import BRACKETS_N, bracket_data
 from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of
 from bracket_ground.errors import InputError
-from bracket_ground.interfaces.product import Product
 
 BEAT_S = 1.0  # between two states while no run goes on
 NO_ANSWER = "the run does not answer; use the stop button at the cell"
@@ -37,9 +34,8 @@ class CellServer(WebServer):
     """One server for one cell; runs begin and end below it.
 
     Args:
-        book: of all runs.
-        may_begin: browsers that operate may begin runs, with these further options for each.
-        product: names variants for people.
+        control: the cell.
+        name: of the product.
 
     Raises:
         InputError: the port is taken, or a TLS file cannot be used.
@@ -49,15 +45,12 @@ class CellServer(WebServer):
         self,
         where: Address,
         settings: PageSettings,
-        launcher: Launcher,
+        control: CellControl,
         paired: Paired,
-        book: Book,
-        product: Product,
-        may_begin: Callable[[], list[str]] | None,
+        name: str,
     ) -> None:
-        self._launcher, self._paired, self._book, self._may_begin = launcher, paired, book, may_begin
-        self._titles = {goal: product.goal_title(goal) for goal in product.goals}
-        self._name = product.name
+        self._control, self._paired, self._name = control, paired, name
+        self._launcher, self._book = control.launcher, control.book
         routes = [
             Route("/events", self._events),
             *(Route(path, self._of_the_run) for path in ("/camera.jpg", "/scene.json")),
@@ -102,15 +95,12 @@ class CellServer(WebServer):
             "moment": "alarm" if trouble else "beginning" if busy else "over",
             "problem": problem,
             "reason": "" if last is None else last.reason,
-            "may_begin": self._may_begin is not None and not busy,
+            "may_begin": self._control.may_begin is not None and not busy,
             "resumable": resumable,
-            "variants": self._titles,
+            "variants": dict(self._control.titles),
             "brackets": [bracket_data(row) for row in self._book.brackets(last=BRACKETS_N)],
-            "orders": self._orders(),
+            "orders": self._control.orders(),
         }
-
-    def _orders(self) -> list[dict[str, Any]]:
-        return [one for one in self._book.orders() if not one["cancelled"] and one["done"] < one["amount"]]
 
     async def _events(self, request: Request) -> Response:
         role = self._token(request, request.query_params.get("token", ""))  # EventSource sends no headers
@@ -140,25 +130,21 @@ class CellServer(WebServer):
         if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         query = f"?{request.url.query}" if request.url.query.isascii() and request.url.query.isprintable() else ""
-        return await self._passed_on(f"{request.url.path}{query}", self._token(request))
-
-    async def _passed_on(self, target: str, role: Role | None, body: bytes | None = None) -> Response:
         try:
-            async with asked(self._launcher.socket, target, role, body) as answer:
-                kind = answer.headers.get("content-type")
-                return Response(await answer.body(), answer.status, media_type=kind)
+            async with asked(self._launcher.socket, f"{request.url.path}{query}", self._token(request)) as answer:
+                return Response(await answer.body(), answer.status, media_type=answer.headers.get("content-type"))
         except TimeoutError:
             return PlainTextResponse(NO_ANSWER, 504)
         except OSError:
-            return Response(status_code=204) if body is None else PlainTextResponse("no run goes on", 409)
+            return Response(status_code=204)
 
     async def _metrics(self, request: Request) -> Response:
         if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
-        answer = await self._passed_on("/metrics", self._token(request) or "look")
-        if answer.status_code != 204:
-            return answer
-        text = await asyncio.to_thread(Samples(self._book).metrics)
+        try:
+            text = metrics_of(await self._control.samples())
+        except TimeoutError:
+            return PlainTextResponse(NO_ANSWER, 504)
         return Response(text, media_type="text/plain; version=0.0.4")
 
     async def _production(self, request: Request) -> Response:
@@ -183,11 +169,10 @@ class CellServer(WebServer):
             return read
         if read.get("kind") == "inspected":
             return self._inspected(read.get("run"), read.get("number"), read.get("right"))
-        answer = await self._passed_on("/order", "operate", json.dumps(read).encode())
-        if read.get("kind") != "job" or self._launcher.busy:
-            return answer
         try:
-            WorkOrders(self._titles, book=self._book).put(str(read.get("value")))
+            await self._control.order(read)
+        except TimeoutError:
+            return PlainTextResponse(NO_ANSWER, 504)
         except InputError as error:
             return PlainTextResponse(str(error), 409)
         return Response(status_code=204)
@@ -203,13 +188,9 @@ class CellServer(WebServer):
         read = await self._read(request)
         if isinstance(read, Response):
             return read
-        if self._may_begin is None:
-            return PlainTextResponse("this page begins no runs: page.begin in the configuration", 403)
-        runs = self._book.runs(1)
-        resumed = Path(runs[-1].log) if read.get("resume") is True and runs else None
         browser = self._paired.browser(request.headers.get("x-cell-token", ""))
         try:
-            self._launcher.begin("" if browser is None else browser.name, resumed, self._may_begin())
+            self._control.begin("" if browser is None else browser.name, resume=read.get("resume") is True)
         except InputError as error:
             return PlainTextResponse(str(error), 409)
         return Response(status_code=204)

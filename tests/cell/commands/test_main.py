@@ -104,7 +104,7 @@ def test_a_driver_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: pyt
         (["check", "no/such/file.xml"], "no/such/file.xml: cannot be read"),
         (["lab", "eval", "grasp", "--kind", "magic"], "magic"),
         (["run", "--open", "live=99999"], "--open live=99999: '99999' is no port; legal: 0 to 65534"),
-        (["run", "--open", "window"], "there is no door 'window'; legal: monitor, breakpoints, debugger, live, opcua"),
+        (["run", "--open", "window"], "there is no door 'window'; legal: monitor, breakpoints, debugger, live"),
     ],
 )
 def test_other_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

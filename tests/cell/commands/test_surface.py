@@ -128,11 +128,10 @@ def test_a_port_may_be_left_out() -> None:
 
 
 def test_doors_that_are_opened() -> None:
-    assert doors_of(["live", "breakpoints=1700", "opcua=0.0.0.0:4840"]) == {
+    assert doors_of(["live", "breakpoints=1700"]) == {
         "live_port": 8765,
         "monitor_port": 1700,
         "monitor_hooks": True,
-        "opcua": "0.0.0.0:4840",
     }
     assert doors_of(["monitor"]) == {"monitor_port": 1667}
 

@@ -21,6 +21,7 @@ from bracket_cell.production.book import Book, RunRow
 from bracket_cell.production.bookkeeper import Bookkeeper, Moment
 from bracket_cell.runs.options import RunOptions
 from bracket_cell.serving.certificate import fingerprint, with_certificate
+from bracket_cell.serving.control import CellControl
 from bracket_cell.serving.launcher import Launcher
 from bracket_cell.serving.paired import WRONG_N, Paired
 from bracket_cell.serving.server import CellServer
@@ -41,7 +42,9 @@ class Served:
         self.launcher = Launcher(folder / "served", folder / "book.sqlite", ["--no-such-option"])
         self.paired = Paired(folder / "served" / "browsers.jsonl")
         more: Callable[[], list[str]] | None = list if begin else None
-        self.server = CellServer(Address(0), PageSettings(), self.launcher, self.paired, self.book, PRODUCT, more)
+        titles = {goal: PRODUCT.goal_title(goal) for goal in PRODUCT.goals}
+        control = CellControl(self.launcher, self.book, titles, more)
+        self.server = CellServer(Address(0), PageSettings(), control, self.paired, PRODUCT.name)
         self.token = ""
 
     def ask(self, path: str, value: object = None, token: str | None = None) -> tuple[int, str]:
@@ -238,7 +241,7 @@ def test_where_the_configuration_forbids_it_no_page_begins_a_run(tmp_path: Path)
     forbids = Served(tmp_path, begin=False)
     try:
         forbids.pair()
-        assert forbids.ask("/begin", {})[0] == 403
+        assert forbids.ask("/begin", {}) == (409, "runs are begun at the cell alone: page.begin in the configuration")
         assert not forbids.server.between()["may_begin"]
     finally:
         forbids.server.close()

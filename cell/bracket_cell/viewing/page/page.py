@@ -52,8 +52,8 @@ class OperatorPage(Observer):
     ) -> None:
         self._silent_s = SILENT_S * slower
         self._state = PageState(model, heading, tree, keeper)
-        metrics = Samples(keeper.book, keeper).metrics
-        self._server = PageServer(where, obey, settings, scene_of(model), metrics, self._still())
+        samples = Samples(keeper.book, keeper)
+        self._server = PageServer(where, obey, settings, scene_of(model), samples, self._still())
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
         self._frames: deque[Frame] = deque(maxlen=KEPT_FRAMES)

@@ -11,7 +11,7 @@ import json
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 import cv2
@@ -21,6 +21,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
+from bracket_cell.production.samples import Sample, metrics_of
 from bracket_cell.settings import PageSettings
 from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of, same
@@ -42,7 +43,7 @@ class PageServer(WebServer):
         obey: takes an order; raises InputError for one that makes no sense now.
         settings: TLS files and the language.
         scene: of the three-dimensional view.
-        metrics: numbers of the run in Prometheus' text format.
+        samples: numbers of the run.
         still: what a new client gets first.
 
     Attributes:
@@ -58,10 +59,10 @@ class PageServer(WebServer):
         obey: Callable[[OperatorOrder], None],
         settings: PageSettings = PageSettings(),  # noqa: B008 - frozen
         scene: Mapping[str, Any] | None = None,
-        metrics: Callable[[], str] = str,
+        samples: Callable[[], Sequence[Sample]] = tuple,
         still: Mapping[str, Any] | None = None,
     ) -> None:
-        self._obey, self._scene, self._metrics = obey, orjson.dumps(dict(scene or {})), metrics
+        self._obey, self._scene, self._samples = obey, orjson.dumps(dict(scene or {})), samples
         self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
         self._still, self._state = b"{}", b"{}"
         self.still(dict(still or {}))
@@ -74,6 +75,7 @@ class PageServer(WebServer):
             Route("/camera.jpg", self._camera),
             Route("/scene.json", self._told_scene),
             Route("/metrics", self._told_metrics),
+            Route("/samples", self._told_samples),
             Route("/order", self._order, methods=["POST"]),
         ]
         super().__init__(where, settings, routes)
@@ -130,7 +132,12 @@ class PageServer(WebServer):
     async def _told_metrics(self, request: Request) -> Response:
         if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
-        return Response(self._metrics(), media_type="text/plain; version=0.0.4")
+        return Response(metrics_of(self._samples()), media_type="text/plain; version=0.0.4")
+
+    async def _told_samples(self, request: Request) -> Response:
+        if not self._may_look(request):
+            return PlainTextResponse(NO_ROLE, 401)
+        return Response(orjson.dumps(self._samples()), media_type="application/json")
 
     async def _camera(self, request: Request) -> Response:
         """The image with the number that is asked for, or the newest."""

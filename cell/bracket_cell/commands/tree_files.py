@@ -34,7 +34,7 @@ from btxml.views.palette import groot_model, named, palette_list, palette_text
 
 
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files; or robots: URDF or YAML.")],
     config: NamesOption = None,
     no_config: Annotated[
         bool, typer.Option("--no-config", help="Take any name of a part, position, goal or signal.")
@@ -48,8 +48,11 @@ def check(
     """Check tree files and list all mistakes; status 2 for those, 1 for what can hardly be meant.
 
     Names of parts, positions, goals and signals are those of --config, by default config/cell.yaml of the folder.
+    A robot is drawn into checked_NAME.png, with words on its joints, shapes, and what it reaches of that bench.
     """
     config = None if no_config else config or beside_config(files)
+    if any(file.suffix != ".xml" for file in files) and (status := _robots(files, config, as_json)) is not None:
+        return status
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     levels = findings(files, registry_of(config, nodes), known)
@@ -81,6 +84,31 @@ def check(
     found = f"{len(warnings)} doubtful" if doubtful else "nothing wrong"
     sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: {found}{unchecked}\n")
     return int(doubtful)
+
+
+def _robots(files: list[Path], config: Path | None, as_json: bool) -> int | None:
+    """What is to be said of robots, where the files are such."""
+    from bracket_cell.runs.robot_view import RobotView, is_robot
+
+    robots = [file for file in files if is_robot(file)]
+    if not robots:
+        return None
+    if others := [str(file) for file in files if file not in robots]:
+        raise InputError(f"{', '.join(others)}: no robot; check trees and robots one after the other")
+    from bracket_cell.commands.show import write
+    from bracket_cell.configuration import DEFAULT_CONFIGURATION
+    from btxml.views.picture import to_png
+
+    views = [RobotView(file, config or DEFAULT_CONFIGURATION) for file in robots]
+    for view in views:
+        drawing = Path(f"checked_{view.file.stem}.png")
+        if not as_json:
+            sys.stdout.writelines(f"{view.file}: {what}\n" for what in (*view.told, *view.problems))
+            sys.stdout.write(f"{drawing}: the arm at rest\n")
+        write(drawing, to_png(view.picture))
+    if as_json:
+        print_json([{"file": str(one.file), "problems": one.problems, "told": one.told} for one in views])
+    return int(any(view.problems for view in views))
 
 
 def _of_rules(files: list[Path], registry: Registry, known: Circumstances) -> CheckedRules:

@@ -72,7 +72,7 @@ class RobotFrames:
         """All of them at joint angles and an opening."""
         stamp = timestamp(stamp_ns)
         found = [
-            _transform(stamp, joint.parent, joint.child, joint.parent_from_child.position_m, _turned(joint, angle))
+            _transform(stamp, joint.parent, joint.child, *_moved(joint, angle))
             for joint, angle in zip(self._joints, arm.positions_rad, strict=True)
         ]
         found.append(_transform(stamp, *self._tool))
@@ -108,6 +108,14 @@ class _Finger:
 def _triple(values: Array) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
+
+
+def _moved(joint: Joint, value: float) -> tuple[tuple[float, float, float], Rotation]:
+    """Position and quaternion wxyz of the child in its parent, at an angle in [rad], or a way in [m]."""
+    if not joint.slides:
+        return joint.parent_from_child.position_m, _turned(joint, value)
+    at = joint.parent_from_child.transform(value * np.array(joint.axis))
+    return _triple(at), joint.parent_from_child.quaternion_wxyz
 
 
 def _turned(joint: Joint, angle_rad: float) -> Rotation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from bracket_cell.runs.calibrating import DOWN
 from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.motion.resting import with_resting_poses
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
@@ -18,6 +20,7 @@ from bracket_ground.interfaces.product import Product
 Marks = NDArray[np.bool_]
 STEPS = 7  # places along each side of the tray that are tried
 QUARTERS = 4  # turns of the gripper that are tried at each
+SLOW = 1.5  # times the median time at full speed from where the arm looks
 GRASP_M = 0.06  # of the tool over the floor of the tray, above parts that stand
 PIXELS_PER_M, MARGIN_M = 600.0, 0.1
 EDGE_POINTS = 12  # along each side of an image
@@ -34,9 +37,14 @@ class BenchView:
 
     def __init__(self, bench: Bench, product: Product, motion: MotionPlanner) -> None:
         self._bench, self._product, self._motion = bench, product, motion
-        self._look = np.array(bench.arm_look_rad)
         self.problems: list[str] = []
         self.told: list[str] = []
+        try:
+            found = with_resting_poses(bench, product, motion.settings).arm_look_rad
+        except ValueError as error:
+            self.problems.append(str(error))
+            found = tuple(motion.kinematics.usual_rad.tolist())
+        self._look = np.array(found)
         self._judge()
 
     @cached_property
@@ -52,16 +60,32 @@ class BenchView:
         return self._motion.kinematics.forward(self._look) @ self._bench.wrist.mount.pose
 
     @cached_property
+    def _times_s(self) -> Array:
+        """(STEPS, STEPS) how soon the arm is over each place of the tray from where it looks; inf: out of reach."""
+        return np.array([[self._time_s(place) for place in row] for row in self._tray])
+
+    @property
     def _reached(self) -> Marks:
         """Which places of the tray the fingers reach, (STEPS, STEPS)."""
-        reached = [[bool(self._joints(place)) for place in row] for row in self._tray]
-        return np.array(reached, bool)
+        return np.isfinite(self._times_s)
 
-    def _joints(self, place_m: Array) -> bool:
+    @cached_property
+    def _holes_s(self) -> dict[str, float]:
+        """The same of the holes of the bracket, by name."""
+        pose = self._bench.bracket.pose
+        return {
+            name: self._time_s(pose.transform(np.array([*at, 0.0])))
+            for name, at in self._product.bracket.holes_m.items()
+        }
+
+    def _time_s(self, place_m: Array) -> float:
         x, y, z = (float(value) for value in place_m)
+        if self._motion.kinematics.too_far(place_m):
+            return float("inf")
         turns = [quarter * np.pi / 2 for quarter in range(QUARTERS)]
         poses = [Pose.from_yaw((x, y, z + GRASP_M), turn) @ DOWN for turn in turns]
-        return not isinstance(self._motion.reach(poses, self._look, Load(STROKE_M)), str)
+        found = self._motion.reach(poses, self._look, Load(STROKE_M))
+        return float("inf") if isinstance(found, str) else self._motion.travel_s(found[1] - self._look)
 
     def _judge(self) -> None:
         bench = self._bench
@@ -74,6 +98,8 @@ class BenchView:
             self.problems.append(
                 f"the arm does not reach {(~inner).mean():.0%} of the tray: move it, or the arm's base"
             )
+        self._judge_holes()
+        self._judge_times(inner, self._times_s[inside, inside])
         overhead = bench.overhead.mount.pose
         holes = {f"hole {name}": bench.bracket.pose.transform(np.array([*at, 0.0]))
                  for name, at in self._product.bracket.holes_m.items()}  # fmt: skip
@@ -84,6 +110,22 @@ class BenchView:
             self.problems.append(f"the overhead camera does not see {', '.join(hidden)}: hang it higher, or elsewhere")
         else:
             self.told.append("the overhead camera sees all holes and bins")
+
+    def _judge_holes(self) -> None:
+        far = [name for name, time_s in self._holes_s.items() if np.isinf(time_s)]
+        if far:
+            self.problems.append(f"the arm does not reach {', '.join(far)}: move the bracket, or the arm's base")
+        else:
+            self.told.append("the arm reaches all holes")
+
+    def _judge_times(self, reached: Marks, times_s: Array) -> None:
+        """Where the arm takes much longer than elsewhere: in a corner of the tray, or at a hole."""
+        corners = {f"the tray's {SIDES[1, x]} {SIDES[0, y]} corner": float(times_s[min(-x, 0), min(-y, 0)])
+                   for x in (-1, 1) for y in (-1, 1)}  # fmt: skip
+        holes = {f"hole {name}": time_s for name, time_s in self._holes_s.items()}
+        usual_s = float(np.median(times_s[reached])) if reached.any() else np.inf
+        late = [*_late(corners, usual_s), *_late(holes, float(np.median([*holes.values()] or [np.inf])))]
+        self.told.append(f"slow: {', '.join(late)}" if late else "no corner and no hole is much slower than others")
 
     def _cut_off(self, seen: Marks) -> None:
         grid = seen.reshape(STEPS, STEPS)
@@ -115,11 +157,18 @@ class BenchView:
             shapes.append(_circle(place, 0.006, "#2ca02c" if can else "#d62728"))
         for name, at in self._product.bracket.holes_m.items():
             place = bench.bracket.pose.transform(np.array([*at, 0.0]))
-            shapes += [_circle(place, 0.01, "#888"), _text(place, name)]
+            colour = "#888" if np.isfinite(self._holes_s[name]) else "#d62728"
+            shapes += [_circle(place, 0.01, colour), _text(place, name)]
         for name, middle in bench.bins_m.items():
             shapes += [_circle(np.array(middle), 0.03, "#ddd"), _text(np.array(middle), f"bin {name}")]
         shapes += [_circle(np.zeros(3), 0.08, "#bbb"), _text(np.zeros(3), "arm")]
         return _document(shapes, np.concatenate([corners, _footprint(bench.overhead, bench.overhead.mount.pose)]))
+
+
+def _late(times_s: Mapping[str, float], usual_s: float) -> list[str]:
+    """Places that take much longer than is usual, in words; those out of reach are said elsewhere."""
+    return [f"{name} {time_s:.1f} s, usual {usual_s:.1f} s" for name, time_s in times_s.items()
+            if SLOW * usual_s < time_s < np.inf]  # fmt: skip
 
 
 def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> Marks:

@@ -11,12 +11,15 @@ from xml.etree import ElementTree
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
+FINGER_JOINTS = 4  # a branch with more of them is an arm
 TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
 MOVES = ("revolute", "prismatic")
 NUMBERS = {
     **dict.fromkeys(("xyz", "rpy", "size", "scale"), 3),
     **dict.fromkeys(("lower", "upper", "radius", "length", "velocity", "effort"), 1),
 }
+
+EXTENTS = ("size", "radius", "length")
 
 
 def parsed(text: str, path: Path, flange: str) -> tuple[ElementTree.Element, list[str]]:
@@ -140,6 +143,34 @@ def chain_to(root: ElementTree.Element, flange: str = FLANGE) -> list[ElementTre
     return chain
 
 
+def likely_flange(root: ElementTree.Element) -> str:
+    """The link that a gripper would be mounted on: at the end of the longest arm, before fingers part."""
+    carried: dict[str, list[ElementTree.Element]] = {}
+    for joint in root.findall("joint"):
+        carried.setdefault(_end(joint, "parent"), []).append(joint)
+
+    def deep(joint: ElementTree.Element, above: frozenset[str] = frozenset()) -> int:
+        child = _end(joint, "child")
+        if child in above:
+            return 0
+        more = max((deep(one, above | {child}) for one in carried.get(child, ())), default=0)
+        return more + (joint.get("type") != "fixed")
+
+    children = {_end(joint, "child") for joint in root.findall("joint")}
+    link = next((name for one in root.findall("link") if (name := one.get("name", "")) not in children), "")
+    seen, moved = {link}, 0
+    while ways := [joint for joint in carried.get(link, ()) if _end(joint, "child") not in seen]:
+        moving = [deep(joint) for joint in ways]
+        if moved >= LEAST_JOINTS and sum(count > 0 for count in moving) > 1 and max(moving) <= FINGER_JOINTS:
+            break
+        onwards = ways[moving.index(max(moving))]
+        moved, link = moved + (onwards.get("type") != "fixed"), _end(onwards, "child")
+        seen.add(link)
+        if link in (FLANGE, "flange") and moved >= LEAST_JOINTS:
+            break
+    return link
+
+
 def held_still(root: ElementTree.Element, flange: str = FLANGE) -> list[str]:
     """Names of joints beside the arm that could move, and are held at 0."""
     chain = chain_to(root, flange)
@@ -202,9 +233,13 @@ def _wrong_numbers(root: ElementTree.Element) -> Iterator[str]:
             continue
         for part in item.iter():
             for key, count in NUMBERS.items():
-                if key in part.attrib and not _are_numbers(part.attrib[key], count):
-                    where = f"{item.get('name')}: <{part.tag}> has {key}={part.attrib[key]!r}"
+                if key not in part.attrib:
+                    continue
+                where = f"{item.get('name')}: <{part.tag}> has {key}={part.attrib[key]!r}"
+                if not _are_numbers(part.attrib[key], count):
                     yield f"{where}, must be finite numbers: {count}"
+                elif key in EXTENTS and min(map(float, part.attrib[key].split())) <= 0:
+                    yield f"{where}, must be above 0"
 
 
 def _are_numbers(text: str, count: int) -> bool:

@@ -22,6 +22,7 @@ SAME_POSTURE_RAD = 0.05  # answers that differ by less are one
 MOST_STEPS = 40
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a straight way between postures, at which the tool's tilt is looked at
 TILTED_RAD = 0.75  # what the gripper holds may lean by so much on a way
+SURELY = 1.1  # the farthest of the sampled postures is nearly the farthest of all
 TRIED = 16  # postures from which an answer is looked for, beside the usual one
 
 _TOLERANCE = 1e-7  # in [m] and [rad]: answers from two postures of one kind are the same
@@ -128,6 +129,11 @@ class Kinematics:
         """Whether all joints (..., n) lie within the arm's limits."""
         least, most = self.limits_rad
         return bool(np.all((joints_rad >= least - SAME_RAD) & (joints_rad <= most + SAME_RAD)))
+
+    def too_far(self, place_m: Array) -> bool:
+        """Whether a place (3,) is farther away than the tool gets in any posture."""
+        most_m = self._postures.reach_m + self._flange_from_tool.position_m[2]
+        return not self._postures.led and float(np.linalg.norm(place_m - self._postures.origin)) > SURELY * most_m
 
     def starts_near(self, world_from_tool: Pose, count: int) -> list[Array]:
         """Sampled postures (n,) whose tool is nearest to a pose, turned towards it."""

@@ -10,28 +10,30 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from bracket_cell.skills.motion.postures import axis_of, slides
 from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.pose import Array, Pose
 
 BASE, WORLD = "base_link", "world"
 ROUND = 4  # faces in a quarter of a turn, where a round shape is drawn
-_AXES = {"JointModelRX": (1.0, 0.0, 0.0), "JointModelRY": (0.0, 1.0, 0.0), "JointModelRZ": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A revolute joint between two links.
+    """A joint between two links.
 
     Attributes:
         parent, child: names of the links' frames.
-        parent_from_child: at angle 0.
-        axis: unit vector in the child's frame about which it turns.
+        parent_from_child: at 0.
+        axis: unit vector in the child's frame about which it turns, or along which it slides.
+        slides: it does.
     """
 
     parent: str
     child: str
     parent_from_child: Pose
     axis: tuple[float, float, float]
+    slides: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +59,13 @@ class Shape:
 
 def chain(model: pinocchio.Model) -> tuple[Joint, ...]:
     """The joints from base to wrist, in the order of joint angles."""
-    links = _links(model)
-    return tuple(
-        Joint(
-            links[model.parents[number]],
-            links[number],
-            Pose.from_matrix(model.jointPlacements[number].homogeneous),
-            _AXES[model.joints[number].shortname()],
-        )
-        for number in range(1, model.njoints)
-    )
+    links, found = _links(model), []
+    for number in range(1, model.njoints):
+        along = slides(model, number)
+        x, y, z = axis_of(model, number)[:3] if along else axis_of(model, number)[3:]
+        pose = Pose.from_matrix(model.jointPlacements[number].homogeneous)
+        found.append(Joint(links[model.parents[number]], links[number], pose, (float(x), float(y), float(z)), along))
+    return tuple(found)
 
 
 def shapes(model: pinocchio.Model, geometry: pinocchio.GeometryModel) -> tuple[Shape, ...]:

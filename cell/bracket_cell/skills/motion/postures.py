@@ -51,6 +51,11 @@ class Postures:
         self._about: Array = places[self._first + 1].rotation @ axis_of(model, self._first + 1)[3:]
         self._last: Array = model.frames[self._flange].placement.rotation.T @ axis_of(model, model.nq)[3:]
 
+    @property
+    def led(self) -> bool:
+        """Whether an axis carries the first joint that turns."""
+        return self._first > 0
+
     @cached_property
     def reach_m(self) -> float:
         """How far from the first turning joint the flange gets."""

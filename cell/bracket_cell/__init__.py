@@ -21,12 +21,17 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # ONNX Runtime reads it when it is im
 
 if TYPE_CHECKING:
     from bracket_cell.front_door import load_cell, replay, run
+    from bracket_cell.skills.drivers.samples import Connection, Sample
+    from bracket_cell.skills.drivers.stream import Link
+    from bracket_cell.skills.drivers.streaming import StreamingArm
     from bracket_ground.errors import CellError, DeviceFault
+    from bracket_ground.interfaces.clock import Clock
     from bracket_ground.interfaces.command import Command, Display, GripperCommand, JointTrajectory
     from bracket_ground.interfaces.devices import Arm, Camera, Devices, Gripper, Panel, Signals
     from bracket_ground.interfaces.frame import Frame
     from bracket_ground.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
     from bracket_ground.interfaces.pose import Pose
+    from bracket_ground.interfaces.robot import RobotModel
 
     __version__: str
 
@@ -35,7 +40,9 @@ _HOME = {
     "ArmState": "bracket_ground.interfaces.observation",
     "Camera": "bracket_ground.interfaces.devices",
     "CellError": "bracket_ground.errors",
+    "Clock": "bracket_ground.interfaces.clock",
     "Command": "bracket_ground.interfaces.command",
+    "Connection": "bracket_cell.skills.drivers.samples",
     "DeviceFault": "bracket_ground.errors",
     "Devices": "bracket_ground.interfaces.devices",
     "Display": "bracket_ground.interfaces.command",
@@ -45,11 +52,15 @@ _HOME = {
     "GripperState": "bracket_ground.interfaces.observation",
     "JointSamples": "bracket_ground.interfaces.observation",
     "JointTrajectory": "bracket_ground.interfaces.command",
+    "Link": "bracket_cell.skills.drivers.stream",
     "ObjectStatus": "bracket_ground.interfaces.observation",
     "Observation": "bracket_ground.interfaces.observation",
     "Panel": "bracket_ground.interfaces.devices",
     "Pose": "bracket_ground.interfaces.pose",
     "Signals": "bracket_ground.interfaces.devices",
+    "StreamingArm": "bracket_cell.skills.drivers.streaming",
+    "RobotModel": "bracket_ground.interfaces.robot",
+    "Sample": "bracket_cell.skills.drivers.samples",
     "load_cell": "bracket_cell.front_door",
     "replay": "bracket_cell.front_door",
     "run": "bracket_cell.front_door",
@@ -59,7 +70,9 @@ __all__ = [
     "ArmState",
     "Camera",
     "CellError",
+    "Clock",
     "Command",
+    "Connection",
     "DeviceFault",
     "Devices",
     "Display",
@@ -69,11 +82,15 @@ __all__ = [
     "GripperState",
     "JointSamples",
     "JointTrajectory",
+    "Link",
     "ObjectStatus",
     "Observation",
     "Panel",
     "Pose",
+    "RobotModel",
+    "Sample",
     "Signals",
+    "StreamingArm",
     "__version__",
     "load_cell",
     "replay",

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from bracket_cell.configuration import load_configuration, load_product
-from bracket_cell.skills.drivers.rtde_receiver import RtdeReceiver
+from bracket_cell.skills.drivers.samples import SampleReceiver
 from bracket_cell.skills.drivers.settings import UrSettings
-from bracket_cell.skills.drivers.ur import UrArm
+from bracket_cell.skills.drivers.ur import UrArm, UrSamples
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.errors import DeviceFault
@@ -107,7 +107,7 @@ def noticed(bench: Bench, spoil: Callable[[], None]) -> float:
 def killed(host: str, slower: float) -> dict[str, float]:
     """A process with the arm is killed in motion: when and where the arm rests, and how soon another has it."""
     clock = WallClock(slower)
-    receiver = RtdeReceiver(host, clock, slower)
+    receiver = SampleReceiver(lambda: UrSamples(host, 2.0 * slower, np.eye(3)), clock, host, slower)
     with started(
         [sys.executable, "-m", "tests.benchmarks.arm_wires", "--follow", host, "--slower", str(slower)]
     ) as one:

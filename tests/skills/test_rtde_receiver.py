@@ -9,10 +9,13 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
-from bracket_cell.skills.drivers import rtde_receiver
-from bracket_cell.skills.drivers.rtde_receiver import OUTPUTS, RtdeConnection, RtdeReceiver
+from bracket_cell.skills.drivers import rtde
+from bracket_cell.skills.drivers.rtde import RtdeConnection
+from bracket_cell.skills.drivers.samples import SampleReceiver
+from bracket_cell.skills.drivers.ur import OUTPUTS, UrSamples
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import WallClock
 from tests.skills.rtde_server import RtdeServer, package
@@ -23,7 +26,7 @@ TYPES = ["DOUBLE", *["VECTOR6D"] * 3, *["INT32"] * 2, "UINT32", "DOUBLE", "DOUBL
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[RtdeServer]:
     serving = RtdeServer(TYPES)
-    monkeypatch.setattr(rtde_receiver, "PORT", serving.port)
+    monkeypatch.setattr(rtde, "PORT", serving.port)
     yield serving
     serving.close()
 
@@ -45,7 +48,7 @@ DAMAGED: dict[str, Callable[[], bytes]] = {
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_a_damaged_package_is_a_new_connection_and_samples_go_on(server: RtdeServer, name: str) -> None:
-    receiver = RtdeReceiver("127.0.0.1", WallClock())
+    receiver = SampleReceiver(lambda: UrSamples("127.0.0.1", 2.0, np.eye(3)), WallClock(), "127.0.0.1")
     try:
         server.say(sound(0))
         first = receiver.newest
@@ -70,7 +73,7 @@ def test_a_damaged_package_is_told_in_words(server: RtdeServer) -> None:
     connection = RtdeConnection("127.0.0.1", OUTPUTS)
     server.say(b"\0\0U")
     with pytest.raises(ConnectionError, match="a package of 0 bytes, the least is 3"):
-        connection.receive()
+        connection.values()
     server.say(package("U", b"\1" * 9))
     connection.close()
 
@@ -79,21 +82,21 @@ def test_one_that_is_too_short_says_how_long_it_should_be(server: RtdeServer) ->
     connection = RtdeConnection("127.0.0.1", OUTPUTS)
     server.say(package("U", b"\1" * 9))
     with pytest.raises(ConnectionError, match="8 bytes of data where 228 belong"):
-        connection.receive()
+        connection.values()
     connection.close()
 
 
 @pytest.mark.parametrize("types", [TYPES[:-1], [*TYPES, "INT32"], []])
 def test_other_types_than_asked_for_are_told_in_words(server: RtdeServer, types: list[str]) -> None:
     server.types = types
-    with pytest.raises(DeviceFault, match=r"no controller answers at 127\.0\.0\.1:\d+: it answers \d+ types to 10"):
-        RtdeReceiver("127.0.0.1", WallClock())
+    with pytest.raises(DeviceFault, match=r"no controller answers at 127.0.0.1: it answers \d+ types to 10"):
+        SampleReceiver(lambda: UrSamples("127.0.0.1", 2.0, np.eye(3)), WallClock(), "127.0.0.1")
 
 
 def test_one_that_answers_fewer_types_when_it_is_connected_again_is_asked_until_it_does_not(
     server: RtdeServer,
 ) -> None:
-    receiver = RtdeReceiver("127.0.0.1", WallClock())
+    receiver = SampleReceiver(lambda: UrSamples("127.0.0.1", 2.0, np.eye(3)), WallClock(), "127.0.0.1")
     try:
         server.say(sound(0))
         first = receiver.newest
@@ -120,7 +123,7 @@ def test_one_that_talks_of_other_things_alone_is_given_up_within_the_limit(serve
     thread.start()
     try:
         with pytest.raises(TimeoutError, match=r"no package 'U' came within 0\.2 s|timed out"):
-            connection.receive()
+            connection.values()
     finally:
         talking.set()
         thread.join()

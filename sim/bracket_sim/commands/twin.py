@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from types import FunctionType
+from typing import Annotated, Any
 
 import typer
 
 from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located, simulated
+from bracket_cell.device_settings import OwnDevice
+from bracket_cell.plugins import found_by
 from bracket_cell.remote import priority
 from bracket_cell.runs.options import GOAL_HELP, LOOK_HELP, PERSON_HELP
+from bracket_cell.wiring.devices import find_drivers
 from bracket_ground.interfaces.devices import ROLES
 from bracket_sim.process.opening import open_simulation
 from bracket_sim.scene.settings import settings_of
@@ -107,4 +112,12 @@ def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, sl
     sim = open_simulation(configuration.model_copy(update={"devices": devices}), product, seed, goal, arm=made)
     sim.await_ready()
     settings = {role: device.model_dump() for role in ROLES if (device := getattr(devices, role)) is not None}
-    return TwinCell(sim, arms[0], settings, name, period_s, slower)
+    return TwinCell(sim, arms[0], settings, name, period_s, slower, dict(_own_wires(configuration)))
+
+
+def _own_wires(configuration: Configuration) -> Iterator[tuple[str, Any]]:
+    """By role, what serves the wire of a driver of one's own: MODULE:CLASS in the class's attribute `twin`."""
+    for role, driver in find_drivers(configuration).items():
+        device, named = getattr(configuration.devices, role), getattr(driver.make, "twin", None)
+        if isinstance(device, OwnDevice) and named is not None:
+            yield role, found_by(named, {}, ("devices", role), device.folder, (), (type, FunctionType))

@@ -20,7 +20,7 @@ Mode = Literal["hold", "servo", "speed", "move", "stop"]
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One measurement of the joints, (6,) each; and what pushes the tool, (3,) in the world."""
+    """One measurement of the joints, (n,) each; and what pushes the tool, (3,) in the world."""
 
     time_s: float
     positions_rad: Array
@@ -35,7 +35,7 @@ class TwinArm:
     """Interpolates what the controller's program commands, at the controller's cycle.
 
     Attributes:
-        driven_rad_s: how fast the set points move, (6,).
+        driven_rad_s: how fast the set points move, (n,).
         measured: the newest measurement.
         scale: of all speeds, 0 to 1: slider and safety of the controller.
         held_back: why the joints could not follow; empty where they could.
@@ -49,7 +49,7 @@ class TwinArm:
         self._moves: list[tuple[Array, float, float]] = []
         self._late_periods = self._fast_periods = 0
         self.mode: Mode = "hold"
-        self.driven_rad_s: Array = np.zeros(6)
+        self.driven_rad_s: Array = np.zeros_like(self._reference)
         self.scale, self.held_back = 1.0, ""
         self.measured = self._measurement(0.0)
 
@@ -71,7 +71,7 @@ class TwinArm:
             self.mode, self._acceleration = "stop", max(acceleration_rad_s2, 0.1)
 
     def push(self, by_rad: Array) -> None:
-        """Somebody moves the arm by hand, (6,)."""
+        """Somebody moves the arm by hand, (n,)."""
         self.move([(self._reference + by_rad, HAND_RAD_S, HAND_RAD_S2)])
 
     @property
@@ -92,7 +92,7 @@ class TwinArm:
         self.measured = self._measurement(time_s)
 
     def _velocity(self, dt_s: float) -> Array:
-        """How fast the set points move in this cycle, (6,)."""
+        """How fast the set points move in this cycle, (n,)."""
         now = self.driven_rad_s
         if self.mode == "servo":
             chased: Array = (self._goal - self._reference) / (self._lookahead_s + dt_s) * self.scale
@@ -101,7 +101,7 @@ class TwinArm:
             return _towards(now, self._goal * self.scale, self._acceleration * dt_s)
         if self.mode == "move" and self._moves:
             return self._on_the_move(dt_s)
-        slowed = _towards(now, np.zeros(6), self._acceleration * dt_s)
+        slowed = _towards(now, np.zeros_like(now), self._acceleration * dt_s)
         if not slowed.any():
             self.mode = "hold"
         return slowed
@@ -115,7 +115,7 @@ class TwinArm:
             self._moves.pop(0)
             if not self._moves:
                 self.mode, self._acceleration = "stop", acceleration
-            return np.zeros(6)
+            return np.zeros_like(way)
         now = float(np.abs(self.driven_rad_s).max())
         fastest = min(speed * self.scale, now + acceleration * dt_s, float(np.sqrt(2 * acceleration * far)), far / dt_s)
         step: Array = way / far * fastest
@@ -134,7 +134,7 @@ class TwinArm:
 
     def freeze(self) -> None:
         """Hold where the joints are."""
-        self._reference, self.driven_rad_s = self.measured.positions_rad.copy(), np.zeros(6)
+        self._reference, self.driven_rad_s = self.measured.positions_rad.copy(), np.zeros_like(self._reference)
         self.mode, self.held_back, self._late_periods = "hold", "", 0
 
     def _measurement(self, time_s: float) -> Measured:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from bracket_ground.errors import InputError
@@ -68,6 +69,9 @@ class TwinCell:
         slower: seconds of the wall for each second of the cell.
         faults: by name; each wire adds its own.
         lost_s: how far the world fell behind the wall for good.
+
+    Args:
+        own: what serves the wires of drivers of one's own, by role.
     """
 
     def __init__(
@@ -78,8 +82,10 @@ class TwinCell:
         robot: str,
         period_s: float,
         slower: float = 1.0,
+        own: Mapping[str, Callable[[TwinCell, str], Wire]] = MappingProxyType({}),
     ) -> None:
         self.lock = threading.RLock()
+        self._own = own
         self.sim, self.arm, self.settings, self.robot, self.slower = sim, arm, settings, robot, slower
         self.period_s = period_s
         self.faults: dict[str, Fault] = {}
@@ -132,9 +138,12 @@ class TwinCell:
         """
         wires: list[Wire] = []
         for role, device in self.settings.items():
-            if (place := WIRES.get(str(device.get("kind")))) is not None:
+            serve = self._own.get(role)
+            if serve is None and (place := WIRES.get(str(device.get("kind")))) is not None:
                 module, _, name = place.partition(":")
-                wire: Wire = getattr(importlib.import_module(module), name)(self, role)
+                serve = getattr(importlib.import_module(module), name)
+            if serve is not None:
+                wire = serve(self, role)
                 self._stack.callback(wire.close)
                 wires.append(wire)
         self.sim.devices.free_running(True)

@@ -83,6 +83,6 @@ def test_shapes_that_touch_at_rest_are_named(folder: Path, capsys: pytest.Captur
     assert re.search(r"l1 touches l3|l3 touches l5", said(capsys))
 
 
-def test_trees_and_robots_are_not_checked_at_once(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_trees_and_robots_are_not_checked_at_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(FOLDER / "ur10.yaml"), "tree.xml"]) == 2
     assert "tree.xml: no robot" in said(capsys)

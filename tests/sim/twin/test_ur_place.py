@@ -12,9 +12,9 @@ import pytest
 
 from bracket_cell.remote.channel import Channel
 from bracket_cell.remote.child import Child
-from bracket_cell.skills.drivers.rtde_receiver import Sample
-from bracket_cell.skills.drivers.ur import Stream, nearest_s
-from bracket_cell.skills.drivers.ur_stream import FromStream, Sent
+from bracket_cell.skills.drivers.samples import Sample
+from bracket_cell.skills.drivers.stream import FromStream, Sent
+from bracket_cell.skills.drivers.streaming import Stream, nearest_s
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.skills.motion.trajectory import joint_move
 
@@ -30,7 +30,7 @@ def told_s(about_s: float, trails_s: float, off_rad: float, seen_s: float | None
     (joints,) = PATH.along(np.array([about_s - trails_s]))
     still = np.zeros(6)
     between_s = about_s - trails_s - 0.04 if seen_s is None else seen_s, about_s
-    return nearest_s(PATH, between_s, about_s, Sample(0.0, joints + off_rad, still, still, 7, 1, 2, 1.0, np.zeros(3)))
+    return nearest_s(PATH, between_s, about_s, Sample(0.0, joints + off_rad, still, still))
 
 
 @pytest.mark.parametrize("trails_s", [0.0, 0.01, 0.04, 0.133, 0.4])

@@ -12,20 +12,19 @@ from contextlib import closing, suppress
 import cv2
 import numpy as np
 
-from bracket_cell.skills.drivers.rtde_receiver import RtdeConnection
+from bracket_cell.skills.drivers.rtde import RtdeConnection
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur_dashboard import Dashboard
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.pose import Array, Pose
-from bracket_ground.interfaces.robot import Calibration, RobotModel
+from bracket_ground.interfaces.robot import WORLD_FROM_BASE, Calibration, RobotModel
 
 POSE_OFF_M, MODEL_OFF_M = 0.0005, 0.010  # our tool against the controller's; beyond the latter it is another model
 TCP_OFF_M, PAYLOAD_OFF_KG = 0.0005, 0.2
 E_SERIES = 5  # major version from which it is one
 RUNNING, NORMAL, REDUCED = 7, 1, 2
-BASE_TO_WORLD = np.diag([-1.0, -1.0, 1.0])  # the controller's base is turned by half a turn about z
 PRIMARY_PORT, ROBOT_STATE, KINEMATICS = 30001, 16, 5  # types of a message, and of a part of it
 ROWS = struct.Struct(">24d")  # theta, a, d and alpha of the six joints
 CHECKSUMS_BYTES, READS_S = 6 * 4, 2.0
@@ -111,6 +110,11 @@ def refuse_another(settings: UrSettings, wanted: Calibration) -> None:
         raise DeviceFault("arm", f"the robot's file has the calibration of another arm: {TEACH}")
 
 
+def world_from_base(robot: RobotModel) -> Array:
+    """(4, 4) of the controller's base, which is turned by half a turn against the URDF, where the arm is mounted."""
+    return WORLD_FROM_BASE if robot.mount is None else robot.mount.pose.matrix @ WORLD_FROM_BASE
+
+
 def _rows(parts: bytes) -> Calibration | None:
     """The calibration among the parts of a robot state."""
     while len(parts) >= 5:
@@ -141,7 +145,7 @@ def _told(host: str) -> tuple[dict[str, Array], tuple[int, ...]]:
         asked = dict(ASKED)
         connection = RtdeConnection(host, tuple(asked), 10.0)
     with closing(connection):
-        values, told = np.array(connection.receive()), dict[str, Array]()
+        values, told = np.array(connection.values()), dict[str, Array]()
         for name, width in asked.items():
             told[name], values = values[:width], values[width:]
         return told, connection.version
@@ -200,9 +204,10 @@ def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) 
     """Our place of the flange against the controller's, which knows the arm's own calibration."""
     tool = forward(told["actual_q"])
     pose = told["actual_TCP_pose"]
-    turned = BASE_TO_WORLD @ _turn(pose[3:])
+    base = world_from_base(robot)
+    turned = base[:3, :3] @ _turn(pose[3:])
     tcp = told.get("tcp_offset", np.array([0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0]))
-    theirs = BASE_TO_WORLD @ pose[:3] - turned @ _turn(tcp[3:]).T @ tcp[:3]
+    theirs = base[:3, :3] @ pose[:3] + base[:3, 3] - turned @ _turn(tcp[3:]).T @ tcp[:3]
     ours = tool.transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
     off_m = float(np.linalg.norm(theirs - ours))
     what = f"arm: our kinematics {1e3 * off_m:.1f} mm off the controller's"
@@ -222,7 +227,8 @@ def _own_calibration(settings: UrSettings, bench: Bench, robot: RobotModel, forw
     off_m = 0.0
     for joints_rad in (bench.arm_park_rad, bench.arm_look_rad):
         ours = forward(np.array(joints_rad)).transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
-        off_m = max(off_m, float(np.linalg.norm(list(own.frames(joints_rad))[-1][:3, 3] - ours)))
+        theirs = world_from_base(robot) @ WORLD_FROM_BASE @ list(own.frames(joints_rad))[-1]
+        off_m = max(off_m, float(np.linalg.norm(theirs[:3, 3] - ours)))
     what = f"arm: its own calibration is up to {1e3 * off_m:.1f} mm off the robot file's"
     other = robot.calibration is not None and not _alike(own, robot.calibration)
     return DeviceCheck(what, f"that file has another arm's: {TEACH}" if other else TEACH if off_m > POSE_OFF_M else "")

@@ -1,12 +1,14 @@
-"""The process that streams set points to a controller by `ur-rtde`, and stands on the path when nobody speaks to it."""
+"""The process that streams set points to a controller, and stands on the path when nobody speaks to it."""
 
 from __future__ import annotations
 
 import os
+import pickle
 import socket
+import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,18 +18,35 @@ from bracket_ground.interfaces.devices import KEEP_ALIVE_S
 from bracket_ground.interfaces.paced_path import PacedPath
 from bracket_ground.interfaces.pose import Array
 
-WATCHDOG_HZ = 10.0  # the controller's program ends where nothing comes for longer than this
 BLEND_S = 0.3  # in which a path is reached that begins beside the set points
-BRAKING_RAD_S2 = 10.0
 HURRY_PERIODS = 2.0  # a cycle that begins later than this is left out, not made up for
 STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
-LEAVE_S = 0.02  # from the last set point to the stop that takes what is left of the motion
+LEAVE_S = 0.02  # from the last set point to the end, which takes what is left of the motion
 LISTENS_S = 0.5
-USED = ("already in use", "in use")
+
+
+class Link(Protocol):
+    """The wire to a controller that takes a set point in each of its periods; whatever it raises, the link is lost."""
+
+    def send(self, joints_rad: Array) -> None:
+        """The set point (n,) of this period."""
+        ...
+
+    def idle(self) -> None:
+        """Called in each period before the first set point: keep the link alive."""
+        ...
+
+    def load(self, mass_kg: float, centre_m: tuple[float, float, float]) -> None:
+        """This hangs on the flange from now on."""
+        ...
+
+    def close(self) -> None:
+        """The arm stands: end the controller's program, and hang up."""
+        ...
 
 
 class Start(Message, frozen=True):
-    """Stream from where the arm is, (6,); so soon (6,) may its joints be fast, and so they brake."""
+    """Stream from where the arm is, (n,); so soon (n,) may its joints be fast, and so they brake."""
 
     at_rad: Array
     acceleration_rad_s2: Array
@@ -91,77 +110,49 @@ ToStream = Start | Begin | Share | Stop | Payload | Leave
 FromStream = Ready | Lost | Sent
 
 
-def serve(
-    host: str,
-    rate_hz: float,
-    slower: float,
-    lookahead_s: float,
-    gain: float,
-    upper: bool,
-    tcp: tuple[float, ...],
-    payload: Payload,
-    connection: socket.socket,
-) -> None:
+def serve(link: bytes, folder: str, period_s: float, slower: float, connection: socket.socket) -> None:
     """The process: connect, stream until told to leave or nobody is there, and let the arm rest on its path.
 
     Args:
-        upper: use registers 24 to 47, as somebody else owns the lower ones.
+        link: what makes a `Link`, pickled by the driver that began this process.
+        folder: where its module is looked for first; empty for that of a package.
     """
+    sys.path[:0] = [folder] * bool(folder)
     channel: Channel[Any] = Channel(connection, ToStream)
-    with Path(os.devnull).open("w") as nobody:  # what the client tells the terminal, `Lost` says
+    with Path(os.devnull).open("w") as nobody:  # what a maker's client tells the terminal, `Lost` says
         os.dup2(nobody.fileno(), 1)
         os.dup2(nobody.fileno(), 2)
     try:
-        control = _connected(host, rate_hz, upper)
-        control.setTcp(list(tcp))
-        control.setPayload(payload.mass_kg, list(payload.centre_m))
-        control.setWatchdog(WATCHDOG_HZ)
-    except RuntimeError as error:
-        channel.send(Lost(str(error)), LISTENS_S)
+        wire: Link = pickle.loads(link)()
+    except Exception as error:  # a maker's client may raise anything, here and below: the outermost loop
+        channel.send(Lost(_words(error)), LISTENS_S)
         return
-    stream = _Stream(control, channel, 1 / rate_hz, slower, lookahead_s, gain)
+    stream = _Stream(wire, channel, period_s, slower)
     try:
         stream.run()
-        control.servoStop(BRAKING_RAD_S2)
-        control.stopScript()
-        control.disconnect()
-    except RuntimeError as error:  # the link is gone, and with it the program: the controller's watchdog stops the arm
-        stream.say(Lost(f"the controller takes no set points: {error}"))
+        wire.close()
+    except Exception as error:  # the controller's own watchdog stops the arm
+        stream.say(Lost(f"the controller takes no set points: {_words(error)}"))
 
 
-def _connected(host: str, rate_hz: float, upper: bool) -> Any:
-    """The genuine client.
-
-    Raises:
-        RuntimeError: as it raised it.
-    """
-    from rtde_control import RTDEControlInterface as Control
-
-    flags = Control.FLAG_UPLOAD_SCRIPT | (Control.FLAG_UPPER_RANGE_REGISTERS if upper else 0)
-    return Control(host, rate_hz, flags)
+def _words(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 class _Stream:
     """One set point a cycle; a path goes on only while somebody says so."""
 
-    def __init__(
-        self, control: Any, channel: Channel[Any], period_s: float, slower: float, lookahead_s: float, gain: float
-    ) -> None:
-        self._control, self._channel, self._period_s, self._slower = control, channel, period_s, slower
-        self._servo = (0.0, 0.0, period_s, lookahead_s, gain)
+    def __init__(self, link: Link, channel: Channel[Any], period_s: float, slower: float) -> None:
+        self._link, self._channel, self._period_s, self._slower = link, channel, period_s, slower
         self._path: PacedPath | None = None
-        self._target: Array = np.zeros(6)
-        self._beside: Array = np.zeros(6)  # from the path to the set point, as the path began
+        self._target: Array = np.zeros(0)
+        self._beside: Array = np.zeros(0)  # from the path to the set point, as the path began
         self._blended, self._paths = 1.0, 0
         self._share, self._heard_s = 0.0, -1.0
         self._leaving, self._untold = False, 0
 
     def run(self) -> None:
-        """Until it is to leave and the arm stands.
-
-        Raises:
-            RuntimeError: the controller is lost.
-        """
+        """Until it is to leave and the arm stands; raises what the link raised."""
         if not self.say(Ready()):
             return
         due_s, rest_s = time.monotonic(), 0.0
@@ -169,14 +160,11 @@ class _Stream:
             self._hear()
             if self._path is not None:
                 self._advance(self._path)
-                if not self._control.servoJ(self._target.tolist(), *self._servo):
-                    raise RuntimeError("its program does not run any more")
+                self._link.send(self._target)
             elif self._leaving:
                 return
             else:
-                self._control.kickWatchdog()
-            if not self._control.isConnected():  # else the client goes on to say that it sends
-                raise RuntimeError("it hung up")
+                self._link.idle()
             standing = self._path is None or not self._path.moving
             rest_s = rest_s + self._period_s if self._leaving and standing else 0.0
             due_s = self._slept(due_s)
@@ -212,6 +200,7 @@ class _Stream:
         match message:
             case Start(at_rad, acceleration_rad_s2):
                 self._path, self._target = PacedPath(at_rad, self._period_s, acceleration_rad_s2), at_rad
+                self._beside = np.zeros_like(at_rad)
             case Begin(trajectory, from_s) if self._path is not None:
                 self._path.follow(trajectory, self._share, from_s)
                 self._beside, self._blended = self._target - self._path.at_rad, 0.0
@@ -222,7 +211,7 @@ class _Stream:
             case Stop() if self._path is not None:
                 self._path.stop()
             case Payload(mass_kg, centre_m):
-                self._control.setPayload(mass_kg, list(centre_m))
+                self._link.load(mass_kg, centre_m)
             case Leave():
                 self._leave()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +21,7 @@ from bracket_cell.commands.options import (
     told_in,
     writable,
 )
-from bracket_cell.commands.terminal import console, print_json, table
+from bracket_cell.commands.terminal import console, print_json, table, wait_for_enter
 from bracket_cell.configuration import CALIBRATION, Configuration, load_configuration, load_product, located, simulated
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.runs.calibrating import Calibrated, stamped_delays_s
@@ -137,7 +136,7 @@ def teach(
     with located(config, configuration), joints_by_hand(configuration, product) as joints_now:
         joints = []
         for prompt in teaching.prompts:
-            _wait_for_enter(prompt)
+            wait_for_enter(prompt)
             joints.append(np.array(joints_now()))
     values, told = teaching.values(joints)
     write_values(config, values)
@@ -158,14 +157,14 @@ def move(
     """Move the arm once, to a pose, after Enter. Keep away from it, and a hand at the emergency stop."""
     configuration, product = _read(config)
     if name == JOB:
-        _wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
+        wait_for_enter(f"the arm goes over tray and bracket at a share of {DRY_SHARE:g}; nothing is touched")
         with located(config, configuration), opened(configuration, product, slower=slower) as devices:
             missed = dry_run(configuration, product, devices, lambda text: console().print(text, highlight=False))
         return 1 if missed else 0
     goal_of(name, configuration.bench)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with located(config, configuration), opened(configuration, product, slower=slower) as devices:
-        _wait_for_enter(f"to {name}: {way_to(name, devices, configuration.bench, motion)}; at a share of {share:g}")
+        wait_for_enter(f"to {name}: {way_to(name, devices, configuration.bench, motion)}; at a share of {share:g}")
         move_to(devices, motion, goal_of(name, configuration.bench), share)
     console().print(f"the arm stands at {name}", highlight=False)
     return 0
@@ -202,7 +201,7 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
     with located(config, configuration), opened_alone(configuration, product, GRIPPER) as (gripper, clock):
         if not hasattr(gripper, "ends"):
             raise InputError("this gripper's driver measures no ends; nothing has to be taught")
-        _wait_for_enter("take everything out of the fingers: they open and close")
+        wait_for_enter("take everything out of the fingers: they open and close")
         gripper.activate()
         until_s = clock.now_s() + ACTIVATION_S
         while not gripper.measured:
@@ -240,10 +239,3 @@ def _teach_robot(configuration: Configuration, config: Path) -> int:
     off_mm = 1e3 * float(np.linalg.norm(after - before))
     console().print(f"{path}: the tool is {off_mm:.1f} mm elsewhere in the pose look; calibrate the cameras again")
     return 0
-
-
-def _wait_for_enter(prompt: str) -> None:
-    """Wait for Enter; raises InputError where nobody can press it."""
-    console().print(f"{prompt}, then press Enter", highlight=False)
-    if not sys.stdin.readline():
-        raise InputError("nobody pressed Enter: this command asks at the terminal; nothing was changed")

@@ -18,8 +18,8 @@ from typing import Annotated
 import can
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
-from bracket_cell.commands.terminal import print_json
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
+from bracket_cell.commands.terminal import print_json, wait_for_enter
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located
 from bracket_cell.kinds import made
 from bracket_cell.learned.semantic.goals import OpenGoals
@@ -64,17 +64,39 @@ def doctor(
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
     limits: Annotated[bool, typer.Option("--limits", help="Print the numbers in code that guard people.")] = False,
+    contract: Annotated[
+        str | None, typer.Option("--contract", metavar="KIND", help="Try what every arm, gripper, camera must do.")
+    ] = None,
+    slower: SlowerOption = 1.0,
 ) -> int:
-    """Say what is missing on this machine and how to get it; status 1 if the cell cannot run."""
+    """Say what is missing on this machine and how to get it; status 1 if the cell cannot run.
+
+    With --contract a device of the configuration, by its kind or role, is tried alone: it moves.
+    """
     if limits:
         return _print_limits(as_json)
-    findings = examine(config)
+    findings = examine(config, slower) if contract is None else _contracted(config, contract, slower)
     healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:
         print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
     else:
         sys.stdout.writelines(f"{finding}\n" for finding in findings)
     return 0 if healthy else 1
+
+
+def _contracted(path: Path, kind: str, slower: float) -> list[Finding]:
+    """The contract suite on one device."""
+    from bracket_cell.wiring.contracted import MOVES, contracted, role_of
+
+    configuration = load_configuration(path)
+    product = load_product(configuration, path)
+    with located(path, configuration):
+        role = role_of(configuration, kind)
+        driver = find_drivers(configuration).get(role)
+        if role in MOVES and driver is not None and driver.on_the_wall:
+            wait_for_enter(MOVES[role])
+        found = contracted(configuration, product, role, slower)
+        return [Finding(one.what, not one.remedy, one.remedy) for one in found]
 
 
 def _print_limits(as_json: bool) -> int:
@@ -87,7 +109,7 @@ def _print_limits(as_json: bool) -> int:
     return 0
 
 
-def examine(path: Path) -> list[Finding]:
+def examine(path: Path, slower: float = 1.0) -> list[Finding]:
     """Look at everything that `cell run` needs with this configuration; what matters first comes first."""
     rendering = _rendering()
     rest = [_training(), _font(), _python(), _packages()]
@@ -100,7 +122,7 @@ def examine(path: Path) -> list[Finding]:
     rendering = replace(rendering, needed=bool(configuration.devices.simulated))
     machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
     there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
-    devices = [*_devices(configuration, product), *_examined(configuration, product)] if there else []
+    devices = [*_devices(configuration, product), *_examined(configuration, product, slower)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), _arm(configuration), *_bench(configuration, product, path)]
     return [
@@ -170,12 +192,12 @@ def _drivers(configuration: Configuration, path: Path) -> Finding:
     return Finding(f"drivers: {', '.join(own) or 'the simulator alone'}", True)
 
 
-def _examined(configuration: Configuration, product: Product) -> Iterator[Finding]:
+def _examined(configuration: Configuration, product: Product, slower: float) -> Iterator[Finding]:
     """The real devices, each opened and looked at; nothing moves."""
     if drivers := find_drivers(configuration):
         from bracket_cell.skills.motion.kinematics import Kinematics
 
-        for one in examined(configuration, drivers, product, Kinematics(configuration.motion).forward):
+        for one in examined(configuration, drivers, product, Kinematics(configuration.motion).forward, slower):
             yield Finding(one.what, not one.remedy, one.remedy)
 
 

@@ -32,6 +32,13 @@ def console() -> Console:
     return Console(stderr=True, soft_wrap=True, emoji=False, markup=False)
 
 
+def wait_for_enter(prompt: str) -> None:
+    """Wait for Enter; raises InputError where nobody can press it."""
+    console().print(f"{prompt}, then press Enter", highlight=False)
+    if not sys.stdin.readline():
+        raise InputError("nobody pressed Enter: this command asks at the terminal; nothing was changed")
+
+
 def table(title: str, values: Mapping[str, object]) -> Any:
     """Names and values, a row each."""
     from rich.table import Table

@@ -149,15 +149,20 @@ def _our_driver(role: str, device: Any) -> type:
 
 
 def examined(
-    configuration: Configuration, drivers: Drivers, product: Product, forward: Callable[[Any], Any]
+    configuration: Configuration,
+    drivers: Drivers,
+    product: Product,
+    forward: Callable[[Any], Any],
+    slower: float = 1.0,
 ) -> Iterator[DeviceCheck]:
     """What a look at each real device shows; nothing moves. Devices of one's own have a static function `examine`.
 
     Args:
         forward: world_from_tool of joints (n,).
+        slower: how many times slower than the wall's the devices' time goes, as their twin's does.
     """
     offered = {
-        "clock": WallClock(), "bench": configuration.bench, "product": product, "robot": configuration.robot,
+        "clock": WallClock(slower), "bench": configuration.bench, "product": product, "robot": configuration.robot,
         "forward": forward,
     }  # fmt: skip
     for role, driver in drivers.items():
@@ -174,7 +179,9 @@ def examined(
 
 
 @contextmanager
-def opened_alone(configuration: Configuration, product: Product, role: str) -> Iterator[tuple[Any, WallClock]]:
+def opened_alone(
+    configuration: Configuration, product: Product, role: str, slower: float = 1.0
+) -> Iterator[tuple[Any, WallClock]]:
     """One real device without the others, and its clock.
 
     Raises:
@@ -183,7 +190,7 @@ def opened_alone(configuration: Configuration, product: Product, role: str) -> I
     driver = find_drivers(configuration).get(role)
     if driver is None:
         raise SettingError((_kind(role), f"the {role} is simulated: there is nothing that a person could lead or try"))
-    clock = WallClock()
+    clock = WallClock(slower)
     offered = {"clock": clock, "bench": configuration.bench, "product": product, "robot": configuration.robot}
     device = driver.opened(settings=driver.settings, role=role, simulated=None, **offered)
     try:

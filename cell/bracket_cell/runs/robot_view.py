@@ -13,6 +13,7 @@ import pinocchio
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.skills.motion.collision import CollisionChecker
+from bracket_cell.skills.motion.outline import Shape
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.files import read_text
@@ -128,7 +129,7 @@ class _Posed:
         data = self._model.createData()
         pinocchio.framesForwardKinematics(self._model, data, self._joints_rad)
         faces = [face for shape, place in zip(self._shapes, self._places(data), strict=True)
-                 for face in _faces(shape.box_m, shape.points_m, shape.triangles, place)]  # fmt: skip
+                 for face in _faces(shape, place)]  # fmt: skip
         faces.sort(key=lambda face: float((face @ FROM[2]).mean()))
         return _document([face @ FROM.T for face in faces])
 
@@ -137,10 +138,11 @@ class _Posed:
         return [(data.oMi[item.parentJoint] * item.placement).homogeneous for item in items]
 
 
-def _faces(box_m: tuple[float, float, float] | None, points_m: Array, triangles: Array, place: Array) -> list[Array]:
+def _faces(shape: Shape, place: Array) -> list[Array]:
     """Corners (k, 3) of each face in the world."""
-    if box_m is not None:
-        points_m = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(box_m) / 2
+    points_m, triangles = shape.points_m, shape.triangles
+    if shape.box_m is not None:
+        points_m = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(shape.box_m) / 2
         triangles = SOLID
     placed = points_m @ place[:3, :3].T + place[:3, 3]
     return [placed[face] for face in triangles]

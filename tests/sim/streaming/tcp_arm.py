@@ -19,7 +19,7 @@ ANSWER_S = 2.0
 PERIOD_S = 0.008
 
 
-class Settings(BaseModel):
+class TcpSettings(BaseModel):
     """What stands next to `kind`."""
 
     host: str = "127.0.0.1"
@@ -30,7 +30,7 @@ class Settings(BaseModel):
 class Line:
     """A connection for one purpose: tell, move or reset."""
 
-    def __init__(self, settings: Settings, purpose: str, limit_s: float) -> None:
+    def __init__(self, settings: TcpSettings, purpose: str, limit_s: float) -> None:
         self.socket = socket.create_connection((settings.host, settings.port), limit_s)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self.socket.makefile("rb")
@@ -64,8 +64,8 @@ class Samples(Line):
     def receive(self) -> Sample:
         """The next sample."""
         told = self.hear()
-        joints = (np.array(told[name]) for name in ("at", "speed", "moment"))
-        return Sample(told["time"], *joints, mode=told["mode"], reason=told["why"], takes=told["moves"])
+        at, speed, moment = (np.array(told[name]) for name in ("at", "speed", "moment"))
+        return Sample(told["time"], at, speed, moment, told["mode"], told["why"], told["moves"])
 
 
 class Points(Line):
@@ -86,10 +86,10 @@ class Points(Line):
 class TcpArm(StreamingArm):
     """Implements `Arm`."""
 
-    Settings = Settings
+    Settings = TcpSettings
     twin = "tcp_server:TcpController"  # what `cell twin` serves in the arm's place
 
-    def __init__(self, settings: Settings, clock: Clock, robot: RobotModel) -> None:
+    def __init__(self, settings: TcpSettings, clock: Clock, robot: RobotModel) -> None:
         self._settings = settings
         super().__init__(clock, robot, f"{settings.host}:{settings.port}", settings.lag_s)
 

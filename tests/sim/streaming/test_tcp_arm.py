@@ -12,7 +12,7 @@ from bracket_cell.configuration import load_configuration
 from bracket_ground.contracts.arm import CHECKS, Bench
 from bracket_ground.interfaces.clock import WallClock
 from tests.sim.streaming import tcp_arm
-from tests.sim.streaming.tcp_arm import Settings, TcpArm
+from tests.sim.streaming.tcp_arm import TcpArm, TcpSettings
 from tests.sim.streaming.tcp_server import TcpController
 from tests.sim.twin.rig import light_cell, slower_now
 
@@ -35,8 +35,12 @@ def served() -> Iterator[tuple[int, float, TcpController]]:
 def bench(served: tuple[int, float, TcpController]) -> Iterator[Bench]:
     port, slower, controller = served
     clock = WallClock(slower)
-    arm = TcpArm(Settings(port=port), clock, load_configuration().robot)
-    yield Bench(arm, clock, lambda: controller.cell.fault("protective_stop"))
+    arm = TcpArm(TcpSettings(port=port), clock, load_configuration().robot)
+
+    def stop() -> None:
+        controller.cell.fault("protective_stop")
+
+    yield Bench(arm, clock, stop)
     arm.close()
     arm.close()
     controller.cell.fault("mended")
@@ -68,4 +72,4 @@ def test_a_link_that_is_cut_is_a_stop_that_is_acknowledged(
 
 def test_nobody_there_is_said_in_words() -> None:
     with pytest.raises(DeviceFault, match=r"no controller answers at 127\.0\.0\.1:1: "):
-        TcpArm(Settings(port=1), WallClock(), load_configuration().robot)
+        TcpArm(TcpSettings(port=1), WallClock(), load_configuration().robot)

@@ -67,7 +67,8 @@ class UrSamples(RtdeConnection):
         elif robot != RUNNING:
             mode, reason = "not_controlled", POWER.get(robot, f"its robot mode is {robot}")
         force_n = self._turn @ np.array(values[24:27])
-        return Sample(values[0], *joints, mode, reason, runtime == PLAYING, scaling * fraction, force_n)
+        at, speed, moment = joints
+        return Sample(values[0], at, speed, moment, mode, reason, runtime == PLAYING, scaling * fraction, force_n)
 
 
 class UrLink:

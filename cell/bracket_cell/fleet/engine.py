@@ -16,7 +16,7 @@ import time
 from asyncio import CancelledError
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -33,9 +33,10 @@ COLD_S = 90.0  # how long a cluster may be without a worker that can do the work
 REFUSED_S = 10.0  # ... where none ever could, and all that are there were refused: others may be about to come
 CONNECT_S = 15.0
 AWAY_S = 90.0  # in which a scheduler must be back
+GOES = 5  # times that it may go with nothing done in between
 TROUBLES = 2  # after which a worker is left out, and a run goes nowhere else
 FROZEN = "60s"  # a worker of this machine that says nothing for so long is begun anew
-ANSWER_S = 20.0  # in which a worker hands over an answer that it has
+ANSWER_S = 20.0  # in which a worker hands over an answer that it has, and a scheduler names its workers
 POLL_S = 2.0  # how often workers are looked for that came, and runs whose workers are gone
 # Asked of every worker before its first run; sent as source, as a worker may lack the package.
 FACTS = """
@@ -74,7 +75,7 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
                 raise InputError(
                     f"--scheduler {address}: no Dask scheduler answers, like tcp://HOST:8786: {why}"
                 ) from None
-            with client:
+            with _closed(client):
                 yield client
             return
         with (
@@ -114,21 +115,33 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
     Raises:
         InputError: the scheduler did not come back.
     """
+    for (task,), answer, error in _surviving(client, work, ((task,) for task in tasks), in_order=False):
+        yield _row(task, answer, error)
+
+
+def _surviving(
+    client: Any, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], *, in_order: bool
+) -> Iterator[tuple[tuple[Any, ...], Any, BaseException | None]]:
+    """As `_done`, also where the scheduler goes or freezes, and is back in time.
+
+    Raises:
+        InputError: it did not come back.
+    """
     distributed = needed("distributed", "cell lab sweep")
     gone = (distributed.client.FuturesCancelledError, CancelledError, OSError)
-    address, waiting, done = client.scheduler.address, _Once(tasks), set[str]()
-    while True:
-        try:
-            for (task,), answer, error in _done(client, work, ((task,) for task in waiting), in_order=False):
-                row = _row(task, answer, error)
-                done.add(task.key)
-                yield row
-            return
-        except gone as error:
-            if client.status == "running":
-                raise
-            client = _again(address, error, len(done))
-            waiting.again(done)
+    address, waiting, in_vain = client.scheduler.address, _Once(arguments), 0
+    with ExitStack() as opened:
+        while True:
+            try:
+                for one, answer, error in _done(client, work, waiting, in_order=in_order):
+                    waiting.done(one)
+                    in_vain = 0
+                    yield one, answer, error
+                return
+            except gone as error:
+                in_vain += 1
+                client = opened.enter_context(_closed(_again(address, error, waiting.count, in_vain)))
+                waiting.again()
 
 
 def _row(task: Task, answer: Row | Trouble | None, error: BaseException | None) -> Row:
@@ -140,38 +153,51 @@ def _row(task: Task, answer: Row | Trouble | None, error: BaseException | None) 
 
 
 class _Once:
-    """Tasks that are taken one by one, and those that must be taken again first."""
+    """Arguments that are taken one by one, and those that must be taken again first.
 
-    def __init__(self, tasks: Iterable[Task]) -> None:
-        self._tasks, self._taken, self._first = iter(tasks), dict[str, Task](), list[Task]()
+    Attributes:
+        count: how many are done.
+    """
 
-    def again(self, done: set[str]) -> None:
+    def __init__(self, arguments: Iterable[tuple[Any, ...]]) -> None:
+        self._arguments, self._taken, self._first = iter(arguments), dict[int, tuple[Any, ...]](), list[Any]()
+        self.count = 0
+
+    def done(self, one: tuple[Any, ...]) -> None:
+        """It need not be taken again."""
+        del self._taken[id(one)]
+        self.count += 1
+
+    def again(self) -> None:
         """Those that were taken and are not done come first."""
-        self._taken = {key: task for key, task in self._taken.items() if key not in done}
         self._first = list(self._taken.values())
 
-    def __iter__(self) -> Iterator[Task]:
+    def __iter__(self) -> Iterator[tuple[Any, ...]]:
         while self._first:
             yield self._first.pop(0)
-        for task in self._tasks:
-            self._taken[task.key] = task
-            yield task
+        for one in self._arguments:
+            self._taken[id(one)] = one
+            yield one
 
 
-def _again(address: str, error: BaseException, done: int) -> Any:
+def _again(address: str, error: BaseException, done: int, in_vain: int) -> Any:
     """A client of a scheduler that is back.
 
+    Args:
+        in_vain: how often it was gone since something was done last.
+
     Raises:
-        InputError: it did not come back in time.
+        InputError: it did not come back in time, or comes and goes.
     """
     distributed = needed("distributed", "cell lab sweep")
     sys.stderr.write(f"cell: the scheduler {address} is gone ({type(error).__name__}); waiting for it\n")
     until_s = time.monotonic() + AWAY_S
-    while time.monotonic() < until_s:
+    while time.monotonic() < until_s and in_vain <= GOES:
         with suppress(OSError, TimeoutError, ValueError):
             return distributed.Client(address, timeout=POLL_S)
         time.sleep(POLL_S)
-    what = f"--scheduler {address}: gone for {AWAY_S:g} s; {done} runs of this call are done and written"
+    how = f"gone for {AWAY_S:g} s" if in_vain <= GOES else f"gone {in_vain} times with nothing done in between"
+    what = f"--scheduler {address}: {how}; {done} runs of this call are done"
     raise InputError(f"{what}; the same command goes on with the rest")
 
 
@@ -207,13 +233,14 @@ def mapped(
 
     Raises:
         CellError: as the function raises it, or a call brought down every process that tried it.
+        InputError: the scheduler went and did not come back.
     """
     if workers == 1 and address is None:
         yield from (work(*one) for one in arguments)
         return
     with cluster(workers, address) as client:
         packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a child takes no function inside of another
-        for _, answer, error in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
+        for _, answer, error in _surviving(client, partial(in_child, unpacked, packed), arguments, in_order=True):
             if error is None:
                 if isinstance(answer, Trouble):
                     raise CellError(f"several workers had trouble, the last one: {answer.words}")
@@ -310,7 +337,8 @@ class _Crew:
         """
         ever = bool(self.agreeing)
         while True:
-            there = self._client.scheduler_info(n_workers=-1)["workers"]
+            asking = self._client.scheduler.identity  # `scheduler_info` would wait for a frozen one without end
+            there = self._client.sync(asking, n_workers=-1, callback_timeout=ANSWER_S)["workers"]
             for address in self._asked.keys() - there.keys():
                 del self._asked[address]
             for address in sorted(self.agreeing - there.keys()):

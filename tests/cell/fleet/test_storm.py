@@ -42,10 +42,12 @@ class Cluster:
         self._paths = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
         self.scheduler = self.begin("scheduler", ["scheduler", "--port", str(self.port)])
         time.sleep(2)
-        self.workers = [
-            self.begin(name, ["worker", self.address, "--nthreads", "1", "--name", name], "/dev/full" * (name == "2"))
-            for name in "1234"
-        ]
+        self.workers = [self.begin_worker(name) for name in "1234"]
+
+    def begin_worker(self, name: str) -> subprocess.Popen[bytes]:
+        """One that joins the scheduler."""
+        disk = "/dev/full" * (name == "2")
+        return self.begin(name, ["worker", self.address, "--nthreads", "1", "--name", name], disk)
 
     def begin(self, name: str, arguments: list[str], disk: str = "") -> subprocess.Popen[bytes]:
         usual = ["--dashboard-address", "127.0.0.1:0", "--host", "127.0.0.1"]
@@ -68,7 +70,12 @@ class Cluster:
         again.start()
 
     def _back(self) -> None:
+        """As a service manager does it: workers end with their scheduler, and are begun again, too."""
         self.scheduler = self.begin("scheduler", ["scheduler", "--port", str(self.port)])
+        self.workers = [
+            old if old.poll() is None else self.begin_worker(name)
+            for name, old in zip("1234", self.workers, strict=True)
+        ]
 
     def end(self) -> None:
         for process in (*self.workers, self.scheduler):

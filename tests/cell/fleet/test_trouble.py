@@ -14,7 +14,7 @@ from typing import Any
 import psutil
 import pytest
 
-from bracket_cell.fleet import store
+from bracket_cell.fleet import engine, store
 from bracket_cell.fleet.engine import cluster, results
 from bracket_cell.fleet.store import results_folder
 from bracket_ground.errors import InputError
@@ -135,6 +135,24 @@ def test_a_scheduler_that_is_killed_and_comes_back_loses_no_run(
                 processes[:] = [again(process) for process in processes]
     assert Counter(row["seed"] for row in rows) == Counter(range(30))
     assert {row["end"] for row in rows} == {"finished"}
+    told = capfd.readouterr().err
+    assert f"the scheduler {address} is gone" in told
+    assert "Traceback" not in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_scheduler_that_freezes_or_goes_ends_the_calls_in_words(
+    sign: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(engine, "AWAY_S", 5.0)
+    monkeypatch.setattr(engine, "ANSWER_S", 5.0)
+    with started(tmp_path) as (address, processes):
+        answers = engine.mapped(working.squared, ((number, "") for number in range(10_000)), address=address)
+        assert [next(answers), next(answers)] == [0, 1]
+        processes[0].send_signal(sign)
+        with pytest.raises(InputError, match=r"gone for 5 s; \d+ runs of this call are done"):
+            list(answers)
     told = capfd.readouterr().err
     assert f"the scheduler {address} is gone" in told
     assert "Traceback" not in told

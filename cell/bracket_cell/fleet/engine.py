@@ -353,7 +353,8 @@ class _Crew:
                 return
             refused = not ever and bool(self._refused) and there.keys() <= self._refused.keys()
             if time.monotonic() - self._since_s > (REFUSED_S if refused else COLD_S):
-                raise InputError("; ".join(self._refused.values()) or f"no worker came within {COLD_S:g} s")
+                none = f"no worker came within {COLD_S:g} s"
+                raise InputError("; ".join([*([] if refused else [none]), *self._refused.values()]))
             time.sleep(POLL_S / 10)
 
     def _ask(self, address: str, name: str) -> None:

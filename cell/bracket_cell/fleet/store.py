@@ -67,19 +67,22 @@ def results_folder(place: str, names: tuple[str, ...]) -> Iterator[tuple[Path, C
     if not is_address(place):
         yield Path(place), lambda: None
         return
-    folder = Path(tempfile.mkdtemp(prefix="cell-results-"))
+    folder, kept = Path(tempfile.mkdtemp(prefix="cell-results-")), False
     try:
         store = _Growing(place, folder, names)
         try:
             yield folder, store.more
         finally:
+            kept = any(map(Path.exists, map(folder.joinpath, names)))
             store.end()
+            kept = False
     except InputError as error:
-        if any(map(Path.exists, map(folder.joinpath, names))):
+        if kept:
             raise InputError(f"{error}; the results are in {folder}") from None
-        shutil.rmtree(folder)
         raise
-    shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        if not kept:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class _Growing:

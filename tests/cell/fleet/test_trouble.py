@@ -118,6 +118,18 @@ def test_results_stay_here_where_the_store_stays_away(flaky: list[str], monkeypa
     assert (kept / "runs.jsonl").read_text() == '{"key": 1}\n'
 
 
+def test_results_are_at_the_store_where_the_runs_end_in_words(flaky: list[str]) -> None:
+    place = "memory://results/ended"
+    opened = results_folder(place, NAMES)
+    folder, _ = opened.__enter__()
+    (folder / "runs.jsonl").write_text('{"key": 1}\n')
+    assert not opened.__exit__(InputError, InputError("no worker came"), None)
+    assert not folder.exists()
+    assert not flaky
+    with results_folder(place, NAMES) as (again, _):
+        assert (again / "runs.jsonl").read_text() == '{"key": 1}\n'
+
+
 @pytest.mark.slow
 def test_a_scheduler_that_is_killed_and_comes_back_loses_no_run(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]

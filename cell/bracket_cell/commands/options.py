@@ -16,11 +16,10 @@ import typer
 
 from bracket_ground.errors import InputError, Problem
 from bracket_ground.files.files import shipped, user_or_packaged
-from bracket_ground.files.yaml_file import place_of
 
 if TYPE_CHECKING:
     from btxml.engine.tree import Tree
-from btxml.files.compile.registry import Registry
+    from btxml.files.compile.registry import Registry
 
 CONFIGURATION = user_or_packaged("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
@@ -249,6 +248,7 @@ def bench_of(config: Path, trees: Iterable[Tree]) -> tuple[list[Problem], list[P
     from bracket_cell.configuration import load_configuration, load_product
     from bracket_cell.skills.motion.planner import MotionPlanner
     from bracket_cell.wiring.bench_checks import bench_problems, never_reached
+    from bracket_ground.files.yaml_file import place_of
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)

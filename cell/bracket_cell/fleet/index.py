@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-
 from bracket_cell.fleet.intervals import mean, wilson
-from bracket_cell.fleet.table import COLUMNS, order_id, read_table, write_table
-from bracket_cell.log.read.reader import files_of, json_of, read_log
-from bracket_cell.log.read.walk import PROFILE
+from bracket_cell.fleet.table import COLUMNS, read_table, write_table
 from bracket_cell.packages import needed
-from bracket_cell.recording.parts import part_number, whole_path
+from bracket_cell.recording.parts import PART, whole_path
 from bracket_ground.errors import InputError, LogError
 
 Row = Mapping[str, Any]
@@ -98,17 +92,21 @@ def refresh(folder: Path) -> list[str]:
     table, problems, new = rows_of(folder) / TABLE, [], dict[str, Row]()
     seen_ns = _seen_ns(table)
     logs = _logs(folder)
-    for log, changed_ns in logs.items():
-        if seen_ns.get(str(log), -1) < changed_ns - KEPT_NS:
-            try:
-                new[str(log)] = {**run_row(log), SEEN: changed_ns}
-            except LogError as error:
-                problems.append(str(error))
+    grown = {log: ns for log, ns in logs.items() if seen_ns.get(log, -1) < ns - KEPT_NS}
+    if not grown:
+        return []
+    from bracket_cell.fleet.run_row import run_row  # who only asks need not load what reads logs
+
+    for log, changed_ns in grown.items():
+        try:
+            new[log] = {**run_row(Path(log)), SEEN: changed_ns}
+        except LogError as error:
+            problems.append(str(error))
     if new:
         known = read_table(table) if seen_ns else []
         write_table([*(row for row in known if row["log"] not in new), *new.values()], table)
         for log in logs:  # of a release that wrote a file for each log
-            (table.parent / f"{whole_path(log).stem}.parquet").unlink(missing_ok=True)
+            (table.parent / f"{whole_path(Path(log)).stem}.parquet").unlink(missing_ok=True)
     return problems
 
 
@@ -166,14 +164,14 @@ def listing(where: str | None, columns: str = LISTED) -> str:
     return f"select {columns} from runs {f'where {where}' if where else ''} order by started_utc desc"
 
 
-def _logs(folder: Path) -> dict[Path, int]:
+def _logs(folder: Path) -> dict[str, int]:
     """Whole logs, and the first part that is there of each rotated one, with when any part was changed last [ns]."""
-    found: dict[Path, tuple[Path, int]] = {}
+    found: dict[str, tuple[str, int]] = {}
     with os.scandir(folder) as entries:
         ours = (one for one in entries if one.name.endswith(".mcap") and not one.name.endswith(".recovered.mcap"))
         files = sorted((one.path, one.stat().st_mtime_ns) for one in ours)
-    for path, changed_ns in ((Path(name), changed_ns) for name, changed_ns in files):
-        whole = whole_path(path) if part_number(path) is not None else path
+    for path, changed_ns in files:  # as texts: there may be many thousand
+        whole = PART.sub(".mcap", path)
         first, before_ns = found.get(whole, (path, 0))
         found[whole] = first, max(before_ns, changed_ns)
     return dict(found.values())
@@ -181,76 +179,3 @@ def _logs(folder: Path) -> dict[Path, int]:
 
 def _quoted(path: Path) -> str:
     return str(path).replace("'", "''")
-
-
-def run_row(path: Path) -> Row:
-    """One row about the run: who, when, with what, and the result.
-
-    A log without an index, as of a killed process, is read whole.
-
-    Args:
-        path: the log, or its first part.
-
-    Raises:
-        LogError: it is not a log of this program, or cannot be read.
-    """
-    files = files_of(path)
-    try:
-        said = [_metadata(file) for file in dict.fromkeys((files[0], files[-1]))]
-    except (McapError, struct.error, ValueError, OSError, _NoIndexError):
-        log = read_log(path)
-        return _row(files, dict(log.metadata), dict(log.outcome), dict(log.result), log.unfinished)
-    first, last = said[0], said[-1]
-    missing = "" if "outcome" in last else "the run's end is not in it"
-    return _row(files, first.get("run", {}), last.get("outcome", {}), last.get("result", {}), missing)
-
-
-class _NoIndexError(Exception):
-    """The file ends before its index."""
-
-
-def _metadata(path: Path) -> dict[str, dict[str, str]]:
-    with path.open("rb") as stream:
-        reader = SeekingReader(stream)
-        if reader.get_summary() is None:
-            raise _NoIndexError
-        if reader.get_header().profile != PROFILE:
-            raise LogError(path, f"is not a log of this program: its profile is {reader.get_header().profile!r}")
-        return {record.name: record.metadata for record in reader.iter_metadata()}
-
-
-def _row(
-    files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
-) -> Row:
-    told = {name: json_of(files[0], result, name, lambda value: value) for name in result}
-    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(one) for one in rows])}
-    why = json_of(files[0], outcome, "why", dict) or {}
-    ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
-    row: Row = {
-        "run_id": run.get("run_id", ""),
-        "log": str(files[0]),
-        "bytes": sum(file.stat().st_size for file in files),
-        "parts": len(files),
-        "unfinished": unfinished,
-        **{name.replace(".", "_"): value for name, value in run.items() if name != "run_id"},
-        "goal_asked": run.get("goal", ""),
-        **ended,
-        **told,
-        "seed": _number(run.get("seed", "")),
-        "order_id": order_id(told),
-        "cause": outcome.get("cause", ""),
-        "otherwise": why.get("otherwise", ""),
-        "limits": run.get("safety.sha256", ""),
-        "failed_leaf": why.get("node", "") if outcome.get("end") == "failed" else "",
-    }
-    return row
-
-
-def _number(text: str) -> int | float | str:
-    """A number where the text is one."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text

@@ -14,6 +14,7 @@ from bracket_ground.files.files import whole_or_none
 
 Row = Mapping[str, Any]
 BATCH = 5000  # rows in memory
+PLAIN = frozenset({bool, int, float, str, type(None)})
 ARROW = {bool: "bool_", int: "int64", float: "float64", str: "string"}
 TEXTS = (
     "key run_id log started_utc site bench order_id end reason product goal goal_asked tree configuration person look "
@@ -46,7 +47,7 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
     kinds: dict[str, set[type]] = {name: set() for name in COLUMNS}
     for row in rows:
         for name, value in row.items():
-            kinds.setdefault(name, set()).add(type(_cell(value)))
+            kinds.setdefault(name, set()).add(kind if (kind := type(value)) in PLAIN else str)
     types = {name: COLUMNS.get(name) or _type(found - {type(None)}) for name, found in kinds.items()}
     schema = arrow.schema([(name, getattr(arrow, ARROW[kind])()) for name, kind in types.items()])
     try:
@@ -98,7 +99,9 @@ def as_type(value: object, kind: type) -> object:
 
 
 def _cell(value: object) -> object:
-    return value if value is None or isinstance(value, bool | int | float | str) else json.dumps(value, default=str)
+    return (
+        value if type(value) in PLAIN or isinstance(value, bool | int | float | str) else json.dumps(value, default=str)
+    )
 
 
 def _type(kinds: set[type]) -> type:

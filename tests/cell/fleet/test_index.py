@@ -13,8 +13,9 @@ import pyarrow.parquet
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.fleet.index import FAILURES, ask, refresh, run_row, summaries, summary_lines
+from bracket_cell.fleet.index import FAILURES, ask, refresh, summaries, summary_lines
 from bracket_cell.fleet.night import clip
+from bracket_cell.fleet.run_row import run_row
 from bracket_cell.log.read.reader import Log
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings

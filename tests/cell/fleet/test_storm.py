@@ -12,7 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -28,6 +28,7 @@ from tests.cell.fleet.test_cluster import DASK, task
 
 RUNS = 300
 STORE_AWAY_S, SCHEDULER_AWAY_S = 30.0, 10.0
+ENDS_S = 20.0  # in which a worker ends whose scheduler is gone
 NAMES = ("runs.jsonl",)
 
 
@@ -72,10 +73,10 @@ class Cluster:
     def _back(self) -> None:
         """As a service manager does it: workers end with their scheduler, and are begun again, too."""
         self.scheduler = self.begin("scheduler", ["scheduler", "--port", str(self.port)])
-        self.workers = [
-            old if old.poll() is None else self.begin_worker(name)
-            for name, old in zip("1234", self.workers, strict=True)
-        ]
+        for number, old in enumerate(self.workers):
+            with suppress(subprocess.TimeoutExpired):  # the frozen one
+                old.wait(ENDS_S)
+                self.workers[number] = self.begin_worker(str(number + 1))
 
     def end(self) -> None:
         for process in (*self.workers, self.scheduler):

@@ -6,53 +6,100 @@ Whatever the specification of MCAP allows is read as it is.
 from __future__ import annotations
 
 import io
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap import records
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Footer, MetadataIndex, Statistics, SummaryOffset
-from mcap.stream_reader import StreamReader
 
-from bracket_cell.log.read.records import FOOTER_BYTES, Damage, TooLarge
+from bracket_cell.log.read.records import FOOTER_BYTES, HEAD, MAGIC, Damage, TooLarge, parse
 from bracket_cell.log.read.walk import PROFILE, McapScanner, profile_in
 from bracket_ground.errors import LogError
 
 SALVAGE = "`cell log export --to recovered` brings back what is right in it"
 HEAD_BYTES = 64 * 1024
+FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, starts of summary and of its offsets, checksum, magic
+OFFSET = struct.Struct("<BQQ")  # opcode, start and length of a group of records
+PLACE, LENGTH = struct.Struct("<QQ"), struct.Struct("<I")
+NO_INDEX = (McapError, Damage, struct.error, ValueError, OSError)
 
 
-def statistics(path: Path) -> Statistics | None:
+def statistics(path: Path) -> records.Statistics | None:
     """How many messages a file has, and from when to when; None where it does not say."""
-    return next((one for one in _group(path, Opcode.STATISTICS) if isinstance(one, Statistics)), None)
-
-
-def metadata_names(path: Path) -> set[str]:
-    """Names of the metadata in a file; empty where it does not say."""
-    return {one.name for one in _group(path, Opcode.METADATA_INDEX) if isinstance(one, MetadataIndex)}
-
-
-def _group(path: Path, opcode: int) -> Iterator[Any]:
-    """Records of one kind, found by the offsets at the end of the file."""
     try:
         with path.open("rb") as stream:
-            stream.seek(-FOOTER_BYTES, io.SEEK_END)
-            footer = next(StreamReader(stream, skip_magic=True).records)
-            if not isinstance(footer, Footer) or not footer.summary_offset_start:
-                return
-            stream.seek(footer.summary_offset_start)
-            for offset in StreamReader(stream, skip_magic=True).records:
-                if isinstance(offset, SummaryOffset) and offset.group_opcode == opcode:
-                    stream.seek(offset.group_start)
-                    group = io.BytesIO(stream.read(min(offset.group_length, path.stat().st_size)))
-                    yield from StreamReader(group, skip_magic=True).records
-                    return
-    except (McapError, struct.error, ValueError, OSError, StopIteration):
+            return next(
+                (parse(Opcode.STATISTICS, memoryview(body)) for body in _group(stream, Opcode.STATISTICS)), None
+            )
+    except NO_INDEX:
+        return None
+
+
+def metadata_of(path: Path) -> dict[str, dict[str, str]]:
+    """Metadata by name, found by the index of a file and nothing else of it; empty where it says of none.
+
+    Read by hand: a folder has many thousand files, and nobody waits for each.
+    """
+    found = {}
+    try:
+        with path.open("rb") as stream:
+            for index in _group(stream, Opcode.METADATA_INDEX):
+                at, size = PLACE.unpack_from(index)
+                [body] = _bodies(_read(stream, at, size), Opcode.METADATA)
+                name, rest = _text(body, 0)
+                found[name] = _texts(body, rest)
+    except NO_INDEX:
+        return {}
+    return found
+
+
+def _texts(body: bytes, at: int) -> dict[str, str]:
+    (size,) = LENGTH.unpack_from(body, at)
+    at, end, values = at + LENGTH.size, at + LENGTH.size + size, {}
+    while at < end:
+        name, at = _text(body, at)
+        values[name], at = _text(body, at)
+    return values
+
+
+def _text(body: bytes, at: int) -> tuple[str, int]:
+    (size,) = LENGTH.unpack_from(body, at)
+    end = at + LENGTH.size + size
+    if end > len(body):
+        raise ValueError("a text runs over the end of its record")
+    return body[at + LENGTH.size : end].decode(), end
+
+
+def _group(stream: BinaryIO, opcode: int) -> Iterator[bytes]:
+    """Bodies of the records of one kind, found by the offsets at the end of the file."""
+    stream.seek(-FOOTER_BYTES, io.SEEK_END)
+    kind, _, _, offsets_at, _, magic = FOOTER.unpack(stream.read())
+    if (kind, magic) != (Opcode.FOOTER, MAGIC) or not offsets_at:
         return
+    stream.seek(offsets_at)
+    for offset in _bodies(stream.read()[: -len(MAGIC)], Opcode.SUMMARY_OFFSET):
+        group, at, size = OFFSET.unpack(offset)
+        if group == opcode:
+            yield from _bodies(_read(stream, at, size), opcode)
+
+
+def _read(stream: BinaryIO, at: int, size: int) -> bytes:
+    stream.seek(at)
+    return stream.read(min(size, os.fstat(stream.fileno()).st_size))
+
+
+def _bodies(data: bytes, opcode: int) -> Iterator[bytes]:
+    at = 0
+    while at < len(data):
+        kind, size = HEAD.unpack_from(data, at)
+        at += HEAD.size + size
+        if kind == opcode:
+            yield data[at - size : at]
 
 
 @dataclass(frozen=True, slots=True)

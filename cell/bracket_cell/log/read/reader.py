@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import orjson
 
-from bracket_cell.log.read.mcap_file import McapContent, Message, metadata_names, profile_of, read_mcap
+from bracket_cell.log.read.mcap_file import McapContent, Message, metadata_of, profile_of, read_mcap
 from bracket_cell.log.read.ticks import SNAPSHOT, Gap, TickBuilder
 from bracket_cell.log.read.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from bracket_cell.log.read.ticks import Note as Note
@@ -125,7 +125,7 @@ class LogStream:
         first = last = None
         told: list[str] = []
         inputs = digest.InputDigest()
-        ticks = TickBuilder(self.path, any(LOSSY & metadata_names(path) for path in self.parts))
+        ticks = TickBuilder(self.path, any(LOSSY & metadata_of(path).keys() for path in self.parts))
         for part in _parts(self.parts):
             if first is None or last is None:
                 first = last = part
@@ -220,7 +220,7 @@ def files_of(path: Path) -> list[Path]:
 def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
     before: _Part | None = None
     for path in paths:
-        if (profile := profile_of(path)) not in (PROFILE, None) and "run" not in (metadata_names(path) or {"run"}):
+        if (profile := profile_of(path)) not in (PROFILE, None) and "run" not in (metadata_of(path) or {"run"}):
             raise LogError(path, f"is not a log of this program: an MCAP file with profile {profile!r}")
         content = read_mcap(path)
         if content.profile not in (PROFILE, None) and "run" not in content.metadata:

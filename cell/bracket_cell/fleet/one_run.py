@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 from bracket_cell.fleet.spec import Task
 from bracket_cell.fleet.store import is_address, put
 from bracket_cell.fleet.table import order_id
+from bracket_cell.recording.parts import parts_of
 from bracket_ground.errors import CellError
 
 Row = dict[str, Any]
@@ -269,7 +270,11 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
     )
     summary = dict(run(options, Console(file=io.StringIO())).summary)
     summary["order_id"] = order_id(summary)
-    if away:
+    if not task.keeps(summary):
+        del summary["log"]
+        for part in (log, *parts_of(log)):
+            part.unlink(missing_ok=True)
+    elif away:
         summary["log"] = f"{task.logs}/{task.key}.mcap"
         put(log, str(summary["log"]))
     return summary

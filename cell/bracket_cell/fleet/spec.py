@@ -85,6 +85,7 @@ class Task:
         files: content by name, relative to a folder that the worker makes.
         person, look: names, or names in `files`.
         logs: folder or address for the run's log, with images; None to keep none.
+        keep_one_in: of so many runs that went right, the log of one is kept; all others are.
         nodes: names in `files` of files with further nodes.
         made_of: digests of weights that are not sent, as every worker has them, and the program's commit.
         label: what tells it apart from the sweep's other runs, for people and for rows.
@@ -101,6 +102,7 @@ class Task:
     max_duration_s: float | None
     label: tuple[tuple[str, str], ...]
     logs: str | None = None
+    keep_one_in: int = 1
     pixels: bool = True
     nodes: tuple[str, ...] = ()
     made_of: tuple[str, ...] = ()
@@ -113,6 +115,11 @@ class Task:
         asked = [self.tree, self.configuration, self.goal, self.person, self.look, self.fault, self.max_duration_s]
         asked = asked if self.pixels else [*asked, "without pixels"]
         return hashlib.sha256(json.dumps([files, *asked, self.seed]).encode()).hexdigest()[:32]
+
+    def keeps(self, summary: Mapping[str, object]) -> bool:
+        """Whether a run's log is worth its place: it failed, or is of the sample, which is the same every time."""
+        right = summary.get("end") == "finished" and summary.get("correct") is not False
+        return not right or int(self.key[:8], 16) % self.keep_one_in == 0
 
 
 def load_sweep(path: Path) -> Sweep:
@@ -128,12 +135,13 @@ def load_sweep(path: Path) -> Sweep:
     return sweep.model_copy(update={"trees": trees, "configurations": configurations})
 
 
-def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = ()) -> Iterator[Task]:
+def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep_one_in: int = 1) -> Iterator[Task]:
     """All runs, seed by seed; every file is read and checked before the first one.
 
     Args:
         logs: folder or address for the logs of all runs, by their keys; None to keep none.
         nodes: Python files with further nodes, and folders of them; they are sent along.
+        keep_one_in: of so many runs that went right, the log of one is kept.
 
     Raises:
         InputError: a tree, a configuration or what else is named cannot be used.
@@ -147,7 +155,7 @@ def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = ()) -> I
         if fault is not None:
             Injection.parse(fault)
     folder = logs if logs is None or is_address(logs) else str(Path(logs).resolve())
-    return _tasks(sweep, packed, folder)
+    return _tasks(sweep, packed, folder, keep_one_in)
 
 
 def count(sweep: Sweep) -> int:
@@ -159,7 +167,7 @@ def count(sweep: Sweep) -> int:
     return total
 
 
-def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None) -> Iterator[Task]:
+def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None, keep_one_in: int) -> Iterator[Task]:
     first = sweep.seeds.first
     trees, configurations = apart(sweep.trees), apart(sweep.configurations)
     for seed in range(first, first + sweep.seeds.count):
@@ -182,6 +190,7 @@ def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | No
                 sweep.max_duration_s,
                 (*label, ("goal_asked", goal), ("fault", fault or "")),
                 logs,
+                keep_one_in,
                 sweep.pixels,
                 nodes,
                 made_of,

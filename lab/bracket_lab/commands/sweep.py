@@ -12,6 +12,7 @@ from bracket_cell.commands.compare import WORKERS, FleetWorkersOption, OutOption
 from bracket_cell.commands.options import JsonOption, SchedulerOption, WithOption, own_files
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.fleet.spec import count, load_sweep, tasks
+from bracket_ground.errors import InputError
 
 
 def sweep(
@@ -21,6 +22,9 @@ def sweep(
     workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
+    keep: Annotated[
+        int, typer.Option("--keep", metavar="N", min=1, help="Of the runs that went right, keep one log in N.")
+    ] = 1,
     as_json: JsonOption = False,
 ) -> int:
     """Run the cell once for every combination that a YAML file lists; status 1 if a run was lost.
@@ -30,7 +34,9 @@ def sweep(
     asked = load_sweep(spec)
     total = count(asked)
     nodes, _ = own_files(own)
-    with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes), total, out, workers, scheduler) as rows:
+    if keep > 1 and not logs:
+        raise InputError("--keep says which logs --logs keeps; without it none are kept")
+    with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes, keep), total, out, workers, scheduler) as rows:
         ends = dict(sorted(Counter(str(row["end"]) for row in rows.read(["end"])).items()))
     table = f"{out}/runs.parquet"
     console().print(f"{rows.done} runs in {table}: {_words(ends)}", highlight=False)

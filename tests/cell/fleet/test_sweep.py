@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -136,3 +137,39 @@ def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) 
     weights.unlink()
     with pytest.raises(InputError, match="which are not there"):
         list(tasks(Sweep(configurations=(configuration,))))
+
+
+def _ended(summary: dict[str, Any]) -> Any:
+    def run(options: Any, _: Any) -> SimpleNamespace:
+        options.log.write_bytes(b"a log")
+        return SimpleNamespace(summary={**summary, "log": str(options.log)})
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("summary", "all_kept"),
+    [
+        ({"end": "finished", "correct": True}, False),
+        ({"end": "finished", "correct": None}, False),
+        ({"end": "finished", "correct": False}, True),
+        ({"end": "failed", "correct": None}, True),
+    ],
+)
+def test_logs_of_failures_and_of_a_sample_are_kept(
+    summary: dict[str, Any], all_kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twice the same sample: it follows from what a run is made of."""
+    monkeypatch.setattr("bracket_cell.runs.run.run", _ended(summary))
+    names = []
+    for again in ("first", "again"):
+        logs = tmp_path / again
+        asked = list(tasks(Sweep(seeds=Seeds(count=20)), str(logs), keep_one_in=20))
+        logs.mkdir()
+        rows = [run_here(task) for task in asked]
+        names.append(sorted(file.name for file in logs.iterdir()))
+        assert [Path(row["log"]).name for row in rows if row.get("log")] == [
+            f"{task.key}.mcap" for task in asked if task.keeps(summary)
+        ]
+    assert names[0] == names[1]
+    assert len(names[0]) == 20 if all_kept else len(names[0]) < 10  # of 20 with a chance of .05 each

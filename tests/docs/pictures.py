@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from bracket_cell.trees.node_library import node_registry
 from btxml.views.picture import picture
 from tests import ROOT
-from tests.docs import architecture, figures, reference, reference_pages
+from tests.docs import architecture, figures, old_logs, reference, reference_pages
 
 
 def _tree(name: str) -> Callable[[], str]:
@@ -28,6 +28,7 @@ def _reference(name: str) -> str:
 MADE: dict[str, Callable[[], str]] = {
     **{name: partial(_reference, name) for name in reference.pages()},
     **reference_pages.PAGES,
+    "docs/reference/old-logs.md": old_logs.page,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),

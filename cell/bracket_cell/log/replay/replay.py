@@ -24,7 +24,7 @@ from bracket_cell.log.replay.loading import Changes, load, recorded_tree
 from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, logged_tree, write_files
 from bracket_cell.log.replay.matching import caused_by, partners, renamed
 from bracket_cell.log.replay.perceive import perceived
-from bracket_cell.recording.identity import what_changed
+from bracket_cell.recording.identity import UNKNOWN, versions, what_changed
 from bracket_cell.running.controller import STOPPED, STOPPING
 from bracket_cell.running.device_writer import withhold
 from bracket_cell.running.safe_stop import failure
@@ -95,6 +95,7 @@ class Replay:
         self.remarks: list[str] = []
         self._other, self._memory = self.changes.tree is not None, remembers(log)
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
+        self.remarks += [f"of another release; in a clone its own replays it: {way}" for way in its_program(log)]
         self.remarks += _other_limits(log)
         self._begin(_start(log, bracket))
 
@@ -311,6 +312,15 @@ def _notes(ticks: Sequence[LoggedTick], about: str) -> list[dict[str, Any]]:
 
 def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
+
+
+def its_program(log: Log) -> list[str]:
+    """The command that runs the release that recorded a log; none where it is this one, or it names no commit."""
+    release, commit = (log.metadata.get(name) for name in ("version.cell", "commit"))
+    if release == versions()["version.cell"] or commit in (None, UNKNOWN):
+        return []
+    runs = f"make -C ../recorder doctor && ../recorder/.venv/bin/cell replay {log.path}"
+    return [f"git worktree add ../recorder {commit} && {runs}"]
 
 
 def _other_limits(log: Log) -> list[str]:

@@ -22,7 +22,13 @@ from bracket_cell.settings import (
     ProductionSettings,
 )
 from bracket_cell.simulator import simulator
-from bracket_cell.skills.drivers.settings import ModbusSignalSettings, RecordedSettings, SignalSettings, UrSettings
+from bracket_cell.skills.drivers.settings import (
+    ModbusSignalSettings,
+    RecordedSettings,
+    SignalSettings,
+    UrSettings,
+    UrSignalSettings,
+)
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.trees.guard import GuardSettings
 from bracket_cell.trees.node_library import USUAL_FOLDER
@@ -81,7 +87,7 @@ class Configuration(Model):
     production: ProductionSettings = ProductionSettings()
 
     @property
-    def signals(self) -> SignalSettings | ModbusSignalSettings | OwnDevice | None:
+    def signals(self) -> SignalSettings | ModbusSignalSettings | UrSignalSettings | OwnDevice | None:
         """The module with digital signals, whose names tree files may use."""
         return self.devices.signals
 

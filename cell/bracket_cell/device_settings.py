@@ -150,7 +150,7 @@ class DeviceSettings(Model):
         overhead: the camera over the bench, likewise.
         wrist: the camera at the gripper, likewise.
         panel: what the person at the bench sees: simulated, page, none, or your own driver.
-        signals: digital signals: of an I/O module (can), of a PLC (modbus), or your own driver; none by default.
+        signals: digital signals: of an I/O module (can), a PLC (modbus), an arm (ur), or your own; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
             person.
     """

@@ -139,7 +139,8 @@ class TwinCell:
         wires: list[Wire] = []
         for role, device in self.settings.items():
             serve = self._own.get(role)
-            if serve is None and (place := WIRES.get(str(device.get("kind")))) is not None:
+            beside = role == "signals"  # on the arm's own wires
+            if serve is None and not beside and (place := WIRES.get(str(device.get("kind")))) is not None:
                 module, _, name = place.partition(":")
                 serve = getattr(importlib.import_module(module), name)
             if serve is not None:

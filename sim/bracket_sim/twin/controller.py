@@ -56,6 +56,8 @@ class Registers:
     doubles_in: list[float] = field(default_factory=lambda: [0.0] * 48)
     ints_out: list[int] = field(default_factory=lambda: [0] * 48)
     doubles_out: list[float] = field(default_factory=lambda: [0.0] * 48)
+    bits_in: list[bool] = field(default_factory=lambda: [False] * 128)
+    bits_out: list[bool] = field(default_factory=lambda: [False] * 128)
 
 
 class Controller:
@@ -68,6 +70,7 @@ class Controller:
         renewed: when input register 0 of the program was last written, for its watchdog.
         boots: how often the controller was started.
         slider_writes: how often a client wrote the slider.
+        inputs, outputs: bits of the digital terminals: standard, configurable from bit 8 on, tool from bit 16 on.
     """
 
     def __init__(self, cell: TwinCell) -> None:
@@ -79,6 +82,7 @@ class Controller:
         self.robot_mode, self.safety, self.runtime = RobotMode.RUNNING, Safety.NORMAL, Runtime.STOPPED
         self.fieldbus, self.remote, self.slider = False, True, 1.0
         self.renewed: dict[int, float] = {}
+        self.inputs = self.outputs = 0
         self.boots, self.slider_writes, self._epoch_s = 0, 0, 0.0
         self._program: int | None = None  # its offset of registers
         self._watchdog_s: float | None = None

@@ -43,8 +43,10 @@ INPUTS = {
     "external_force_torque": "VECTOR6D",
 }  # fmt: skip
 REGISTER = re.compile(r"(input|output)_(int|double|bit)_register_(\d+)\Z")
+KINDS = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}
 SAFETY_BITS = {Safety.NORMAL: 0, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
-REGISTERS = 48
+REGISTERS = {"int": 48, "double": 48, "bit": 128}
+TERMINALS = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
 Value = float | Sequence[float] | Array
 Read = Callable[[Controller], Value]
 
@@ -85,8 +87,8 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     **{one: ("DOUBLE", lambda _: 0.0) for one in DOUBLES},
     "joint_mode": ("VECTOR6INT32", lambda _: (255,) * 6),
     "actual_tool_accelerometer": ("VECTOR3D", lambda _: (0.0,) * 3),
-    "actual_digital_input_bits": ("UINT64", lambda _: 0),
-    "actual_digital_output_bits": ("UINT64", lambda _: 0),
+    "actual_digital_input_bits": ("UINT64", lambda of: of.inputs),
+    "actual_digital_output_bits": ("UINT64", lambda of: of.outputs),
     "tool_output_voltage": ("INT32", lambda _: 0),
     "tool_analog_input_types": ("UINT32", lambda _: 0),
 }
@@ -97,7 +99,7 @@ def output_of(name: str) -> tuple[str, Read] | None:
     if name in OUTPUTS:
         return OUTPUTS[name]
     found = REGISTER.match(name)
-    if found is None or int(found[3]) >= REGISTERS or found[2] == "bit":
+    if found is None or int(found[3]) >= REGISTERS[found[2]]:
         return None
     number, attribute = int(found[3]), f"{found[2]}s_{'out' if found[1] == 'output' else 'in'}"
 
@@ -105,7 +107,7 @@ def output_of(name: str) -> tuple[str, Read] | None:
         value: float = getattr(of.registers, attribute)[number]
         return value
 
-    return "INT32" if found[2] == "int" else "DOUBLE", read
+    return KINDS[found[2]], read
 
 
 @dataclass(eq=False)
@@ -186,8 +188,8 @@ class RtdeServer(Port):
 
     def _input_type(self, client: Client, name: str) -> str:
         found = REGISTER.match(name)
-        if found is not None and found[1] == "input" and int(found[3]) < REGISTERS:
-            kind = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}[found[2]]
+        if found is not None and found[1] == "input" and int(found[3]) < REGISTERS[found[2]]:
+            kind = KINDS[found[2]]
         elif name in INPUTS:
             kind = INPUTS[name]
         else:
@@ -199,16 +201,25 @@ class RtdeServer(Port):
         """Registers are written at once, as one client may not see half of another's."""
         form, names = client.inputs[body[0] - 1]
         values = list(form.unpack(body[1:]))
+        masks = {name: value for (name, _), value in zip(names, values, strict=False) if name.endswith("_mask")}
         with self._of.cell.lock:
             for name, kind in names:
                 taken = [values.pop(0) for _ in range(6 if kind == "VECTOR6D" else 1)]
                 if (found := REGISTER.match(name)) is None:
+                    self._set_terminals(name, int(masks.get(f"{name}_mask", 0)), int(taken[0]))
                     self._of.slider_writes += name == "speed_slider_fraction"
                 elif found[2] == "int":
                     self._of.registers.ints_in[int(found[3])] = int(taken[0])
                     self._of.written(int(found[3]))
                 elif found[2] == "double":
                     self._of.registers.doubles_in[int(found[3])] = float(taken[0])
+                else:
+                    self._of.registers.bits_in[int(found[3])] = bool(taken[0])
+
+    def _set_terminals(self, name: str, mask: int, value: int) -> None:
+        """Set the outputs of a group that its mask names."""
+        if (first := TERMINALS.get(name)) is not None:
+            self._of.outputs = self._of.outputs & ~(mask << first) | (value & mask) << first
 
     def _publish(self, now_s: float) -> None:
         self._cycles += 1

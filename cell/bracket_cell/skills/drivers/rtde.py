@@ -16,7 +16,8 @@ from typing import Any
 from bracket_ground.errors import DeviceFault
 
 PORT = 30004
-FORMS = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I"}
+FORMS = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I",
+         "UINT64": "Q", "UINT8": "B", "BOOL": "?"}  # fmt: skip
 HEAD_BYTES, LEAST_WAIT_S = 3, 0.001
 
 

@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -45,7 +45,18 @@ class Sample:
     force_n: Array = field(default_factory=lambda: np.zeros(3))
 
 
-class Connection(Protocol):
+class Stamped(Protocol):
+    """Something that a controller told at a time, by its own clock; a frozen dataclass."""
+
+    @property
+    def time_s(self) -> float: ...
+
+
+Told = TypeVar("Told", bound=Stamped)
+Told_co = TypeVar("Told_co", bound=Stamped, covariant=True)
+
+
+class Connection(Protocol[Told_co]):
     """A connection on which a controller tells samples.
 
     Attributes:
@@ -54,7 +65,7 @@ class Connection(Protocol):
 
     period_s: float
 
-    def receive(self) -> Sample:
+    def receive(self) -> Told_co:
         """The next sample; raises OSError where none comes in time."""
         ...
 
@@ -63,7 +74,7 @@ class Connection(Protocol):
         ...
 
 
-class SampleReceiver:
+class SampleReceiver(Generic[Told]):
     """Receives in a thread of its own; whatever a connection raises is trouble, and a reason to connect again.
 
     Attributes:
@@ -72,40 +83,49 @@ class SampleReceiver:
 
     Args:
         at: where the controller is, for messages.
+        device: whose faults these are.
 
     Raises:
         DeviceFault: the controller cannot be reached.
     """
 
-    def __init__(self, connect: Callable[[], Connection], clock: Clock, at: str, slower: float = 1.0) -> None:
-        self._at, self._connect, self._clock, self._limit_s = at, connect, clock, NEWEST_S * slower
+    def __init__(
+        self, connect: Callable[[], Connection[Told]], clock: Clock, at: str, slower: float = 1.0, device: str = "arm"
+    ) -> None:
+        self._device, self._at, self._connect, self._clock, self._limit_s = (
+            device,
+            at,
+            connect,
+            clock,
+            NEWEST_S * slower,
+        )
         self._late_s: float | None = None  # since when all samples have been late
-        self._samples: deque[Sample] = deque(maxlen=KEPT)
-        self._newest: Sample | None = None
+        self._samples: deque[Told] = deque(maxlen=KEPT)
+        self._newest: Told | None = None
         self._offset_s, self._stamp_s = float("inf"), 0.0
         self._ended, self._came = threading.Event(), threading.Condition()
         self.trouble = ""
         try:
             self._connection = connect()
         except OSError as error:
-            raise DeviceFault("arm", f"no controller answers at {at}: {error}") from None
+            raise DeviceFault(device, f"no controller answers at {at}: {error}") from None
         self.period_s = self._connection.period_s
         self._thread = threading.Thread(target=self._run, name="samples of the arm", daemon=True)
         self._thread.start()
 
     @property
-    def newest(self) -> Sample:
+    def newest(self) -> Told:
         """The newest sample; raises DeviceFault where none ever came."""
         with self._came:
             if self._newest is None:
                 self._came.wait_for(lambda: self._newest is not None, self._limit_s)
             if self._newest is None:
-                raise DeviceFault("arm", f"{self._at} tells nothing: {self.trouble or 'no sample came'}")
+                raise DeviceFault(self._device, f"{self._at} tells nothing: {self.trouble or 'no sample came'}")
             return self._newest
 
-    def taken(self) -> list[Sample]:
+    def taken(self) -> list[Told]:
         """All samples since the last call, in order."""
-        samples = list[Sample]()
+        samples = list[Told]()
         while self._samples:
             samples.append(self._samples.popleft())
         return samples
@@ -136,12 +156,12 @@ class SampleReceiver:
             else:
                 return
 
-    def _keep(self, told: Sample) -> None:
+    def _keep(self, told: Told) -> None:
         time_s = self._time_s(told.time_s)
         if self._newest is not None and time_s <= self._newest.time_s:
             return
         with self._came:
-            self._newest = replace(told, time_s=time_s)
+            self._newest = replace(told, time_s=time_s)  # type: ignore[type-var]
             self._samples.append(self._newest)
             self._came.notify_all()
 

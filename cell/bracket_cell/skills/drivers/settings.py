@@ -51,6 +51,30 @@ class ModbusSignalSettings(Model):
     timeout_s: float = Field(default=1.0, gt=0, le=60)
 
 
+UR_TERMINAL = r"(digital [0-7]|configurable [0-7]|tool [01]|register (6[4-9]|[7-9]\d|1[01]\d|12[0-7]))"
+UR_FACT = "(reduced|protective_stop|recovery|safeguard_stop|emergency_stop|violation|fault|stopped)"
+
+
+class UrSignalSettings(Model):
+    """Terminals of a Universal Robots controller and its tool, by RTDE, beside whoever moves the arm.
+
+    Attributes:
+        kind: this driver.
+        host: address of the controller.
+        inputs: for each signal, by the names that tree files use, a terminal (`digital 0` to 7, `configurable 0` to 7,
+            `tool 0` or 1), a boolean register of the controller's program (`register 64` to 127), or what its safety
+            tells: reduced, protective_stop, recovery, safeguard_stop, emergency_stop, violation, fault, stopped.
+        outputs: terminal or register of each signal that is set.
+        timeout_s: silence for this long is a fault.
+    """
+
+    kind: Literal["ur"] = "ur"
+    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    inputs: dict[str, Annotated[str, Field(pattern=f"^({UR_TERMINAL}|{UR_FACT})$")]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[str, Field(pattern=f"^{UR_TERMINAL}$")]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
+
+
 class CanSettings(Model):
     """A gripper with the 2F-85's registers on a CAN bus.
 
@@ -257,7 +281,11 @@ GripperKind = (
     | Annotated[RobotiqUrcapSettings, Tag("robotiq_urcap")]
     | Recorded
 )
-SignalKind = Annotated[SignalSettings, Tag("can")] | Annotated[ModbusSignalSettings, Tag("modbus")]
+SignalKind = (
+    Annotated[SignalSettings, Tag("can")]
+    | Annotated[ModbusSignalSettings, Tag("modbus")]
+    | Annotated[UrSignalSettings, Tag("ur")]
+)
 CameraKind = (
     Annotated[V4l2Settings, Tag("v4l2")]
     | Annotated[StreamSettings, Tag("stream")]
@@ -271,6 +299,7 @@ DRIVERS: Mapping[type[Model], str] = {
     CanSettings: "bracket_cell.skills.drivers.can_gripper:CanGripper",
     SignalSettings: "bracket_cell.skills.drivers.can_signals:CanSignals",
     ModbusSignalSettings: "bracket_cell.plant.modbus_signals:ModbusSignals",
+    UrSignalSettings: "bracket_cell.skills.drivers.ur_signals:UrSignals",
     UrSettings: "bracket_cell.skills.drivers.ur:UrArm",
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:ModbusGripper",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:UrcapGripper",

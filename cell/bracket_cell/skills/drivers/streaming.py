@@ -151,7 +151,7 @@ class StreamingArm(ABC):
         return self._receiver.period_s
 
     @abstractmethod
-    def connect(self) -> Connection:
+    def connect(self) -> Connection[Sample]:
         """A connection on which the controller tells its samples.
 
         Raises:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
-from bracket_lab.evaluations.figures import FIGURES, Row, Table, topics
-from bracket_lab.evaluations.paper import paper
+from bracket_lab.evaluations.figures import FIGURES, Row, Table, paper, topics
 from bracket_lab.experiments.experiments import markdown
 
 PAGES = "docs/research"

@@ -24,7 +24,7 @@ IMPORTS = (
     "bracket_cell",
     "bracket_cell.learned.inference.onnx_model",
     "bracket_cell.learned.inference.policy",
-    "bracket_lab.learned.training.quantize",
+    "bracket_lab.learned.training.torch_model",
 )
 
 

@@ -11,7 +11,7 @@ onnx = pytest.importorskip("onnx")
 
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
-from bracket_lab.learned.training.quantize import quantised  # noqa: E402
+from bracket_lab.learned.training.torch_model import quantised  # noqa: E402
 
 pytestmark = pytest.mark.torch  # comes with the training's packages
 

@@ -13,7 +13,7 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_ground.errors import InputError
-from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
 
 PRODUCT = load_product(load_configuration())

@@ -32,11 +32,10 @@ from bracket_lab.drawing.objects import write_objects
 from bracket_lab.drawing.placed import holes_of
 from bracket_lab.drawing.plates import Plate, write_plates
 from bracket_lab.drawing.recording import Assembly, Source, record
-from bracket_lab.drawing.sight import GEOM_POSITIONS
-from bracket_lab.drawing.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
+from bracket_lab.drawing.sight import GEOM_POSITIONS, SPLITS, mixed_clutter, seeds, sometimes_steel
 from bracket_lab.drawing.tracks import as_tracked, hands_of
 from bracket_lab.learned.actions.data import load_segments
-from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
 from bracket_sim.scene.person import Storage
 from bracket_sim.scene.settings import settings_of

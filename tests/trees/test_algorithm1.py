@@ -8,7 +8,7 @@ import pytest
 
 from bracket_cell.trees.node_library import node_registry
 from bracket_ground.files.files import shipped
-from bracket_lab.evaluations.paper import paper
+from bracket_lab.evaluations.figures import paper
 
 TREE = shipped("bracket_cell.trees", "algorithm1.xml").read_text()
 PRINTED = paper().algorithm_1

@@ -12,10 +12,9 @@ from bracket_cell.learned.classical.action_detector import ClassicalActionDetect
 from bracket_cell.learned.classical.box_model import check_image
 from bracket_cell.learned.classical.colour import ColourModel
 from bracket_cell.learned.classical.hand_tracker import ClassicalHandTracker
-from bracket_cell.learned.classical.hole_reader import ClassicalHoleReader
+from bracket_cell.learned.classical.hole_reader import ClassicalHoleReader, PlaceReader
 from bracket_cell.learned.classical.image_health import ImageHealth
 from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
-from bracket_cell.learned.classical.place_reader import PlaceReader
 from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.learned.classical.track_health import TrackHealth
 from bracket_cell.learned.inference.prefetch import Image

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -17,6 +17,7 @@ from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.perception import SEGMENT_FRAMES, ActionKind
 from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.product import Product
 
 EXPORT = "make one with: cell log export LOG --to training --out DIR"
 MOST_PROBLEMS = 20  # of a file that are told at once
@@ -234,3 +235,73 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     if read is None:
         raise InputError(f"{path}: is not an image, or is not there")
     return np.ascontiguousarray(read[..., ::-1], np.uint8)
+
+
+class Hole(Model):
+    """What one hole holds.
+
+    Attributes:
+        part: type of the part in or on it; None where it is empty.
+        upright: it stands in the hole as it should; also where the hole is empty.
+        covered: share of what is seen around it that hand, arm or a held part hides.
+    """
+
+    position: str
+    part: str | None
+    upright: StrictBool = True
+    covered: float = Field(default=0.0, ge=0, le=1)
+
+
+class PlateRow(StillRow):
+    """An image of the plate and all of its holes, in any order."""
+
+    holes: tuple[Hole, ...]
+
+
+def holes_of(given: Sequence[Hole], product: Product) -> tuple[Hole, ...]:
+    """Holes by their names, in the order of the product.
+
+    Raises:
+        ValueError: a hole is missing, named twice or unknown, or holds a part of no known type.
+    """
+    named: dict[str, Hole] = {}
+    for hole in given:
+        one_of("holes: no position", hole.position, product.positions)
+        if hole.position in named:
+            raise ValueError(f"holes: {hole.position} stands there twice")
+        if hole.part is not None:
+            one_of(f"holes: {hole.position}: no part", hole.part, tuple(product.parts))
+        named[hole.position] = hole
+    if missing := [position for position in product.positions if position not in named]:
+        raise ValueError(f"holes: {', '.join(missing)} missing; each hole of the plate needs a label")
+    return tuple(named[position] for position in product.positions)
+
+
+UNKNOWN = "unknown"
+
+
+class PartRow(Model):
+    """A thing in an image; of a person's own pictures its type and its box are enough.
+
+    Attributes:
+        part: its type, or "unknown".
+        posture, world_from_part: how and where it really is; None where nobody knows.
+        on: rows of this image that carry it.
+        box_px, visible_px: around what is seen of it, and how many pixels that are.
+        whole_box_px: (left, top, right, bottom) of all of it, what others hide included; None where it is out of view.
+    """
+
+    part: str
+    posture: Literal["upright", "lying"] | None = None
+    world_from_part: PoseRow | None = None
+    on: tuple[int, ...] = ()
+    size_m: Vector | None = None
+    box_px: Box | None = None
+    visible_px: int | None = Field(default=None, ge=0)
+    whole_box_px: Box | None
+
+
+class TrayRow(StillRow):
+    """An image of the tray, and everything in it."""
+
+    parts: tuple[PartRow, ...]

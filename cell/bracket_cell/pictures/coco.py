@@ -11,9 +11,7 @@ import numpy as np
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
-from bracket_cell.learned.holes.records import Hole
-from bracket_cell.learned.parts.records import UNKNOWN, PartRow
-from bracket_cell.learned.records import MOST_PROBLEMS, Box, mistakes
+from bracket_cell.learned.records import MOST_PROBLEMS, UNKNOWN, Box, Hole, PartRow, mistakes
 from bracket_cell.pictures.foreign import SHARES, ForeignBox, read_foreign
 from bracket_cell.pictures.labels import LabelFolder, PictureLabels, Size, fit_of
 from bracket_ground.errors import InputError

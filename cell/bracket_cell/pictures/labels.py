@@ -11,9 +11,18 @@ import cv2
 import numpy as np
 
 from bracket_cell.learned.hands.records import FrameRow, HandRow
-from bracket_cell.learned.holes.records import Hole, PlateRow, holes_of
-from bracket_cell.learned.parts.records import UNKNOWN, PartRow, TrayRow
-from bracket_cell.learned.records import StillRow, one_of, read_image, read_rows
+from bracket_cell.learned.records import (
+    UNKNOWN,
+    Hole,
+    PartRow,
+    PlateRow,
+    StillRow,
+    TrayRow,
+    holes_of,
+    one_of,
+    read_image,
+    read_rows,
+)
 from bracket_cell.pictures.sources import Source, camera_pose
 from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import DataFolder

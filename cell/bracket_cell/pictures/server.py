@@ -20,8 +20,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from bracket_cell.learned.parts.records import UNKNOWN
-from bracket_cell.learned.records import mistakes
+from bracket_cell.learned.records import UNKNOWN, mistakes
 from bracket_cell.pictures.labels import LabelFolder, PictureLabels
 from bracket_cell.pictures.suggestions import Suggester
 from bracket_ground.errors import InputError

@@ -11,9 +11,7 @@ from bracket_cell.learned.hands.mediapipe.hands import MediaPipeHands, model_fol
 from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.holes.model import VOTES
-from bracket_cell.learned.holes.records import Hole
-from bracket_cell.learned.parts.records import PartRow
-from bracket_cell.learned.records import StillRow
+from bracket_cell.learned.records import Hole, PartRow, StillRow
 from bracket_cell.pictures.labels import PictureLabels
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors

@@ -10,10 +10,49 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from bracket_cell.production.book import Book, BracketRow, RunRow
-from bracket_cell.production.placements import Placements
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_ground.interfaces.faults import USUAL, Action
 from bracket_ground.interfaces.observation import Observation
+
+ROBOT, PERSON = "robot", "person"
+
+
+class Placements:
+    """Follows the notes of a tree's nodes from the beginning of a bracket.
+
+    Attributes:
+        parts: part type by position.
+        by: "robot" or "person" by position. A part is the robot's if its node says so, or if it fetched this type for
+            this hole and the part was seen there without a hand that placed it. A hole that is emptied and filled anew
+            is decided anew.
+    """
+
+    def __init__(self) -> None:
+        self.parts: dict[str, str] = {}
+        self.by: dict[str, str] = {}
+        self._fetched: dict[str, str] = {}
+
+    def note(self, topic: str, fields: Mapping[str, Any]) -> None:
+        """Take one note."""
+        if topic == "bracket" and fields["edge"] == "begin" and not fields.get("resumed"):
+            self.parts, self.by, self._fetched = {}, {}, {}
+        elif topic == "verdict" and fields.get("decision") == "act" and fields.get("part"):
+            self._fetched[str(fields["position"])] = str(fields["part"])
+        elif topic == "belief" and fields.get("edge"):
+            part, position = fields["edge"]
+            self._edge(part, position, str(fields.get("source", "")))
+
+    def _edge(self, part: str | None, position: str, source: str) -> None:
+        known = self.parts.pop(position, None)
+        who = self.by.pop(position, PERSON)
+        if part is None:
+            return
+        fetched = self._fetched.get(position) == part and source != "action"
+        if known != part:
+            who = ROBOT if fetched else PERSON
+        self.parts[position], self.by[position] = part, ROBOT if source == ROBOT else who
+        self._fetched.pop(position, None)
+
 
 BESIDE_WORK = ("bracket", "mend")  # kinds of questions that hold nothing up by themselves
 PAUSED = "paused by the operator"

@@ -28,10 +28,9 @@ from bracket_cell.trees.nodes.services import Services
 from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.progress import LiveProgress
-from bracket_cell.watching.brackets import FinishedBrackets
 from bracket_cell.watching.lateness import Lateness
 from bracket_cell.watching.observer import Level, Observer
-from bracket_cell.watching.statistics import Fluency, RunStatistics
+from bracket_cell.watching.statistics import FinishedBrackets, Fluency, RunStatistics
 from bracket_cell.watching.why_now import WhyNow
 from bracket_cell.wiring.detectors import detectors_of
 from bracket_cell.wiring.devices import Drivers, attached

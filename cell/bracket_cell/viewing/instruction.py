@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bracket_cell.production.placements import PERSON, Placements
+from bracket_cell.production.bookkeeper import PERSON, Placements
 from bracket_cell.trees.vocabulary import ShownAs
 from bracket_cell.viewing.advice import ADVICE, ended_advice
 from bracket_cell.viewing.guidance import step_words

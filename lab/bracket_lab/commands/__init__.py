@@ -38,7 +38,7 @@ COMMANDS = {
     "looks": Command("bracket_lab.commands.looks:looks", "List or draw what the simulation may look like."),
     "see": Command("bracket_lab.commands.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),
     "world": Command(
-        "bracket_lab.commands.world:world",
+        "bracket_lab.commands.run:world",
         "Run the simulated cell by itself, for controllers that connect by `cell lab run --world`.",
     ),
     "hands": Command("bracket_lab.commands.hands:fetch", "Fetch MediaPipe's hand networks."),

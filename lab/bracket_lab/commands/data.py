@@ -5,7 +5,7 @@ from __future__ import annotations
 from bracket_lab.commands.hands import compose
 from bracket_lab.commands.stacks import draw_stacks
 from bracket_lab.commands.training.worlds import data_app as app_of
-from bracket_lab.evaluations.beside_robot import record_beside_robot
+from bracket_lab.evaluations.reaches import record_beside_robot
 
 data_app = app_of(record_beside_robot)
 data_app.info.help = "Make training data."

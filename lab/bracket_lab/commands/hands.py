@@ -25,8 +25,7 @@ from bracket_lab.commands.shared import Shared
 from bracket_lab.evaluations.hands import ONLY, evaluate_hands
 from bracket_lab.experiments.mediapipe_fetch import fetch as fetch_networks
 from bracket_lab.learned.hands.data import frames_of
-from bracket_lab.pictures.compositor import Compositor
-from bracket_lab.pictures.handless import write_handless
+from bracket_lab.pictures.handless import Compositor, write_handless
 from bracket_lab.pictures.photographs import photographs_of, write_photographs
 
 _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")

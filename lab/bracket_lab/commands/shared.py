@@ -30,7 +30,7 @@ from bracket_cell.learned.inference.onnx_model import digest_of
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import RowStore
 from bracket_ground.interfaces.product import Product
-from bracket_lab.drawing.splits import seeds as split_of
+from bracket_lab.drawing.sight import seeds as split_of
 from bracket_lab.experiments.experiments import code_version
 from bracket_lab.pictures.scoring import Scorer, load, note
 

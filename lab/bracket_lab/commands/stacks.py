@@ -17,7 +17,7 @@ from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import JPEG_QUALITY
 from bracket_ground.files.files import MANIFEST, whole_folder, write_whole
 from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
-from bracket_lab.experiments.stacks.settings import LEARNED, RULES, StackTraining
+from bracket_lab.experiments.stacks.checks import LEARNED, RULES, StackTraining
 from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
 from bracket_lab.stacks.draw import draw_stack
 from bracket_sim.stacks.settings import StackSettings

@@ -11,8 +11,7 @@ from bracket_cell.commands.options import takes
 from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_ground.errors import InputError
 from bracket_lab.commands.shared import Shared, share_words
-from bracket_lab.evaluations.holes_and_parts import Task, score_holes, score_parts
-from bracket_lab.evaluations.tilted_parts import score_tilted
+from bracket_lab.evaluations.holes_and_parts import Task, score_holes, score_parts, score_tilted
 
 _OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
 

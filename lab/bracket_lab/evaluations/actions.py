@@ -18,7 +18,7 @@ from bracket_cell.learned.actions.segments import SegmentReader
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, Classes
 from bracket_cell.learned.bench_watcher import DetectorChain
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_cell.learned.inference.scores import wilson
+from bracket_cell.learned.inference.scores import share
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.files.data_folder import DataFolder
@@ -138,12 +138,6 @@ def summed(kinds: Sequence[str], rows: Sequence[Row]) -> dict[str, Tally]:
         for name, tally in tallies.items():
             tally.add(of_kinds[name])
     return tallies
-
-
-def share(right: int, count: int) -> dict[str, float | int]:
-    """A share with its 95 % interval."""
-    low, high = wilson(right, count)
-    return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
 
 
 def at_pace(configuration: Configuration, pace: float | None) -> Configuration:

@@ -10,18 +10,177 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import cv2
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from bracket_cell.faults.injection import Injection
+from bracket_cell.running.gripper_checks import LIMITS as GRIPPER
+from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.faults import Action
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.observation import Image, Observation
+from bracket_ground.interfaces.observation import STANDING_RAD_S, Image, JointSamples, Observation
 from bracket_ground.interfaces.pose import Array
-from bracket_lab.evaluations.true_distance import TrueDistance
 from bracket_sim.cell import SimCell
+from bracket_sim.scene import palette
+
+EVERY = 4  # of the joints' samples
+
+
+@dataclass
+class StoppingDistance(Observer):
+    """Measures from the fault on.
+
+    Attributes:
+        ticks_to_stop: from the first observation that shows the fault until the supervisor held or stopped, that
+            observation included: 1 is at once; -1 for never.
+        ticks_from_fault: the same from the fault itself: answers to frames take time, and a heartbeat has a period.
+        stop_s, stop_m: from the fault until the arm stood, as measured at 500 Hz.
+        held_before: a part was between the fingers when the fault came.
+        held_lately: it was a moment before, and may be there still.
+        at_end: nothing stopped the arm before the run was over.
+    """
+
+    injection: Injection
+    motion: MotionPlanner
+    ticks_to_stop: int = -1
+    ticks_from_fault: int = -1
+    stop_s: float = 0.0
+    stop_m: float = 0.0
+    held_before: bool = False
+    held_lately: bool = False
+    at_end: bool = False
+    _held_s: float = -np.inf
+    _ticks: int = 0
+    _showing: int = 0
+    _rested: bool = False
+    _commanded: bool = False
+    _tool: list[np.ndarray] = field(default_factory=list)
+
+    def tick(self, record: TickRecord) -> None:
+        began_s = self.injection.began_s
+        if began_s is None:
+            self.held_before = record.observation.gripper.holding
+            self._held_s = record.observation.time_s if self.held_before else self._held_s
+            self.held_lately = record.observation.time_s - self._held_s <= GRIPPER.held_lately_s
+            return
+        if record.joints is not None:
+            self._measure(record.joints, began_s)
+        if record.observation.time_s <= began_s or self.ticks_to_stop >= 0:
+            return
+        self._ticks += 1
+        shown = self._commanded if self.injection.of_orders else shows(record.observation, self.injection)
+        self._showing += self._showing > 0 or shown
+        self._commanded = self.injection.shown  # by the command of this tick: the next observation shows it
+        if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):
+            self.ticks_to_stop, self.ticks_from_fault = max(1, self._showing), self._ticks
+            self.at_end = record.status == "STOPPING"
+
+    def _measure(self, joints: JointSamples, began_s: float) -> None:
+        samples = zip(joints.times_s, joints.positions_rad, joints.velocities_rad_s, strict=True)
+        for time_s, positions, speeds in list(samples)[::EVERY]:
+            if time_s <= began_s or self._rested:
+                continue
+            self._tool.append(self.motion.kinematics.position_m(positions))
+            if len(self._tool) > 1:
+                self.stop_m += float(np.linalg.norm(self._tool[-1] - self._tool[-2]))
+            self.stop_s = float(time_s) - began_s
+            self._rested = bool(np.abs(speeds).max() < STANDING_RAD_S and self.ticks_to_stop >= 0)
+
+
+def shows(seen: Observation, injection: Injection) -> bool:
+    """Whether an observation lets anybody know of the fault, whatever the supervisor makes of it."""
+    fault, gripper = injection.fault, seen.gripper
+    if fault.startswith("arm"):
+        return injection.shown
+    if fault.startswith("camera"):
+        if any(trouble.device.startswith("camera") for trouble in seen.troubles):
+            return True
+        stale = seen.bench is None or seen.time_s - seen.bench.time_s > PLAUSIBLE.stale_s
+        first = injection.first_frame
+        spoiled = first is not None and seen.bench is not None and seen.bench.sequence >= first
+        return stale if fault in ("camera_dead", "camera_raises") else spoiled
+    if fault.startswith("sig") or fault == "observer_raises":
+        return True
+    lost = any(trouble.device == "gripper" for trouble in seen.troubles)
+    odd = gripper.fault != 0 or gripper.node_state == "stopped" or not gripper.activated
+    return lost or odd or seen.time_s - gripper.time_s > GRIPPER.stale_gripper_s
+
+
+DRIVEN_M_S = 0.05  # a slower arm stands
+FAST_M_S, BESIDE_M = 0.35, 0.10  # the reduced speed with what its reckoning is off by; a hand's length
+HANDS_M_S = (1.6, 2.0)  # v_h: ISO 13855 for somebody who walks, and for a hand within 0.5 m
+REACTS_S = 0.25  # T_r: until a frame is exposed and answered, a tick, and the arm's own cycle
+BRAKES_M_S2 = 1.6  # of the arm's point, from the reduced speed: T_s and S_s
+
+
+class TrueDistance:
+    """Distance and protective distance of the robot's and the person's shapes, in the simulator's world.
+
+    It knows the protective distance of ISO/TS 15066 with a constant speed of the hand, and nothing that the cell works
+    out.
+    """
+
+    def __init__(self, cell: SimCell) -> None:
+        self._cell, self._model, self._data = cell, cell.world.model, cell.world.data
+        touch = list(zip(self._model.geom_contype, self._model.geom_conaffinity, strict=True))
+        self._skin = self._of(touch, palette.SKIN_TOUCH)
+        self._robot = np.concatenate([self._of(touch, one) for one in (palette.ROBOT_TOUCH, palette.HAND_ONLY_TOUCH)])
+
+    def breached(self) -> tuple[bool, ...]:
+        """For each of HANDS_M_S, whether a link is nearer than S_p = v_h (T_r + T_s) + v_r T_r + S_s and moves."""
+        found = np.zeros(len(HANDS_M_S), dtype=bool)
+        if not np.abs(self._cell.arm.driven_rad_s).max() > 0:
+            return tuple(found)
+        for geom in self._robot:
+            speed_m_s = self._speed_m_s(int(geom))
+            if speed_m_s > DRIVEN_M_S:
+                found |= self._nearest_m(int(geom), float(protective_m(speed_m_s).max())) < protective_m(speed_m_s)
+        return tuple(bool(one) for one in found)
+
+    def too_fast(self) -> str:
+        """That a link is faster beside the person than an arm may be that is slow before a hand arrives, in words."""
+        for geom in self._robot:
+            speed_m_s = self._speed_m_s(int(geom))
+            near_m = self._nearest_m(int(geom), BESIDE_M) if speed_m_s > FAST_M_S else BESIDE_M
+            if near_m < BESIDE_M:
+                return f"the arm moves at {speed_m_s:.2f} m/s, {near_m:.2f} m from a person"
+        return ""
+
+    def _of(self, touch: list[tuple[int, int]], wanted: tuple[int, int]) -> NDArray[np.intp]:
+        return np.array([geom for geom, one in enumerate(touch) if tuple(map(int, one)) == wanted], dtype=np.intp)
+
+    def _speed_m_s(self, geom: int) -> float:
+        """Of the shape's fastest point, at most: driven by the arm's servos."""
+        model, driven = self._model, self._cell.arm.driven_rad_s
+        moves, turns = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        body, arm = int(model.geom_bodyid[geom]), self._cell.world.arm_qvel
+        mujoco.mj_jac(model, self._data, moves, turns, self._data.geom_xpos[geom], body)
+        spin = float(np.linalg.norm(turns[:, arm] @ driven)) * float(model.geom_rbound[geom])
+        return float(np.linalg.norm(moves[:, arm] @ driven)) + spin
+
+    def _nearest_m(self, geom: int, most_m: float) -> float:
+        """From a shape of the robot to the person; `most_m` where it is farther."""
+        near_m, ends = most_m, np.zeros(6)
+        centres, bounds = self._data.geom_xpos, self._model.geom_rbound
+        apart = np.linalg.norm(centres[self._skin] - centres[geom], axis=1) - bounds[self._skin] - bounds[geom]
+        for other in self._skin[apart < near_m]:
+            near_m = min(near_m, mujoco.mj_geomDistance(self._model, self._data, geom, int(other), near_m, ends))
+        return near_m
+
+
+def protective_m(arm_m_s: float) -> Array:
+    """S_p of ISO/TS 15066 for each of HANDS_M_S; positions are exact here, so C, Z_d and Z_r are 0."""
+    stops_s = arm_m_s / BRAKES_M_S2
+    hands_m = np.array(HANDS_M_S) * (REACTS_S + stops_s)
+    return hands_m + arm_m_s * (REACTS_S + stops_s / 2)
+
 
 ELSEWHERE_M, MOVES_RAD_S, HEARD_S = 0.03, 0.1, 0.6  # the margin of separation; a reaction and braking
 OFF_PATH_RAD, FASTER, PLACES = 0.05, 1.25, 10

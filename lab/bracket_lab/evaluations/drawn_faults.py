@@ -34,10 +34,9 @@ from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.faults import USUAL, Action, FaultTable
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_lab.evaluations.assembly import OF_PERSON, assembly
-from bracket_lab.evaluations.danger import PART_FELL, Danger
+from bracket_lab.evaluations.danger import DRIVEN_M_S, PART_FELL, Danger
 from bracket_lab.evaluations.evidence import Evidence
 from bracket_lab.evaluations.faults import Fork, trial
-from bracket_lab.evaluations.true_distance import DRIVEN_M_S
 from bracket_sim.cell import SimCell
 
 EACH = 20  # faults that one run splits for; one more has none

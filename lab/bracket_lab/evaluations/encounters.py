@@ -21,7 +21,7 @@ from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample
 from bracket_lab.evaluations.assembly import assembly
-from bracket_lab.evaluations.true_distance import BRAKES_M_S2, DRIVEN_M_S, HANDS_M_S, REACTS_S, TrueDistance
+from bracket_lab.evaluations.danger import BRAKES_M_S2, DRIVEN_M_S, HANDS_M_S, REACTS_S, TrueDistance
 from bracket_sim.cell import SimCell
 from bracket_sim.truth.contacts import Contact
 

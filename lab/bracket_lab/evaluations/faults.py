@@ -35,8 +35,7 @@ from bracket_cell.wiring.services import load_planners
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_lab.evaluations.assembly import Assembly, Injected
-from bracket_lab.evaluations.danger import Drops
-from bracket_lab.evaluations.stopping_distance import StoppingDistance
+from bracket_lab.evaluations.danger import Drops, StoppingDistance
 from bracket_sim.cell import SimCell
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of

@@ -14,15 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from bracket_cell.configuration import Configuration, load_product
+from bracket_cell.learned.inference.scores import share
 from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import Action
 from bracket_ground.interfaces.product import Product
-from bracket_lab.evaluations.actions import Told, matched, share
+from bracket_lab.evaluations.actions import Told, matched
 from bracket_lab.evaluations.assembly import opened
+from bracket_lab.evaluations.figures import paper
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
-from bracket_lab.evaluations.paper import paper
 from bracket_sim.cell import SimCell
 
 

@@ -26,7 +26,7 @@ from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import CameraSetup
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
-from bracket_lab.pictures.compositor import Compositor
+from bracket_lab.pictures.handless import Compositor
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
 PALM_OUTLINE = (0, 1, 5, 9, 13, 17)

@@ -26,8 +26,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.actions.data import Segments, load_segments
 from bracket_lab.learned.actions.evaluate import answers, class_scores
 from bracket_lab.learned.hands.data import LabelledFrame, frames_of
-from bracket_lab.learned.holes.data import Plate, load_plates
-from bracket_lab.learned.holes.evaluate import HoleFindings
+from bracket_lab.learned.holes.evaluate import HoleFindings, Plate, load_plates
 from bracket_lab.learned.parts.data import Scene, load_scenes
 from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
 from bracket_lab.learned.training.still_dataset import Still

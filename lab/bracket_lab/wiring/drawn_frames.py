@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from bracket_cell.configuration import Configuration
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.product import Product
-from bracket_lab.drawing.splits import mixed_clutter, sometimes_steel
+from bracket_lab.drawing.sight import mixed_clutter, sometimes_steel
 from bracket_sim.scene.settings import settings_of
 
 if TYPE_CHECKING:

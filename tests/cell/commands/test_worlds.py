@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_lab.commands.world import world
+from bracket_lab.commands.run import world
 from bracket_sim.worker.worker import Worker
 
 

@@ -15,8 +15,7 @@ from bracket_cell.configuration import Configuration, load_configuration
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import RowStore
 from bracket_lab.commands.bars import BARS, Figure, Measured, ask, chosen_bars, measured, parts_of
-from bracket_lab.evaluations.figures import FIGURES, topics, write_rows
-from bracket_lab.evaluations.paper import paper
+from bracket_lab.evaluations.figures import FIGURES, paper, topics, write_rows
 from tests import ROOT
 
 FOUND = Figure(claim="found", key="trackers.slim.found", least=0.9)

@@ -19,7 +19,7 @@ from bracket_lab.drawing.hands import hand_frames
 from bracket_lab.drawing.placed import holes_of
 from bracket_lab.drawing.recording import Assembly, Film, Source
 from bracket_lab.drawing.sight import GEOM_POSITIONS
-from bracket_lab.evaluations.beside_robot import record_beside_robot
+from bracket_lab.evaluations.reaches import record_beside_robot
 from bracket_sim.rendering.photographer import Exposure
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")

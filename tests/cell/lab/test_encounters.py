@@ -18,9 +18,9 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample
 from bracket_lab.commands.encounters import _tell_assembly
 from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio
+from bracket_lab.evaluations.danger import TrueDistance, protective_m
 from bracket_lab.evaluations.encounters import Encounters, Tracker, encounter, passed, summary
 from bracket_lab.evaluations.random_faults import counted, troubled_assembly
-from bracket_lab.evaluations.true_distance import TrueDistance, protective_m
 from tests.integration.cell_rig import BENCH, with_person
 
 

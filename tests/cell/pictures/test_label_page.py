@@ -16,7 +16,7 @@ from bracket_cell.pictures.labels import LabelFolder
 from bracket_cell.pictures.server import LabelServer
 from bracket_cell.pictures.suggestions import Suggester
 from bracket_lab.learned.hands.data import frames_of
-from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
 from tests.cell.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
 

@@ -13,12 +13,11 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.learned.hands.records import HandRow
-from bracket_cell.learned.holes.records import Hole
-from bracket_cell.learned.parts.records import PartRow
+from bracket_cell.learned.records import Hole, PartRow
 from bracket_cell.pictures.labels import LabelFolder, PictureLabels
 from bracket_ground.errors import InputError
 from bracket_lab.learned.hands.data import frames_of
-from bracket_lab.learned.holes.data import load_plates
+from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
 from bracket_lab.pictures.scoring import apart, objection
 from tests.cell.pictures.drawn import BENCH, PRODUCT, photograph_plate, photograph_tray

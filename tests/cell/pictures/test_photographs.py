@@ -18,7 +18,7 @@ from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import frames_of, load_hands
-from bracket_lab.pictures.compositor import Compositor
+from bracket_lab.pictures.handless import Compositor
 from bracket_lab.pictures.photographs import CutHand, compose, cut_hands, photographs_of, write_photographs
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead

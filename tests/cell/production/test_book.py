@@ -15,9 +15,8 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.log.report.report import production_html
 from bracket_cell.production.book import VERSION, Book, RunRow, csv_lines
-from bracket_cell.production.bookkeeper import Bookkeeper, Moment
+from bracket_cell.production.bookkeeper import Bookkeeper, Moment, Placements
 from bracket_cell.production.effectiveness import Period
-from bracket_cell.production.placements import Placements
 from bracket_cell.production.samples import Samples
 from bracket_ground.errors import InputError
 

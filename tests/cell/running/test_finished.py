@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from bracket_cell.learned.semantic.goals import OpenGoals
-from bracket_cell.watching.brackets import FinishedBrackets
 from bracket_cell.watching.observer import End, Outcome, SentCommand, TickRecord
+from bracket_cell.watching.statistics import FinishedBrackets
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.perception import Action, BenchView, HoleView

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from bracket_cell.configuration import load_configuration
 from bracket_cell.learned.classical.box_model import View, check_image
 from bracket_cell.learned.classical.depth_evidence import DepthEvidence
-from bracket_cell.learned.hands.depth import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
 from bracket_cell.learned.hands.reading import Reading
+from bracket_cell.learned.hands.tracking import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.frame import Frame
 

@@ -30,10 +30,14 @@ from bracket_lab.learned.hands.augment import turned_images, varied  # noqa: E40
 from bracket_lab.learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, frames_of, load_hands  # noqa: E402
 from bracket_lab.learned.hands.evaluate import score_readings  # noqa: E402
 from bracket_lab.learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
-from bracket_lab.learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
 from bracket_lab.learned.hands.network import HEAT_PX, Finder, Reader, soft_argmax  # noqa: E402
 from bracket_lab.learned.hands.refiner import Refiner  # noqa: E402
-from bracket_lab.learned.hands.train import train_hands  # noqa: E402
+from bracket_lab.learned.hands.train import (  # noqa: E402
+    heat_target,
+    reader_loss,
+    refiner_loss,
+    train_hands,
+)
 from bracket_lab.learned.training.recipe import Recipe, Task  # noqa: E402
 from bracket_lab.learned.training.torch_model import begin_with  # noqa: E402
 

@@ -13,8 +13,7 @@ from bracket_cell.learned.holes.model import KIND, HoleNetwork, Reading
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.files.data_folder import DataFolder
 from bracket_lab.drawing.plates import write_plates
-from bracket_lab.learned.holes.data import Plate, load_plates
-from bracket_lab.learned.holes.evaluate import HoleFindings, evaluate_holes
+from bracket_lab.learned.holes.evaluate import HoleFindings, Plate, evaluate_holes, load_plates
 from bracket_sim.scene.settings import settings_of
 
 CONFIGURATION = simulated(load_configuration(), "nominal")

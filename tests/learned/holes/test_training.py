@@ -11,9 +11,9 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.holes.model import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
-from bracket_cell.learned.holes.records import Hole
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_lab.learned.holes.data import Plate
+from bracket_cell.learned.records import Hole
+from bracket_lab.learned.holes.evaluate import Plate
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -39,8 +39,7 @@ def drawn(seed: int) -> Plate:
 
 
 def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
-    from bracket_lab.learned.holes.settings import HoleTraining
-    from bracket_lab.learned.holes.train import train_holes
+    from bracket_lab.learned.holes.train import HoleTraining, train_holes
 
     plates = [drawn(seed) for seed in range(40)]
     out = tmp_path / "holes_plate.onnx"
@@ -57,8 +56,7 @@ def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
 
 
 def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
-    from bracket_lab.learned.holes.settings import HoleTraining
-    from bracket_lab.learned.holes.train import LEAST_LEGAL, least_sure
+    from bracket_lab.learned.holes.train import LEAST_LEGAL, HoleTraining, least_sure
 
     rng = np.random.default_rng(0)
     truth = np.concatenate([np.zeros(500, np.int64), np.ones(1000, np.int64)])
@@ -74,8 +72,7 @@ def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
 
 
 def test_probabilities_are_chosen_for_as_many_astray_parts_as_are_met_with() -> None:
-    from bracket_lab.learned.holes.settings import HoleTraining
-    from bracket_lab.learned.holes.train import as_met_with, least_sure
+    from bracket_lab.learned.holes.train import HoleTraining, as_met_with, least_sure
 
     rng = np.random.default_rng(1)
     truth = np.concatenate([np.zeros(1000, np.int64), np.ones(1000, np.int64)])

@@ -21,7 +21,7 @@ from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.drawing.objects import write_objects
-from bracket_lab.drawing.splits import mixed_clutter
+from bracket_lab.drawing.sight import mixed_clutter
 from bracket_lab.learned.parts.data import Scene, load_scenes
 from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
 from bracket_sim.scene.settings import settings_of

@@ -10,8 +10,7 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.learned.parts.maps import surface_of
-from bracket_lab.evaluations.holes_and_parts import Task
-from bracket_lab.evaluations.tilted_parts import score_tilted, tilted
+from bracket_lab.evaluations.holes_and_parts import Task, score_tilted, tilted
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 
 

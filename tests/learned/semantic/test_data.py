@@ -17,8 +17,7 @@ from bracket_cell.learned.semantic.records import (
     save_demonstrations,
 )
 from bracket_ground.errors import InputError
-from bracket_lab.learned.semantic.data import demonstrations_of, states_of
-from bracket_lab.learned.semantic.scenarios import scenarios
+from bracket_lab.learned.semantic.scenarios import demonstrations_of, scenarios, states_of
 from tests.learned.products import DEFAULT, HARDER
 
 LAYOUT = Layout.of(DEFAULT)

@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 
 from bracket_cell.learned.semantic.confusions import ConfusionLikelihood, Confusions, Pattern, Reports
-from bracket_cell.learned.semantic.factored_confusions import MOST_STATES, FactoredConfusions, confusion_likelihood
 from bracket_cell.learned.semantic.graph import Layout
 from bracket_cell.learned.semantic.model import BayesPlanner
-from bracket_cell.learned.semantic.posterior import Noise, UniformLikelihood, UnknownGoal
+from bracket_cell.learned.semantic.posterior import (
+    MOST_STATES,
+    FactoredConfusions,
+    Noise,
+    UniformLikelihood,
+    UnknownGoal,
+    confusion_likelihood,
+)
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import EMPTY, arrangements

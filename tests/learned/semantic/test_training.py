@@ -193,7 +193,7 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from bracket_cell.learned.semantic.records import save_demonstrations
-    from bracket_lab.learned.semantic.data import demonstrations_of
+    from bracket_lab.learned.semantic.scenarios import demonstrations_of
     from bracket_lab.learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"

@@ -17,8 +17,8 @@ from bracket_ground.interfaces.stacks import VMRD_CLASSES, StackedScene
 from bracket_lab.commands import stacks as commands
 from bracket_lab.experiments.experiments import kept, measured
 from bracket_lab.experiments.stacks import experiment
+from bracket_lab.experiments.stacks.checks import StackTraining
 from bracket_lab.experiments.stacks.experiment import Study, draw_figure18, figure18, table4
-from bracket_lab.experiments.stacks.settings import StackTraining
 from bracket_lab.experiments.stacks.vmrd import read_vmrd, write_scene, write_splits
 from bracket_lab.learned.training.schedule import Schedule
 from tests.learned.stacks.folders import picture

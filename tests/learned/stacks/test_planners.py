@@ -12,11 +12,11 @@ import torch
 
 from bracket_ground.interfaces.stacks import VMRD_CLASSES
 from bracket_lab.experiments.stacks.batches import CHILD, FATHER, NOTHING, answers_of, batch_of, pair_geometry
+from bracket_lab.experiments.stacks.checks import Kind, StackTraining
 from bracket_lab.experiments.stacks.experiment import alike
 from bracket_lab.experiments.stacks.networks import GvmrnRf, PointerNet, Vmrn
 from bracket_lab.experiments.stacks.planners import Always, Topmost, train_planner
 from bracket_lab.experiments.stacks.scores import Seen, ious, names_what_lies_on, score
-from bracket_lab.experiments.stacks.settings import Kind, StackTraining
 from bracket_lab.experiments.stacks.views import Labelled, StackView, _read, _write, labelled
 from bracket_lab.learned.training.schedule import Schedule
 from tests.learned.stacks.made_up import scene

@@ -20,6 +20,12 @@ def wilson(right: int, count: int) -> tuple[float, float]:
     return max(0.0, min(middle - half, share)), min(1.0, max(middle + half, share))
 
 
+def share(right: int, count: int) -> dict[str, float | int]:
+    """A share with its 95 % interval."""
+    low, high = wilson(right, count)
+    return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
+
+
 def student(numbers: Sequence[float]) -> tuple[float, float]:
     """Mean over seeds and half the width of its interval, zero for one seed."""
     if len(numbers) < 2:

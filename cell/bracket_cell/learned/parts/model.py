@@ -23,8 +23,8 @@ from bracket_cell.learned.parts.maps import (
     peaks,
     surface_of,
 )
-from bracket_cell.learned.parts.records import UNKNOWN
 from bracket_cell.learned.parts.stacked import NOTHING_TOLD, StackReader, Told, carriers, meeting, stacked_file
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame

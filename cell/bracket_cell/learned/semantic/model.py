@@ -10,7 +10,6 @@ import numpy as np
 
 from bracket_cell.learned.inference.onnx_model import ModelCard, Network, OnnxModel
 from bracket_cell.learned.semantic.confusions import Confusions
-from bracket_cell.learned.semantic.factored_confusions import confusion_likelihood
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import Floats, Layout
 from bracket_cell.learned.semantic.posterior import (
@@ -21,6 +20,7 @@ from bracket_cell.learned.semantic.posterior import (
     UniformLikelihood,
     UnknownGoal,
     approximations,
+    confusion_likelihood,
     posterior,
 )
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR

@@ -28,7 +28,7 @@ from bracket_cell.log.report.summary import (
     with_cause,
 )
 from bracket_cell.production.book import Book
-from bracket_cell.production.placements import ROBOT, Placements
+from bracket_cell.production.bookkeeper import ROBOT, Placements
 from bracket_ground.errors import LogError
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")

@@ -88,9 +88,8 @@ def hands(asked: Training, weights: Path) -> Scores:
 
 def holes(asked: Training, weights: Path) -> Scores:
     """Train the hole reader, and calibrate its probabilities."""
-    from bracket_lab.learned.holes.data import load_plates
-    from bracket_lab.learned.holes.settings import HoleTraining
-    from bracket_lab.learned.holes.train import train_holes
+    from bracket_lab.learned.holes.evaluate import load_plates
+    from bracket_lab.learned.holes.train import HoleTraining, train_holes
     from bracket_lab.learned.training.still_dataset import split
 
     budget_s = seconds(asked.budget)

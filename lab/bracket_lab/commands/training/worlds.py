@@ -39,8 +39,14 @@ from bracket_ground.files.files import whole_folder
 from bracket_ground.interfaces.perception import HandTracker
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing import actions, hands, objects, plates, recording
-from bracket_lab.drawing.sight import true_calibration
-from bracket_lab.drawing.splits import LYING_SHARE, STACKED_SHARE, mixed_clutter, seeds, sometimes_steel
+from bracket_lab.drawing.sight import (
+    LYING_SHARE,
+    STACKED_SHARE,
+    mixed_clutter,
+    seeds,
+    sometimes_steel,
+    true_calibration,
+)
 from bracket_sim.scene.settings import settings_of
 
 One = Callable[[int, DataFolder], float | None]  # makes what one seed gives; returns the simulated seconds

@@ -23,7 +23,7 @@ from bracket_ground.errors import InputError, ModelError, Place, Problem
 from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.stacks import StackedScene
-from bracket_lab.experiments.stacks.settings import WHOLE, StackTraining
+from bracket_lab.experiments.stacks.checks import WHOLE, StackTraining
 from bracket_lab.learned.training.pretrained import GREY, PYRAMID, SPREAD, efficient_body
 from bracket_lab.learned.training.training_loop import Checkpoint, fit
 

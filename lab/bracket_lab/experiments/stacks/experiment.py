@@ -13,13 +13,12 @@ from typing import Any, Literal
 import numpy as np
 
 from bracket_ground.interfaces.stacks import StackedScene
-from bracket_lab.evaluations.paper import paper
+from bracket_lab.evaluations.figures import paper
 from bracket_lab.experiments.experiments import Cell, Cells, Values, markdown, shown_share, values_of
-from bracket_lab.experiments.stacks.checks import StackData
+from bracket_lab.experiments.stacks.checks import LEARNED, RULES, StackData, StackTraining
 from bracket_lab.experiments.stacks.detector import Regions, load_detector, save_detector, train_detector
 from bracket_lab.experiments.stacks.planners import Always, StackPlanner, Topmost, train_planner
 from bracket_lab.experiments.stacks.scores import OBJECTS, Seen, of_classes, restricted, score
-from bracket_lab.experiments.stacks.settings import LEARNED, RULES, StackTraining
 from bracket_lab.experiments.stacks.views import Labelled, StackView, kept_views, labelled
 from bracket_lab.learned.training.training_loop import Checkpoint
 

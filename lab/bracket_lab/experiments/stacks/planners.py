@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from bracket_ground.interfaces.planning import GraspPlan
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.experiments.stacks.batches import FATHER, Answers, Batch, answers_of, batch_of, overlaps
+from bracket_lab.experiments.stacks.checks import Kind, StackTraining
 from bracket_lab.experiments.stacks.networks import GvmrnRf, PointerNet, Vmrn, WordNet
-from bracket_lab.experiments.stacks.settings import Kind, StackTraining
 from bracket_lab.experiments.stacks.views import Labelled, StackView
 from bracket_lab.learned.grasp.language import END, FIRST_TYPE, GRASP, MAX_WORDS, MOVE
 from bracket_lab.learned.training.training_loop import fit

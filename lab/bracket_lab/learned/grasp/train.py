@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -16,9 +16,17 @@ from rich.console import Console
 from rich.progress import track
 from torch import Tensor, nn
 
+from bracket_cell.learned.grasp.boxes import boxes_of
+from bracket_cell.learned.grasp.candidates import CANDIDATES, as_headed, available
 from bracket_cell.learned.grasp.crops import CHANNELS, CROP_PX, CROPS_KIND, TrayCamera, load_crops
-from bracket_cell.learned.grasp.pairs import PAIR_FEATURES
-from bracket_cell.learned.grasp.settings import TRAY_SCENES, PairwiseSettings, PaperSettings, TrainingSettings
+from bracket_cell.learned.grasp.pairs import PAIR_FEATURES, near_pairs, pair_features
+from bracket_cell.learned.grasp.settings import (
+    TRAY_SCENES,
+    GripperOutline,
+    PairwiseSettings,
+    PaperSettings,
+    TrainingSettings,
+)
 from bracket_cell.learned.inference.onnx_model import ModelCard, Network
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.planning import crops_file
@@ -27,13 +35,89 @@ from bracket_lab.learned.grasp.evaluate import Look, embedded, evaluate_grasp, e
 from bracket_lab.learned.grasp.footprints import FootprintNet, fit_footprints
 from bracket_lab.learned.grasp.graph import MAX_PARTS, feature_count
 from bracket_lab.learned.grasp.language import words_of
-from bracket_lab.learned.grasp.network import PairNet, pair_data
 from bracket_lab.learned.grasp.noise_augmentation import SCENES_EACH, observed_again, random_scenes, with_random_parts
 from bracket_lab.learned.grasp.paper import PaperNet, graph_data
 from bracket_lab.learned.grasp.paper_planner import load_grasp_planner
 from bracket_lab.learned.grasp.scenes import Scene, data_hash, draw_scenes
 from bracket_lab.learned.training.recipe import Recipe, Task
 from bracket_lab.learned.training.torch_model import TorchModel, write_weights
+
+
+class PairNet(nn.Module):
+    """A small committee of perceptrons over the features of one pair; their logits are averaged."""
+
+    def __init__(self, hidden: int, members: int) -> None:
+        super().__init__()
+        self.members = nn.ModuleList(_perceptron(hidden) for _ in range(members))
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Logits (...) of features (..., PAIR_FEATURES)."""
+        return self.each(pairs).mean(0)
+
+    def each(self, pairs: Tensor) -> Tensor:
+        """Logits (members, ...) of every member."""
+        return torch.stack([member(pairs).squeeze(-1) for member in self.members])
+
+
+@dataclass(frozen=True)
+class PairData:
+    """All parts of many scenes with their candidates and neighbours, padded to the largest scene (n parts).
+
+    Attributes:
+        features: (parts, candidates, n, PAIR_FEATURES).
+        blocks: (parts, candidates, n) 1 where the neighbour blocks the candidate.
+        present: (parts, candidates, n) 1 where there are such a candidate and such a neighbour within reach.
+    """
+
+    features: Tensor
+    blocks: Tensor
+    present: Tensor
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def loss(self, net: PairNet, chosen: Tensor) -> Tensor:
+        """Cross-entropy of every pair, and of the noisy-or over a candidate's neighbours; summed over the members."""
+        logits = net.each(self.features[chosen])
+        blocks, present = self.blocks[chosen], self.present[chosen]
+        pairs = nn.functional.binary_cross_entropy_with_logits(logits, blocks.expand_as(logits), reduction="none")
+        free = (nn.functional.logsigmoid(-logits) * present).sum(-1)
+        blocked = (blocks * present).amax(-1).expand_as(free)
+        # log(1 - exp(free)) without loss of precision; the bound keeps it finite where nothing is near.
+        log_blocked = torch.log(-torch.expm1(free.clamp(max=-1e-6)))
+        candidates = -(blocked * log_blocked + (1 - blocked) * free) * present.amax(-1)
+        each = (pairs * present).sum((1, 2, 3)).sum() / present.sum()
+        return each + candidates.sum() / present.amax(-1).sum()
+
+
+def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
+    """Features from the detections, labels from the truth."""
+    widest = max(len(scene.boxes) for scene in scenes)
+    shape = (sum(len(scene.boxes) for scene in scenes), len(CANDIDATES), widest)
+    features = np.zeros((*shape, PAIR_FEATURES), dtype=np.float32)
+    blocks, present = np.zeros((2, *shape), dtype=np.float32)
+    first = 0
+    for scene in scenes:
+        boxes = boxes_of(scene.parts, product)
+        pairs = near_pairs(boxes, available(boxes, GripperOutline()))
+        places = first + pairs.part, pairs.candidate, pairs.neighbour
+        features[places] = pair_features(boxes, pairs, product, scene.noise)
+        truth = as_headed(scene.blocks, scene.boxes, boxes)
+        blocks[places] = truth[pairs.part, pairs.candidate, pairs.neighbour]
+        present[places] = 1.0
+        first += len(boxes)
+    return PairData(torch.from_numpy(features), torch.from_numpy(blocks), torch.from_numpy(present))
+
+
+def _perceptron(hidden: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(PAIR_FEATURES, hidden),
+        nn.SiLU(),
+        nn.Linear(hidden, hidden),
+        nn.SiLU(),
+        nn.Linear(hidden, 1),
+    )
+
 
 OUTPUTS = {"pairwise": ("logits",), "paper": ("verdict", "words")}
 _LOOSE_SEED = 500_000  # apart from the seeds of the other scenes

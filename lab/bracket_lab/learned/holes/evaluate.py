@@ -5,13 +5,40 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from bracket_cell.learned.holes.model import Reading
-from bracket_cell.learned.holes.records import Hole
 from bracket_cell.learned.inference.scores import wilson
-from bracket_lab.learned.holes.data import Plate
+from bracket_cell.learned.records import Hole, PlateRow, holes_of
+from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.training.still_dataset import Still, load_stills
+
+
+@dataclass(frozen=True)
+class Plate(Still):
+    """One image of the plate.
+
+    Attributes:
+        holes: in the order of the product.
+    """
+
+    holes: tuple[Hole, ...]
+
+
+def load_plates(folders: Sequence[Path], product: Product) -> list[Plate]:
+    """All images of some folders.
+
+    Raises:
+        InputError: a file is missing or wrong; the message names file and line.
+    """
+
+    def labelled(still: Still, row: PlateRow) -> Plate:
+        return Plate(**vars(still), holes=holes_of(row.holes, product))
+
+    return load_stills(folders, "plates", PlateRow, labelled)
+
 
 BARE, COVERED = 0.04, 0.15  # share hidden up to which an answer is due, and from which none is
 

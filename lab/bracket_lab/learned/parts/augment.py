@@ -23,7 +23,7 @@ from bracket_cell.learned.parts.maps import (
     STRIDE,
     UPRIGHT,
 )
-from bracket_cell.learned.parts.records import UNKNOWN
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.parts.data import Label, Scene
 

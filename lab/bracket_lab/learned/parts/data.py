@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from bracket_cell.learned.parts.maps import surface_of
-from bracket_cell.learned.parts.records import UNKNOWN, PartRow, TrayRow
-from bracket_cell.learned.records import one_of
+from bracket_cell.learned.records import UNKNOWN, PartRow, TrayRow, one_of
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.training.still_dataset import Still, load_stills

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bracket_cell.learned.parts.maps import overlap
-from bracket_cell.learned.parts.records import UNKNOWN
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import PartDetection, PartDetector
 from bracket_ground.interfaces.product import Product

@@ -27,7 +27,7 @@ from torchvision.ops import MultiScaleRoIAlign, box_iou, clip_boxes_to_image, re
 from bracket_cell.learned.inference.exposure import POOR, levelled, spoiled
 from bracket_cell.learned.inference.onnx_model import Inputs
 from bracket_cell.learned.parts.maps import INPUT_PX, network_input
-from bracket_cell.learned.parts.records import UNKNOWN
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.parts.boxes import HEAD_KIND, KIND, REGIONS, head_file
 from bracket_lab.learned.parts.data import Scene

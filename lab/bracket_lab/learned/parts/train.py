@@ -15,7 +15,7 @@ from bracket_cell.learned.inference.exposure import POOR, mean_level, spoiled
 from bracket_cell.learned.inference.onnx_model import Inputs
 from bracket_cell.learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
 from bracket_cell.learned.parts.model import CENTRE_KIND, POSE_KIND, POSES, pose_file
-from bracket_cell.learned.parts.records import UNKNOWN
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.parts.augment import SCALES, sample
 from bracket_lab.learned.parts.data import Label, Scene

@@ -15,8 +15,8 @@ from bracket_cell.learned.inference.exposure import POOR, mean_level, spoiled
 from bracket_cell.learned.inference.onnx_model import Inputs, Network
 from bracket_cell.learned.parts.maps import INPUT_PX, PLANES, Peak, overlap, peaks
 from bracket_cell.learned.parts.model import AXIS_PX, LEAST_SCORE
-from bracket_cell.learned.parts.records import UNKNOWN
 from bracket_cell.learned.parts.stacked import CROP_PX, STACKED_KIND, stack_crops
+from bracket_cell.learned.records import UNKNOWN
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resting_pose import lies_raised

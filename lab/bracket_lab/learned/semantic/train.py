@@ -18,12 +18,18 @@ from bracket_cell.learned.semantic.records import load_demonstrations
 from bracket_cell.learned.semantic.settings import FactoredSettings, PaperSettings
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.product import Product
-from bracket_lab.learned.semantic.data import states_of
 from bracket_lab.learned.semantic.evaluate import evaluate_semantic
 from bracket_lab.learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, factored_loss, goal_prior
 from bracket_lab.learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
-from bracket_lab.learned.semantic.scenarios import TRAIN_RATIO, from_the_right, scenarios, split, sub_demonstrations
+from bracket_lab.learned.semantic.scenarios import (
+    TRAIN_RATIO,
+    from_the_right,
+    scenarios,
+    split,
+    states_of,
+    sub_demonstrations,
+)
 from bracket_lab.learned.training.recipe import Recipe, Task
 
 Settings = PaperSettings | FactoredSettings

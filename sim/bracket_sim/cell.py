@@ -118,18 +118,9 @@ class SimCell:
         arm: Callable[[World], DrivenArm] | None = None,
     ) -> None:
         chance = RandomStreams.of(seed)
-        self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
-        self._job = self._jobs.next()
-        self._finished: list[dict[str, object]] = []
-        self.look = settings.look.draw(seed)
-        if clutter is None:
-            clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
-        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
-        self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
-        self._mishaps = Mishaps(self.world, self.stock)
+        self._furnish(product, bench, settings, seed, goal, chance, clutter, robot, worker=worker)
         around = WorkerContext(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
-        self._nobody = worker and person.absent  # then nobody says which bracket would be right
         self.worker = (
             Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around) if worker else None
         )
@@ -147,6 +138,31 @@ class SimCell:
         acting: Actor = sensed if arm is None else driven
         host = beside if beside is not None and beside.detects else None
         self.devices = self._devices(sensed, self._clock(acting, driven, cameras if watched else {}), cameras, host)
+
+    def _furnish(
+        self,
+        product: Product,
+        bench: Bench,
+        settings: SimSettings,
+        seed: int,
+        goal: str,
+        chance: RandomStreams,
+        clutter: Sequence[ScenePart] | None,
+        robot: RobotModel | None,
+        *,
+        worker: bool,
+    ) -> None:
+        """The first job, the look, and the world with what lies in it."""
+        self.look = settings.look.draw(seed)
+        self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
+        self._job = self._jobs.next()
+        self._finished: list[dict[str, object]] = []
+        self._nobody = worker and settings.person.absent  # then nobody says which bracket would be right
+        if clutter is None:
+            clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
+        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
+        self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
+        self._mishaps = Mishaps(self.world, self.stock)
 
     def _open_eyes(
         self,

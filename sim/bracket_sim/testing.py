@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -94,7 +94,7 @@ class SimulatedCell:
         planners, faults = load_planners(self.configuration, self.product), load_faults(self.configuration)
         files = Files(self.configuration, self.product, loaded, planners, faults)
         with attached(self.configuration, self.product, self.world.devices) as devices:
-            return drive(files, devices, self.motion, (recorded,)), recorded
+            return run_controller(files, devices, self.motion, (recorded,)), recorded
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 from bracket_cell.configuration import Configuration, load_faults
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.wiring.devices import attached
@@ -32,7 +32,7 @@ def assembled(
     planners, faults = load_planners(CONFIGURATION, PRODUCT), load_faults(CONFIGURATION)
     files = Files(configuration, PRODUCT, load_tree(tree, node_registry(PRODUCT)), planners, faults)
     with attached(configuration, PRODUCT, devices) as opened:
-        outcome = drive(files, opened, motion_planner(), (events,), operator=operator)
+        outcome = run_controller(files, opened, motion_planner(), (events,), operator=operator)
     report = cell.report()
     asked = [(round(time_s, 1), fields.get("text")) for time_s, topic, fields in events.notes if topic == "help"]
     return {

@@ -29,7 +29,7 @@ from bracket_cell.faults.named_faults import EITHER, RECOVERS, STOPS
 from bracket_cell.faults.work_state import STATES
 from bracket_cell.learned.calibration.check import CalibrationCheck
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.drivers.robotiq import ModbusGripper, UrcapGripper
 from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings, UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
@@ -225,7 +225,7 @@ def _run(configuration: Configuration, product: Product, devices: Devices, fault
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     tree = load_tree(TRIAL, node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
-    return drive(files, devices, motion, injection=fault)
+    return run_controller(files, devices, motion, injection=fault)
 
 
 def tried(name: str, state: str, wire: str, slower: float) -> Row:

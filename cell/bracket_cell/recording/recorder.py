@@ -60,6 +60,19 @@ class McapRecorder(Observer):
         scene: what viewers show beside them, None where the cell's model was not given.
         state: what a replay from the next tick on needs; kept at the beginning of each part and of each bracket.
         why: why the robot does what it does after a tick, in plain data; noted where its text changes.
+
+    Args:
+        in_step: time stands while a tick runs, as in simulation, so it may wait for images: the same run writes
+            the same file. Beside a real cell no tick waits.
+        cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
+        alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
+        blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
+        result: how the job was done, by name, asked for at the end; kept as JSON in the metadata `result`.
+        overwrite: an earlier log of this name goes, with all its parts; otherwise it is refused.
+        truth: what really happened since the last call, where the devices know it.
+
+    Raises:
+        InputError: the file cannot be written.
     """
 
     def __init__(
@@ -75,21 +88,6 @@ class McapRecorder(Observer):
         in_step: bool = True,
         overwrite: bool = False,
     ) -> None:
-        """Open the file.
-
-        Args:
-            in_step: time stands while a tick runs, as in simulation, so it may wait for images: the same run writes
-                the same file. Beside a real cell no tick waits.
-            cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
-            alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
-            blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
-            result: how the job was done, by name, asked for at the end; kept as JSON in the metadata `result`.
-            overwrite: an earlier log of this name goes, with all its parts; otherwise it is refused.
-            truth: what really happened since the last call, where the devices know it.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
         self.context = foxglove.Context()
         self.state: Callable[[], Mapping[str, object]] = dict
         self.why: Callable[[], Mapping[str, object]] = dict

@@ -191,7 +191,7 @@ def _run(
         parts = assemble(stack)
         parts.say_unsafe()
         stack.enter_context(priority.preferred(options.pace == "real"))
-        outcome = drive(
+        outcome = run_controller(
             files,
             parts.devices,
             motion,
@@ -212,7 +212,7 @@ def _run(
         return RunResult(outcome, summary, rows)
 
 
-def drive(
+def run_controller(
     files: Files,
     devices: Devices,
     motion: MotionPlanner,

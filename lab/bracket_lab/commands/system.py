@@ -54,13 +54,7 @@ def system(
 
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
-    if shared.perception not in (None, *KINDS):
-        raise InputError(f"--perception {shared.perception}: legal: {', '.join(KINDS)}")
-    configuration, cameras = detected_by(shared.cell()[0], shared.perception), shared.cameras.value
-    configuration = configuration.by_hand() if by_hand else configuration
-    if at_most is not None:
-        controller = configuration.controller.model_copy(update={"max_duration_s": at_most})
-        configuration = configuration.model_copy(update={"controller": controller})
+    configuration, cameras = _configured(shared, by_hand=by_hand, at_most=at_most), shared.cameras.value
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
     told |= {
         "cameras": cameras,
@@ -95,6 +89,22 @@ def system(
     if shared.as_json:
         print_json({**told, "seeds": shared.seeds, "goals": found})
     return status
+
+
+def _configured(shared: Shared, *, by_hand: bool, at_most: float | None) -> Configuration:
+    """The configuration with the detectors and the time that are asked for.
+
+    Raises:
+        InputError: there are no such detectors.
+    """
+    if shared.perception not in (None, *KINDS):
+        raise InputError(f"--perception {shared.perception}: legal: {', '.join(KINDS)}")
+    configuration = detected_by(shared.cell()[0], shared.perception)
+    configuration = configuration.by_hand() if by_hand else configuration
+    if at_most is None:
+        return configuration
+    controller = configuration.controller.model_copy(update={"max_duration_s": at_most})
+    return configuration.model_copy(update={"controller": controller})
 
 
 @takes(Shared, "perception", "look", "seed", "config", "as_json", seed=800_000)

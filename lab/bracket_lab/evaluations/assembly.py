@@ -11,7 +11,7 @@ from bracket_cell.configuration import Configuration, load_configuration, load_f
 from bracket_cell.faults.injection import Injection, Injections, attended
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -134,7 +134,9 @@ def opened(
         with attached(
             configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
         ) as devices:
-            return drive(files, attended(devices), motion, observers, injection=injected, supervised=supervised)
+            return run_controller(
+                files, attended(devices), motion, observers, injection=injected, supervised=supervised
+            )
 
     try:
         yield Assembly(cell, motion, run)

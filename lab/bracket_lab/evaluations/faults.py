@@ -24,7 +24,7 @@ from bracket_cell.faults.named_faults import FAULTS, FaultKind, signals_of
 from bracket_cell.faults.work_state import OTHER_STATES, STATES
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -239,7 +239,7 @@ def trial(
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
         seen = cell.devices if rendered else without_pixels(cell, configuration, product)
         with attached(configuration, product, seen) as opened:
-            return drive(files, opened, motion, observers, injection=injected, supervised=supervised)
+            return run_controller(files, opened, motion, observers, injection=injected, supervised=supervised)
 
     try:
         yield Assembly(cell, motion, run)

@@ -17,7 +17,7 @@ import numpy as np
 from bracket_cell.configuration import DEFAULT_TREE, Configuration, load_faults
 from bracket_cell.learned.inference.scores import student
 from bracket_cell.runs.options import Files
-from bracket_cell.runs.run import drive
+from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -52,7 +52,7 @@ def record_beside_robot(configuration: Configuration, product: Product, seed: in
         assert worker is not None
         camera.watch = film.keep
         with attached(configuration, product, without_pixels(cell, configuration, product)) as devices:
-            outcome = drive(files, devices, motion)
+            outcome = run_controller(files, devices, motion)
         if outcome.end == "interrupted":  # the controller heard the signal, and ended the run safely
             raise KeyboardInterrupt(outcome.reason)
         return film.assembly(seed, goal, cell.look, worker.events, worker.acts, robot_works=True)

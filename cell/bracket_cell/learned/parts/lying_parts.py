@@ -17,14 +17,15 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resting_pose import lies_raised
 
-LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
+LEAST_HEIGHT_M, MIN_CONFIDENCE = 0.02, 0.3  # of something that lies: its height, and that it is there
 BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
 SAME_BOX = 0.4  # intersection over union, from which two findings may be one thing
 SAME_LOOK = 0.85  # from which the one is not looked at again where the other did not tell how it lies
-STANDS = 0.8  # of what stands out, from which a silhouette is that of a standing part
-BETTER = 0.1  # by which one that lies must fit better than one that was told to stand
+STANDING_IOU = 0.8  # of what stands out, from which a silhouette is that of a standing part
+MIN_IOU_GAIN = 0.1  # by which one that lies must fit better than one that was told to stand
 MOST_HIDDEN = 0.4  # of the box of a part that was told to stand, up to which its silhouette may say otherwise
-CLEARLY, STRANGE_FITS = 0.1, 0.88  # surer by this it is of its type; else its silhouette must agree so well
+MIN_CONFIDENCE_LEAD = 0.1  # surer by this it is of its type ...
+UNKNOWN_MIN_IOU = 0.88  # ... else its silhouette must agree so well
 
 Found = Sequence[PartDetection]
 
@@ -41,7 +42,7 @@ class LyingPartResolver:
         told = [one for one in found if one.upright and one.part in self._product.parts]
         fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
         standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
-        rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
+        rest = [one for one in found if one not in told and one.confidence >= MIN_CONFIDENCE]
         exact = [self._exact(one, fit.part, fit.world_from_part) for one, fit in fallen]
         rough: list[PartDetection] = []
         for one in sorted(rest, key=lambda one: (not one.lies_on, -one.confidence)):
@@ -90,13 +91,13 @@ class LyingPartResolver:
 
     def _least_agreement(self, part: str, same: Found) -> float:
         """How well a part must fit what may also be something unknown, by what the detector says of the thing."""
-        return 0.0 if self._clearly(part, same) else STRANGE_FITS
+        return 0.0 if self._clearly(part, same) else UNKNOWN_MIN_IOU
 
     def _clearly(self, part: str, same: Found) -> bool:
         """Whether the detector says clearly that a thing is of this type, and nothing unknown."""
         sure = max((one.confidence for one in same if one.part == part), default=0.0)
         strange = max((one.confidence for one in same if one.part not in self._product.parts), default=0.0)
-        return sure >= strange + CLEARLY
+        return sure >= strange + MIN_CONFIDENCE_LEAD
 
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""
@@ -105,16 +106,16 @@ class LyingPartResolver:
         if hidden[top:bottom, left:right].mean() > MOST_HIDDEN:
             return None
         stands = self._fitter.agreement(frame, one.box_px, one.part, one.world_from_part, hidden)
-        if stands >= STANDS:
+        if stands >= STANDING_IOU:
             return None
         fit = self._fitter.fit(frame, one.box_px, (one.part,), hidden)
-        return fit if fit is not None and fit.agreement > stands + BETTER else None
+        return fit if fit is not None and fit.agreement > stands + MIN_IOU_GAIN else None
 
     def _hidden(self, frame: Frame, one: PartDetection, found: Found) -> NDArray[np.uint8]:
         """1 where other things are seen."""
         mask = np.zeros(frame.image.shape[:2], np.uint8)
         for other in found:
-            if other is not one and overlap(one, other) < SAME_BOX and other.confidence >= LEAST_SURE:
+            if other is not one and overlap(one, other) < SAME_BOX and other.confidence >= MIN_CONFIDENCE:
                 left, top, right, bottom = (max(value, 0) for value in other.box_px)
                 mask[top:bottom, left:right] = 1
         return mask

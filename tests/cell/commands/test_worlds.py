@@ -41,8 +41,8 @@ def test_a_world_that_cannot_say_where_it_is_closes_its_processes(
     def gone(*_: Any, **__: Any) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("bracket_lab.commands.world.open_world", lambda *_: (server, devices))
-    monkeypatch.setattr("bracket_lab.commands.world.console", lambda: SimpleNamespace(print=gone))
+    monkeypatch.setattr("bracket_lab.commands.run.open_world", lambda *_: (server, devices))
+    monkeypatch.setattr("bracket_lab.commands.run.console", lambda: SimpleNamespace(print=gone))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     with pytest.raises(BrokenPipeError):
         world(at=tmp_path / "w.sock")

@@ -51,6 +51,7 @@ class RunOptions:
         monitor_port, live_port: where others may watch, each None where nobody may.
         monitor_hooks: they may set breakpoints and overrides.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
+        answered: somebody is there who answers questions, as with a page or in a shift.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
     """
 
@@ -112,6 +113,7 @@ class RunOptions:
     images: bool = True
     pixels: bool = True
     one_process: bool = False
+    answered: bool = False
     devices: Devices | None = None
 
     def refuse_simulated(self, configuration: Configuration) -> None:
@@ -147,7 +149,7 @@ class RunOptions:
     @property
     def attended(self) -> bool:
         """Whether somebody is there who answers questions."""
-        return self.brackets is not None or self.page is not None
+        return self.brackets is not None or self.page is not None or self.answered
 
     def load(self, product: Product, configuration: Configuration) -> Tree:
         """The tree as it stands in its files now.

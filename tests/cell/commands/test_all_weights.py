@@ -16,7 +16,6 @@ from bracket_ground.files.files import shipped
 from bracket_lab.commands.training import shipped as training
 from bracket_lab.commands.training.made_data import Children
 from bracket_lab.commands.training.shipped import ROWS, steps_of_shipped
-from bracket_lab.evaluations import weights
 
 MOST_S = 2.5 * 3600
 
@@ -174,10 +173,7 @@ def test_a_folder_of_another_product_is_refused(tmp_path: Path, capsys: pytest.C
     assert "was made for another product or bench, or its" in " ".join(capsys.readouterr().err.split())
 
 
-def test_wrong_names_and_folders_are_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
+def test_wrong_names_and_folders_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     for words, told in (
         (["train", "--only", "arms"], "legal: hands, actions"),
@@ -188,9 +184,6 @@ def test_wrong_names_and_folders_are_told(
             ["train", "--all", "--out", str(tmp_path / "notes.txt" / "in"), "--plan"],
             "notes.txt is a file; name a folder",
         ),
-        (["lab", "eval", "weights", str(tmp_path / "none")], "no such folder"),
-        (["lab", "eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),
-        (["lab", "eval", "weights", str(tmp_path), "--only", "holes", "--seeds", "900000"], "cannot read the weights"),
     ):
         assert main(words) == 2
         assert told in " ".join(capsys.readouterr().err.split())

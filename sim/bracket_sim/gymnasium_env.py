@@ -11,7 +11,7 @@ Observation, a dict:
 Action: five numbers from -1 to 1: the tool by that share of STEP_M along x, y and z, turned by that share of STEP_RAD
 about the vertical, and the fingers: open above 0, else closed.
 Reward: how much nearer tool, part and target came in this step in [m], REFUSED less for a step that is not made, DONE
-at the end of the task.
+at the end of the task. A protective stop of the arm, as where it pushes something, ends the episode, too.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.near_hand import separation_of
 from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.command import GripperCommand, JointTrajectory
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Observation
@@ -191,9 +192,12 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
             self._opening_m = opening_m
             devices.gripper.command(GripperCommand(opening_m))
         way = stepped(self._motion, np.array(devices.arm.state().positions_rad), wanted[:-1], opening_m)
-        refused = way if isinstance(way, str) else ""
+        refused, stopped = way if isinstance(way, str) else "", False
         if not isinstance(way, str) and (self._physics or not same or not self._jumped(way)):
-            self._way = devices.arm.follow(way)
+            try:
+                self._way = devices.arm.follow(way)
+            except DeviceFault as fault:  # a protective stop, which only a person clears
+                refused, stopped = str(fault), True
         self._run(MOST_S, self._rests)
         if not self._rests():
             devices.arm.stop()
@@ -202,7 +206,13 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         left_m, done = self._task.left_m(now), self._task.done(now)
         reward = self._left_m - left_m - REFUSED * bool(refused) + DONE * done
         self._left_m = left_m
-        return self._seen(), float(reward), done, False, {"left_m": left_m, "refused": refused, "holding": now.holding}
+        return (
+            self._seen(),
+            float(reward),
+            done or stopped,
+            False,
+            {"left_m": left_m, "refused": refused, "holding": now.holding},
+        )
 
     def close(self) -> None:
         """Let the simulation go."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.gymnasium_env import TASKS, CellTask
 
@@ -123,3 +124,20 @@ def test_beside_a_person_the_arm_keeps_its_distance() -> None:
     env.close()
     with pytest.raises(ValueError, match="without images"):
         CellTask("Reach", images=("wrist",), person=True)
+
+
+def test_a_protective_stop_ends_the_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = CellTask("Reach", physics=False)
+    env.reset(seed=5)
+    assert env._cell is not None
+
+    def pushed(*_: object) -> None:
+        raise DeviceFault("arm", "protective stop: something pushes the tool with 234 N, limit 150 N")
+
+    monkeypatch.setattr(env, "_jumped", lambda _: False)
+    monkeypatch.setattr(env._cell.devices.arm, "follow", pushed)
+    _, reward, ended, _, told = env.step(np.array([0.0, 0.0, 0.5, 0.0, 1.0], np.float32))
+    assert ended
+    assert "234 N" in told["refused"]
+    assert reward < 0
+    env.close()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import scipy.optimize  # noqa: F401 - `home` forgets what a test imports, and neither this
 import yaml
 from rich.console import Console
 
@@ -23,6 +24,7 @@ from bracket_cell.wiring.devices import attached, find_drivers
 from bracket_cell.wiring.safety import safety_from
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import ManualClock, WallClock
+from bracket_sim import simulator  # noqa: F401 - nor this can be imported twice
 from tests import ROOT
 from tests.cell.conftest import changed_configuration
 from tests.processes import finished

@@ -57,5 +57,3 @@ def test_one_command_trains_what_knows_a_fourth_part_type(tmp_path: Path, capsys
     config.write_text(yaml.safe_dump(yaml.safe_load(config.read_text()) | yaml.safe_load(line), sort_keys=False))
     after = load_configuration(config)
     assert fitting(after.perception, product) == (after.perception, "")
-    words = ["--against", str(out), "--only", "parts", "--seeds", "900000", "--config", str(config)]
-    assert main(["lab", "eval", "weights", str(out), *words]) == 0

@@ -12,10 +12,13 @@ import yaml
 
 from bracket_cell.commands.main import main
 from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.semantic.graph import Layout
 from bracket_cell.learned.semantic.model import BayesPlanner, FactoredPlanner
+from bracket_cell.learned.semantic.records import save_demonstrations
 from bracket_ground.files.files import shipped
 from bracket_lab.commands.training.weights import shipped_weights
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
+from bracket_lab.learned.semantic.scenarios import demonstrations_of, scenarios
 from tests.learned.products import DEFAULT, HARDER
 
 
@@ -69,8 +72,9 @@ def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
 @pytest.mark.usefixtures("short")
 def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded = config.with_name("recorded")
-    data = ["lab", "data", "semantic", "--count", "30", "--out", str(recorded / "demonstrations.jsonl")]
-    assert main(data) == 0
+    layout = Layout.of(DEFAULT)
+    shown = demonstrations_of(layout, scenarios(layout, 0))
+    save_demonstrations(recorded / "demonstrations.jsonl", DEFAULT, shown, "a test")
     assert main(["train", "--config", str(config), "--recorded", str(recorded)]) == 0
     told = capsys.readouterr().err
     assert lines(told)["planners"]["semantic"] == {"kind": "factored", "weights": "semantic_factored.onnx"}

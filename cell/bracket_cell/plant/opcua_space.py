@@ -93,9 +93,9 @@ class CellSpace:
         self._axes = await (await cell.add_object(space, "MotionDevices")).add_object(space, "Axes")
         self._conditions = await cell.add_object(space, "Alarms")
         status = await cell.add_object(space, "Status")
-        self._state = await status.add_variable(f"ns={space};s=Status.StateCurrent", "StateCurrent", int(State.IDLE))
+        self._state = await status.add_variable(f"ns={space};s=Status.StateCurrent", "StateCurrent", _dint(State.IDLE))
         self._name = await status.add_variable(f"ns={space};s=Status.State", "State", State.IDLE.name)
-        await status.add_variable(f"ns={space};s=Status.UnitModeCurrent", "UnitModeCurrent", PRODUCTION)
+        await status.add_variable(f"ns={space};s=Status.UnitModeCurrent", "UnitModeCurrent", _dint(PRODUCTION))
         await self._make_methods()
         await self._make_events()
 
@@ -112,7 +112,7 @@ class CellSpace:
             self._good.clear()
             return
         state = state_of(samples, busy=self._control.busy, ended=self._control.ended)
-        await self._state.write_value(int(state))
+        await self._state.write_value(_dint(state))
         await self._name.write_value(state.name)
         await self._show(samples)
         await self._alarm({labels["signal"] for name, labels, _ in samples if name == ALARM})
@@ -247,6 +247,13 @@ def _argument(name: str, kind: Any) -> Any:
     from asyncua import ua
 
     return ua.Argument(Name=name, DataType=ua.NodeId(kind.value), ValueRank=-1)
+
+
+def _dint(number: int) -> Any:
+    """A number as PackTags have it."""
+    from asyncua import ua
+
+    return ua.Variant(int(number), ua.VariantType.Int32)
 
 
 def _status(name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket
+import shutil
 import subprocess
 import sys
 import time
@@ -30,7 +30,7 @@ CELL = """\
 plant:
   opcua:
     at: 127.0.0.1:{port}
-    trusted: trusted
+    trusted: ../trusted
 """
 SOON_S, BRACKET_S = 120.0, 600.0
 LOST_S = 20.0  # for so long the PLC's line is cut
@@ -44,7 +44,7 @@ def until(true: Callable[[], bool], seconds: float = SOON_S) -> None:
 
 
 def plc(port: int, folder: Path) -> Any:
-    made = sync.Client(f"opc.tcp://127.0.0.1:{port}/cell/")
+    made = sync.Client(f"opc.tcp://127.0.0.1:{port}/cell/", timeout=SOON_S)
     made.application_uri = "urn:plc"
     made.set_security_string(f"Basic256Sha256,SignAndEncrypt,{folder}/trusted/plc.der,{folder}/plc.pem")
     return made
@@ -52,11 +52,6 @@ def plc(port: int, folder: Path) -> Any:
 
 def state(at: Any) -> int:
     return int(at.get_node("ns=2;s=Status.StateCurrent").read_value())
-
-
-def begun(port: int) -> bool:
-    with socket.socket() as tried:
-        return tried.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_a_shift_by_opc_ua(tmp_path: Path) -> None:
@@ -67,15 +62,29 @@ def test_a_shift_by_opc_ua(tmp_path: Path) -> None:
         tmp_path / "plc.pem", tmp_path / "trusted" / "plc.der", "urn:plc", "localhost", usage, names
     )
     asyncio.run(made)
-    shipped, product = DEFAULT_CONFIGURATION.read_text(), DEFAULT_CONFIGURATION.with_name("products.yaml")
-    text = shipped.replace("product: products.yaml", f"product: {product}") + CELL.format(port=port)
-    (tmp_path / "cell.yaml").write_text(text)
-    words = ["serve", "--config", "cell.yaml", "--page", str(page), "--shift", "0", "--look", "none", "--goal", "g1"]
+    shutil.copytree(DEFAULT_CONFIGURATION.parent, tmp_path / "config")
+    with (tmp_path / "config" / "cell.yaml").open("a") as file:
+        file.write(CELL.format(port=port))
+    words = [
+        "serve",
+        "--config",
+        "config/cell.yaml",
+        "--page",
+        str(page),
+        "--shift",
+        "0",
+        "--look",
+        "none",
+        "--goal",
+        "g1",
+    ]
     with (tmp_path / "out").open("w") as out:
         command = [sys.executable, "-m", "bracket_cell", *words]
         server = subprocess.Popen(command, cwd=tmp_path, stdout=out, stderr=out, env={**os.environ})
     try:
-        until(lambda: begun(port))
+        told = tmp_path / "out"
+        until(lambda: "OPC UA" in told.read_text() or server.poll() is not None)
+        assert server.poll() is None, told.read_text()
         heard = Heard()
         with plc(port, tmp_path) as at:
             assert state(at) == State.IDLE

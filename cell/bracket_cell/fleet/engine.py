@@ -7,6 +7,7 @@ under way is handed out again.
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import logging
 import pickle
@@ -194,11 +195,17 @@ def _again(address: str, error: BaseException, done: int, in_vain: int) -> Any:
     until_s = time.monotonic() + AWAY_S
     while time.monotonic() < until_s and in_vain <= GOES:
         with suppress(OSError, TimeoutError, ValueError):
-            return distributed.Client(address, timeout=POLL_S)
+            asyncio.run(asyncio.wait_for(_answers(address), ANSWER_S))  # a client of a frozen one is never made
+            return distributed.Client(address, timeout=CONNECT_S)
         time.sleep(POLL_S)
     how = f"gone for {AWAY_S:g} s" if in_vain <= GOES else f"gone {in_vain} times with nothing done in between"
     what = f"--scheduler {address}: {how}; {done} runs of this call are done"
     raise InputError(f"{what}; the same command goes on with the rest")
+
+
+async def _answers(address: str) -> None:
+    async with needed("distributed", "cell lab sweep").rpc(address) as scheduler:
+        await scheduler.identity(n_workers=0)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_h
 
 GOALS = tuple(product().goals)
 ARM_OVER_BRACKET_RAD = (-0.1, -1.6, 1.7, -1.67, -1.57, 0.0)
+ARM_HELD_OUT_RAD = (0.04, -1.07, 1.46, -1.96, -1.57, 3.18)
 BRISK = Person(screw=ScrewHabits(probability=0.0, unscrewed_limit=9))
 
 
@@ -143,6 +144,13 @@ def test_person_goes_on_when_the_arm_just_stands_there() -> None:
     shift.world.set_arm(bench().arm_look_rad)
     assert not shift.until(lambda: shift.doing("transit"), 7.0)
     assert shift.until(lambda: shift.doing("transit"), 3.0)
+
+
+def test_person_waits_longer_for_an_arm_that_holds_something_out_in_the_way_but_not_for_ever() -> None:
+    shift = Shift()
+    shift.world.set_arm(ARM_HELD_OUT_RAD)
+    assert not shift.until(lambda: shift.doing("transit"), 15.0)
+    assert shift.until(lambda: shift.doing("transit"), 20.0)
 
 
 def test_person_stops_screwing_when_the_arm_comes() -> None:

@@ -16,6 +16,7 @@ from bracket_sim.worker.placing import Placing
 from bracket_sim.worker.worker_sight import Sight
 
 PUNCTUATION = str.maketrans(",.;:()", "      ")
+HELD_OUT_S = 20.0  # as long as a robot offers a part, and goes again
 TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 
 
@@ -208,15 +209,18 @@ class Waiting:
     def works(self, handed: Callable[[], bool]) -> Script:
         """While the arm moves or is not parked; not where it just stands there, asks for help or holds a part out.
 
-        Who goes on with an arm that leaves does not wait until it is parked.
+        Who goes on with an arm that leaves does not wait until it is parked. What is held out to nobody is in the way
+        between hand and bracket: it is waited for, but not for ever.
         """
-        still_s, brisk = 0.0, self._habits.goes_on == "leaving"
+        still_s, out_s, brisk = 0.0, 0.0, self._habits.goes_on == "leaving"
         while not self._sight.arm_parked and still_s < self._habits.stands_s:
             if handed() or (self._asked() and not self._sight.arm_over_bracket):
                 return
             if brisk and self._sight.arm_leaves:
                 return
-            busy = self._sight.arm_moving or self._sight.arm_over_bracket
+            out = self._sight.held_out_m() is not None and out_s < HELD_OUT_S
+            out_s += self._work.dt_s * out
+            busy = self._sight.arm_moving or self._sight.arm_over_bracket or out
             still_s = 0.0 if busy else still_s + self._work.dt_s
             yield
 

@@ -181,6 +181,8 @@ def false_moments(folder: Path) -> Iterator[tuple[dict[str, Any], str]]:
         if (row["tick"], row["log"]) != last_tick or row["between"]:
             since, last_tick = row["s"], (row["tick"], row["log"])
         back = row["s"] if row["cut"] >= 0 else back
+        if not row["words"]:
+            yield row, "it says nothing"
         if row["cut"] > NOTICED_S and not row["silent"]:
             yield row, "the network is lost, and the page does not say so"
         if row["cut"] < 0 and row["silent"] and row["s"] - back > BACK_S and row["s"] - since < 1.0:

@@ -343,17 +343,20 @@ class OperatorGuide:
         mine = {position: holes[position].parts[0] for position in ready if holes[position].fate == "you"}
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
-        if mine and not (held is not None and held not in mine.values()):
-            position = next(at for at, part in mine.items() if held in (None, part))
+        other = self._any_part(tuple(at for at in ready if holes[at].fate == "open"), holes)
+        if mine and (held in (None, *mine.values()) or not other.words):
+            position = next((at for at, part in mine.items() if held in (None, part)), next(iter(mine)))
             words = Message("Place the {part} at {hole}", part=self._title(mine[position]), hole=position)
-            return Instruction("sure", words, (position,), () if held else (mine[position],))
-        return self._any_part(tuple(at for at in ready if holes[at].fate == "open" and holes[at].parts))
+            return Instruction("sure", words, (position,), () if held == mine[position] else (mine[position],))
+        return other
 
-    def _any_part(self, open_holes: tuple[str, ...]) -> Instruction:
-        """What the person does where more than one part may belong into a hole."""
+    def _any_part(self, open_holes: tuple[str, ...], holes: dict[str, Hole]) -> Instruction:
+        """What the person does where more than one part may belong into a hole; nothing where the robot is at it."""
+        unknown = self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL
+        open_holes = tuple(at for at in open_holes if unknown or holes[at].parts)
         if not open_holes:
             return Instruction("sure", "")
-        if self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL:
+        if unknown:
             return Instruction("unsure", "Place any part: this looks like no bracket that I know", open_holes)
         likely = [self.product.goal_title(goal) for goal in self._likely()]
         if not self.placed or len(likely) > 2:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +15,12 @@ from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Judgement
 from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
-from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
+from tests import ROOT
+from tests.trees.nodes.rig import EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT, STANDING
 
 OWN = """
 from btxml import Node, Status
@@ -64,3 +68,25 @@ def test_a_leaf_of_ones_own_that_gives_way_is_told(tmp_path: Path, traits: str, 
         )
     assert instructor.next == ("o2", "p4")
     assert instructor.now().moment == moment
+
+
+@pytest.mark.parametrize("likeliest", [*PRODUCT.goals, UNKNOWN_GOAL])
+def test_there_is_always_a_sentence(likeliest: str) -> None:
+    """Also where what was placed fits no product, and while nobody has anything to do."""
+    tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
+    for seed in range(100):
+        drawn, guide = random.Random(seed), OperatorGuide(PRODUCT, lambda: tree)
+        filled = drawn.sample(PRODUCT.positions, drawn.randrange(len(PRODUCT.positions)))
+        edges = [("belief", {"edge": [drawn.choice(list(PRODUCT.parts)), at], "source": "seen hole"}) for at in filled]
+        left = [at for at in PRODUCT.positions if at not in filled]
+        guidance = {"o3": tuple(drawn.sample(left, drawn.randint(0, len(left))))}
+        shown = Display(guidance, goal_belief={likeliest: 1.0})
+        hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), drawn.choice([None, *PRODUCT.parts]))
+        bench = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("reach", 0.9))
+        for number in range(3):
+            seen = Observation(number, 2.0 * number, STANDING, EMPTY_GRIPPER, bench)
+            notes = tuple(edges) if number == 0 else (("belief", {"fastened": ()}),)
+            guide.take(
+                TickRecord(seen, "RUNNING", (), notes, Command(display=shown), SentCommand(), 0.001, False)  # type: ignore[arg-type]
+            )
+            assert guide.now().words, f"seed {seed}: {filled}, {guidance}"

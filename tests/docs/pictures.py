@@ -25,10 +25,17 @@ def _reference(name: str) -> str:
     return reference.pages()[name]
 
 
+def _conformance() -> str:
+    from tests.trees.engine import agreement
+
+    return agreement.page(agreement.stored())
+
+
 MADE: dict[str, Callable[[], str]] = {
     **{name: partial(_reference, name) for name in reference.pages()},
     **reference_pages.PAGES,
     "docs/reference/old-logs.md": old_logs.page,
+    "docs/reference/conformance.md": _conformance,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),

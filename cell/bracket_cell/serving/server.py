@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from typing import Any
@@ -122,6 +123,7 @@ class CellServer(WebServer):
                     async for event in answer.events():
                         yield event
             told = await asyncio.to_thread(self.between)
+            yield _event("age", f"0 {time.monotonic():.2f}")
             yield _event("between", json.dumps(told))
             await asyncio.sleep(BEAT_S)
 

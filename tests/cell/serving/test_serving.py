@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
+import socket
+import ssl
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
+from hashlib import sha256
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -143,7 +147,7 @@ def test_orders_are_taken_changed_and_cancelled_between_runs(served: Served) -> 
 def test_a_page_that_stays_open_sees_runs_begin_and_end(served: Served) -> None:
     with closing(served.events()) as events:
         assert [next(events) for _ in range(2)] == [("served", "yes"), ("role", "look")]
-        assert next(events)[0] == "between"
+        assert [next(events)[0] for _ in range(2)] == ["age", "between"]
         rig = PageRig(where=Address.parse(f"{SOCKET}{served.launcher.socket}", "--page"))
         rig.tick()
         during = {name for name, _ in takewhile(lambda event: event[0] != "state", events)}
@@ -275,3 +279,29 @@ def test_a_certificate_is_made_once_for_a_host_and_its_key_is_private(tmp_path: 
     assert fingerprint(first.certificate) != print_of_first
     own = PageSettings(certificate=tmp_path / "own.pem", key=tmp_path / "own.key")
     assert with_certificate(own, tmp_path / "served", "10.0.0.7") is own
+
+
+def test_a_cell_that_is_served_to_a_network_makes_a_certificate_and_says_its_fingerprint(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.2", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "bracket_cell", "serve", "--page", f"127.0.0.2:{port}"]
+    with (tmp_path / "told").open("w") as told:
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=told, stderr=told)
+    try:
+        until(lambda: "code to operate" in (tmp_path / "told").read_text())
+        shown = re.sub(r"\s", "", (tmp_path / "told").read_text())
+        assert f"https://127.0.0.2:{port}/" in shown
+        kept = tmp_path / "runs" / "served" / "page.pem"
+        trusting = ssl.create_default_context(cafile=str(kept))
+        connection = http.client.HTTPSConnection("127.0.0.2", port, context=trusting, timeout=SOON_S)
+        connection.request("GET", "/")
+        assert connection.getresponse().status == 200
+        sent = connection.sock.getpeercert(binary_form=True)
+        assert sha256(sent).hexdigest().upper() in shown.replace(":", "")
+        connection.close()
+        stranger = http.client.HTTPSConnection("127.0.0.2", port, timeout=SOON_S)
+        with pytest.raises(ssl.SSLCertVerificationError):
+            stranger.request("GET", "/")
+    finally:
+        process.terminate()
+        process.wait(SOON_S)

@@ -67,6 +67,8 @@ class Side(Protocol):
 
     def halt(self) -> Step: ...
 
+    def close(self) -> None: ...
+
 
 class Refused(Exception):
     """The engine does not take the tree."""
@@ -389,44 +391,39 @@ def standard_output() -> Iterator[IO[bytes]]:
             os.close(before)
 
 
-def judged(case: Case, path: Path, judge: Judge, in_order: bool) -> tuple[str, list[str]]:
-    """How a case ends that the newest version judges: equal, differs, raised there, or refused; and its differences."""
-    there, ours = "", None
+def judged(
+    case: Case, path: Path, load: Callable[[Case], Side], in_order: bool, typed: bool = False
+) -> tuple[str, list[str]]:
+    """How a case ends beside the library: equal, differs, raised there, or refused; and its differences.
+
+    Args:
+        load: the library's engine with the tree of a case, or `Refused`.
+        typed: with the judge's own leaves.
+    """
+    there, ours, theirs = "", None, None
     try:
-        judge.load(case)
+        theirs = load(case)
     except Refused as error:
         there = str(error)
     try:
-        ours = Ours(case, path, ManualClock(), judged=True)
+        ours = Ours(case, path, ManualClock(), typed)
     except Refused as error:
         return ("refused by both" if there else "refused here"), [str(error), there]
-    if there:
+    if theirs is None:
         return "refused there", [there]
-    here: dict[str, str] = {}
-    seen: dict[str, str] = {}
-    for turn in range(case.ticks):
-        steps = ("halt",) * (turn in case.halts) + ("tick",)
-        for word in steps:
-            try:
-                other = judge.halt() if word == "halt" else judge.tick()
-            except RuntimeError as error:
-                return "raised there", [str(error)]
-            one = ours.halt() if word == "halt" else ours.tick()
-            if found := differences(one, other, here, seen, in_order):
-                return "differs", [f"{word} {turn}", *found]
-    return "equal", []
+    try:
+        return _first_difference(case, ours, theirs, in_order)
+    finally:
+        theirs.close()
 
 
 def compare(case: Case, path: Path, in_order: bool) -> list[str] | None:
-    """Differences in the first step that has any; None where both sides refuse the tree."""
+    """Differences from version 4.8 in the first step that has any; None where both sides refuse the tree."""
     with standard_output() as output:
-        ours, theirs, refusals = both(case, path, ManualClock(), output)
-        if ours is None or theirs is None:
-            return refusals if len(refusals) == 1 else None
-        try:
-            return _first_difference(case, ours, theirs, in_order)
-        finally:
-            theirs.close()
+        kind, found = judged(case, path, lambda case: Original(case, output), in_order)
+    if kind == "refused by both":
+        return None
+    return [] if kind in ("equal", "raised there") else [kind, *found]
 
 
 def both(
@@ -446,19 +443,20 @@ def both(
     return ours, theirs, refusals
 
 
-def _first_difference(case: Case, ours: Side, theirs: Side, in_order: bool) -> list[str]:
+def _first_difference(case: Case, ours: Ours, theirs: Side, in_order: bool) -> tuple[str, list[str]]:
+    """A failing script is an exception there, and a failure here: after it nothing can be compared."""
     here: dict[str, str] = {}
     there: dict[str, str] = {}
     for turn in range(case.ticks):
-        if turn in case.halts and (found := differences(ours.halt(), theirs.halt(), here, there, in_order)):
-            return [f"halt before tick {turn}", *found]
-        try:
-            other = theirs.tick()
-        except RuntimeError:
-            return []  # a failing script is an exception there, and a failure here: nothing more can be compared
-        if found := differences(ours.tick(), other, here, there, in_order):
-            return [f"tick {turn}", *found]
-    return []
+        for word in ("halt",) * (turn in case.halts) + ("tick",):
+            try:
+                other = theirs.halt() if word == "halt" else theirs.tick()
+            except RuntimeError as error:
+                return "raised there", [f"{word} {turn}", str(error)]
+            one = ours.halt() if word == "halt" else ours.tick()
+            if found := differences(one, other, here, there, in_order):
+                return "differs", [f"{word} {turn}", *found]
+    return "equal", []
 
 
 def _note_skips(tree: Tree, skipped: set[str]) -> None:

@@ -172,7 +172,7 @@ class Generator:
         start = f"<Script code=\"x := 0; y := 0; s := 'a'{more}\"/>"
         main = f'<BehaviorTree ID="Main"><Sequence><RunOnce>{start}</RunOnce>{tree}</Sequence></BehaviorTree>'
         root = ElementTree.fromstring(f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{subtrees}</root>')
-        _name(root, self._seed)
+        named(root, self._seed)
         xml = _text(root)
         _without_try_catch(root)
         halts = frozenset(i for i in range(1, ticks) if self._random.random() < 0.1)
@@ -447,7 +447,7 @@ def _escaped(code: str) -> str:
     return code.replace("&", "&amp;").replace("<", "&lt;")
 
 
-def _name(root: ElementTree.Element, seed: int) -> None:
+def named(root: ElementTree.Element, seed: int) -> None:
     """Give every node a name of its own, also beside other cases, so that both sides speak of the same ones."""
     for number, element in enumerate(root.iter()):
         if element.tag not in ("root", "BehaviorTree"):

@@ -10,7 +10,7 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,34 +18,34 @@ from pathlib import Path
 import pytest
 
 from bracket_ground.interfaces.clock import ManualClock
-from tests import ROOT
+from tests.trees.engine.agreement import (
+    JUDGED_ALONE,
+    MODES,
+    PROGRAM,
+    SIZE,
+    UNLISTED,
+    VERSIONS,
+    WORDS,
+    differences,
+    shown,
+    stored,
+    verdicts,
+)
 from tests.trees.engine.differential import (
     Judge,
     Original,
     Ours,
     both,
     compare,
-    differences,
-    judged,
     read_changes,
     standard_output,
 )
+from tests.trees.engine.differential import (
+    differences as differing,
+)
 from tests.trees.engine.random_trees import SHORT_MS, Case, Features, Generator
 
-MODES = {
-    "plain": Features(),
-    "scripts": Features(scripts=True),
-    "skips": Features(skips=True),
-    "skips and scripts": Features(skips=True, scripts=True),
-    "data": Features(scripts=True, data=True),
-    "everything": Features(skips=True, scripts=True, data=True),
-    "kinds": Features(scripts=True, kinds=True),
-    "kinds and skips": Features(skips=True, scripts=True, kinds=True),
-    "ports": Features(scripts=True, ports=True),
-}
-IN_ORDER = ("plain", "scripts")
-SIZE = 40
-PUSHED = 40  # trees of each mode in every run of the tests
+PUSHED, MANY = range(40), range(10_000, 12_000)  # seeds of every run of the tests, and of the slow ones
 # Cases that run side by side, so that all share the waits that the library's own clock needs. The ticks between two
 # jumps of the clock take less than the short times of the trees, and a jump takes more.
 BATCH, JUMPS, TICKS_A_JUMP = 100, 4, 4
@@ -53,65 +53,66 @@ SEGMENT_S, JUMP_S = 0.8 * SHORT_MS / 1000, 1.4 * SHORT_MS / 1000
 TRIES = 5
 
 
-def assert_same(seeds: Sequence[int], mode: str, path: Path) -> None:
-    refused = 0
-    for seed in seeds:
-        case = Generator(seed, SIZE, MODES[mode]).case()
-        found = compare(case, path, mode in IN_ORDER)
-        assert not found, f"seed {seed}: {found}\n{case}"
-        refused += found is None
-    assert refused <= math.ceil(len(seeds) / 100), "trees that both sides refuse prove nothing"
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_random_trees_run_as_in_behaviortree_cpp(mode: str, tmp_path: Path) -> None:
-    assert_same(range(PUSHED), mode, tmp_path / "tree.xml")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", MODES)
-def test_many_random_trees_run_as_in_behaviortree_cpp(mode: str, tmp_path: Path) -> None:
-    assert_same([*range(PUSHED, 270), *range(1000, 3500)], mode, tmp_path / "tree.xml")
-
-
-# How the newest version and this engine refuse what the other one takes; docs/conformance.md has each.
-REFUSED_HERE = ("takes {", "takes an int", "takes a bool", "which nothing writes", "is not an int", "is not a bool")
-REFUSED_THERE = ("later type", "Invalid token '\"'")
-JUDGED = {**MODES, "typed": Features(scripts=True, typed=True)}
-
-
 @pytest.fixture(scope="module")
 def judge() -> Iterator[Judge]:
-    program = ROOT / "build" / "judge"
-    if not program.is_file():
+    if not PROGRAM.is_file():
         pytest.skip("nobody has built the judge, so nothing was compared: make judge BTCPP_SOURCE=FOLDER")
-    made = Judge(program)
+    made = Judge(PROGRAM)
     yield made
     made.end()
 
 
-def assert_judged(seeds: Sequence[int], mode: str, path: Path, judge: Judge) -> None:
+@pytest.fixture(scope="module", params=VERSIONS)
+def version(request: pytest.FixtureRequest) -> str:
+    """A version whose judge is there."""
+    if request.param == VERSIONS[1]:
+        request.getfixturevalue("judge")
+    return str(request.param)
+
+
+def assert_agrees(version: str, mode: str, seeds: range, request: pytest.FixtureRequest) -> None:
+    if mode in JUDGED_ALONE and version != VERSIONS[1]:
+        pytest.skip("its leaves are the judge's own")
     counts: Counter[str] = Counter()
-    for seed in seeds:
-        case = Generator(seed, SIZE, JUDGED[mode]).case()
-        kind, found = judged(case, path, judge, mode in IN_ORDER)
+    judge = request.getfixturevalue("judge") if version == VERSIONS[1] else None
+    for kind, words in verdicts(version, mode, seeds, judge):
+        assert kind != UNLISTED, words
         counts[kind] += 1
-        known = {"refused here": REFUSED_HERE, "refused there": REFUSED_THERE}.get(kind, ())
-        listed = any(word in found[0] for word in known) if found else True
-        assert kind in ("equal", "raised there", "refused by both") or listed, f"seed {seed}: {kind}: {found}\n{case}"
-    print(f"{mode}: {dict(counts)}")  # `-s` shows how many agree
     assert counts["equal"] >= len(seeds) / 2, counts
+    most = len(seeds) if mode in JUDGED_ALONE else math.ceil(len(seeds) / 100)
+    assert counts["refused by both"] <= most, "trees that both sides refuse prove nothing"
 
 
-@pytest.mark.parametrize("mode", JUDGED)
-def test_random_trees_run_as_in_the_newest_version(mode: str, tmp_path: Path, judge: Judge) -> None:
-    assert_judged(range(PUSHED), mode, tmp_path / "tree.xml", judge)
+@pytest.mark.parametrize("mode", MODES)
+def test_random_trees_run_as_in_behaviortree_cpp(mode: str, version: str, request: pytest.FixtureRequest) -> None:
+    assert_agrees(version, mode, PUSHED, request)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", JUDGED)
-def test_many_random_trees_run_as_in_the_newest_version(mode: str, tmp_path: Path, judge: Judge) -> None:
-    assert_judged(range(10_000, 12_000), mode, tmp_path / "tree.xml", judge)
+@pytest.mark.parametrize("mode", MODES)
+def test_many_random_trees_run_as_in_behaviortree_cpp(mode: str, version: str, request: pytest.FixtureRequest) -> None:
+    assert_agrees(version, mode, MANY, request)
+
+
+@pytest.mark.parametrize("number", range(len(differences())))
+def test_each_listed_difference_is_there(number: int, version: str, request: pytest.FixtureRequest) -> None:
+    """And the page says of each version what it does with the tree that shows it."""
+    row, column = differences()[number], VERSIONS.index(version)
+    found = stored()["differences"][number]
+    judge = request.getfixturevalue("judge") if version == VERSIONS[1] else None
+    assert shown(row, version, judge) == found[column], row
+    assert "tree" not in row or set(found) - {"", WORDS["equal"]}, "no version differs"
+
+
+def test_the_page_counts_many_trees_of_each_mode_and_no_difference_beyond_its_list() -> None:
+    data = stored()["random"]
+    assert set(data) == set(MODES)
+    for mode, beside in data.items():
+        assert set(beside) == set(VERSIONS[1:] if mode in JUDGED_ALONE else VERSIONS)
+        for counts in beside.values():
+            kinds = {kind: number for kind, number in counts.items() if kind != "seeds"}
+            assert sum(kinds.values()) >= len(MANY)
+            assert UNLISTED not in kinds, mode
 
 
 def assert_same_in_time(seeds: range, path: Path) -> None:
@@ -170,24 +171,24 @@ class Pair:
         for turn in range(first, first + count):
             if turn > first and turn in self.case.halts:
                 halts = self.ours.halt(), self.theirs.halt()
-                if differs := differences(*halts, self.here, self.there, in_order=False):
+                if differs := differing(*halts, self.here, self.there, in_order=False):
                     return [f"halt before tick {turn}", *differs]
             one, other = self.ours.tick(), self.theirs.tick()
             if turn == first:
                 one.events.sort()
                 other.events.sort()
-            if differs := differences(one, other, self.here, self.there, in_order=False):
+            if differs := differing(one, other, self.here, self.there, in_order=False):
                 return [f"tick {turn}", *differs]
         return []
 
 
 def test_random_trees_with_times_run_as_in_behaviortree_cpp(tmp_path: Path) -> None:
-    assert_same_in_time(range(PUSHED), tmp_path / "tree.xml")
+    assert_same_in_time(PUSHED, tmp_path / "tree.xml")
 
 
 @pytest.mark.slow
 def test_many_random_trees_with_times_run_as_in_behaviortree_cpp(tmp_path: Path) -> None:
-    assert_same_in_time(range(PUSHED, 2300), tmp_path / "tree.xml")
+    assert_same_in_time(range(40, 2300), tmp_path / "tree.xml")
 
 
 def of(body: str, **answers: str) -> Case:

@@ -1,7 +1,7 @@
 """Serves the operator's page of a run: pictures and state go out, orders come in; who has no token is refused.
 
 Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
-newest one when it has taken the one before, and a client that takes none for a while is dropped.
+newest one when it has taken the one before, of that what changed, and a client that takes none for a while is dropped.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class PageServer(WebServer):
     ) -> None:
         self._obey, self._scene, self._samples = obey, orjson.dumps(dict(scene or {})), samples
         self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
-        self._still, self._state = b"{}", b"{}"
+        self._still, self._state = b"{}", dict[str, bytes]()
         self.still(dict(still or {}))
         self._number, self._published_s = 0, time.monotonic()
         self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
@@ -99,7 +99,8 @@ class PageServer(WebServer):
 
     def publish(self, state: dict[str, Any]) -> None:
         """A new state for every client; returns at once."""
-        self._state, self._number = orjson.dumps(state, option=orjson.OPT_NON_STR_KEYS), self._number + 1
+        encoded = {name: orjson.dumps(value, option=orjson.OPT_NON_STR_KEYS) for name, value in state.items()}
+        self._state, self._number = encoded, self._number + 1
         self._published_s = time.monotonic()
         loop = self._loop
         if loop is not None and not self._closing:
@@ -180,7 +181,10 @@ class PageServer(WebServer):
 
 
 class _Events(Response):
-    """Server-sent events for one client: what stands still, then the newest state each time that it took the last."""
+    """Server-sent events for one client: what stands still, then, each time that it took the last, what changed since.
+
+    Before each comes how old it is [s], and when it was sent [s], so that a client that slept knows old news.
+    """
 
     def __init__(self, server: PageServer, token: Role | None) -> None:
         super().__init__()
@@ -197,12 +201,15 @@ class _Events(Response):
             await send({"type": "http.response.start", "status": 200, "headers": headers})
             await self._tell(send, b"role", (self._whose or "look").encode())
             await self._tell(send, b"still", server._still)
-            told = -1
+            told, known = -1, dict[str, bytes]()
             while not gone.done() and not (server._closing and told == server._number):
                 if told != server._number:
                     told, age_s = server._number, time.monotonic() - server._published_s
-                    await self._tell(send, b"age", f"{age_s:.1f}".encode())  # a newcomer's first state may be old
-                    await self._tell(send, b"state", server._state)
+                    await self._tell(send, b"age", f"{age_s:.2f} {time.monotonic():.2f}".encode())
+                    state = server._state
+                    changed = [name for name, value in state.items() if known.get(name) != value]
+                    await self._tell(send, b"state", _object({name: state[name] for name in changed}))
+                    known = state
                 news.clear()
                 if told == server._number and not server._closing and not gone.done():
                     await news.wait()
@@ -216,6 +223,10 @@ class _Events(Response):
     async def _tell(self, send: Send, name: bytes, data: bytes) -> None:
         body = b"event: " + name + b"\ndata: " + data + b"\n\n"
         await asyncio.wait_for(_sent(send, body), SLOW_S)
+
+
+def _object(members: Mapping[str, bytes]) -> bytes:
+    return b"{" + b",".join(orjson.dumps(name) + b":" + value for name, value in members.items()) + b"}"
 
 
 async def _gone(receive: Receive) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import signal
 import socket
 import threading
 import time
@@ -638,3 +639,90 @@ class Relay:
                 if not self.silent.is_set():
                     sink.sendall(data)
             sink.shutdown(socket.SHUT_RDWR)
+
+
+LATE_S = 1.0  # how long after waking, or behind the cell, a sentence may be
+WATCH = f"""() => {{ window.seen = [];
+  setInterval(() => window.seen.push([Date.now(), {WORDS}, {SILENT}]), 20) }}"""
+THIRD_GENERATION = {"offline": False, "latency": 150, "downloadThroughput": 750e3 / 8, "uploadThroughput": 250e3 / 8}
+
+
+def processes() -> set[int]:
+    """Browsers of this test."""
+    found: dict[int, int] = {}
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            found[int(entry.parent.name)] = int(entry.read_text().rpartition(")")[2].split()[1])
+    below, new = {os.getpid()}, {os.getpid()}
+    while new:
+        new = {child for child, parent in found.items() if parent in new}
+        below |= new
+    return {one for one in below if b"--closed-lid" in command_line(one) or b"--type=" in command_line(one)}
+
+
+def command_line(process: int) -> bytes:
+    with suppress(OSError):
+        return Path(f"/proc/{process}/cmdline").read_bytes()
+    return b""
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_after_a_closed_lid_nothing_old_is_shown_as_new(chromium: Callable[..., Any], goes_on: bool) -> None:
+    """A tablet that sleeps finds what was sent until then, and takes it for no news where the run hung meanwhile."""
+    before = processes()
+    browser, rig = chromium(args=["--no-sandbox", "--disable-3d-apis", "--closed-lid"]), PageRig(slower=1.0)
+    rig.tick()
+    visitor, ticking = Visitor(browser, rig, SIZES[0]), Ticking(rig)
+    visitor.page.evaluate(WATCH)
+    visitor.page.wait_for_timeout(500)
+    told, asleep = visitor.page.evaluate(WORDS), processes() - before
+    for process in asleep:
+        os.kill(process, signal.SIGSTOP)
+    time.sleep(1.0)
+    rig.show(questions=(HELP,))
+    time.sleep(2.0)
+    if not goes_on:
+        ticking.end()
+        time.sleep(3.0)
+    woken_ms = 1000 * time.time()
+    for process in asleep:
+        os.kill(process, signal.SIGCONT)
+    visitor.page.wait_for_timeout(3000)
+    seen = visitor.page.evaluate("window.seen")
+    assert not [sample for sample in seen if woken_ms - 2000 < sample[0] < woken_ms], "it slept"
+    later = [sample[1:] for sample in seen if sample[0] > woken_ms + 1000 * LATE_S]
+    assert len(later) > 20
+    if goes_on:
+        ticking.end()
+        assert told not in {words for words, _ in later}
+        assert not any(silent for _, silent in later)
+    else:
+        assert all(silent and words.startswith("No news") for words, silent in later)
+    browser.close()
+    rig.page.abandon()
+
+
+def test_a_slow_phone_says_what_is_so_now(browser: Any) -> None:
+    """A sixth of this processor, a network of the third generation, and much on the page that stays as it is."""
+    rig = PageRig(slower=1.0)
+    for number in range(60):
+        rig.page.message(float(number), "info", f"{number}: {'what was said stays in the list ' * 12}")
+    rig.tick()
+    phone = Visitor(browser, rig, PHONE)
+    slow = phone.context.new_cdp_session(phone.page)
+    slow.send("Emulation.setCPUThrottlingRate", {"rate": 6})
+    slow.send("Network.enable")
+    slow.send("Network.emulateNetworkConditions", THIRD_GENERATION)
+    phone.page.reload()
+    phone.catch_up()
+    ticking, behind_s = Ticking(rig), list[float]()
+    for number in range(40):
+        rig.show(questions=(HELP,) if number % 20 >= 10 else ())
+        time.sleep(0.25)
+        tick, silent = phone.page.evaluate(f"[Number(document.body.dataset.tick), {SILENT}]")
+        behind_s.append(0.1 * (rig._ticks - tick) if not silent else 0.0)
+        assert not silent
+    ticking.end()
+    assert max(behind_s) <= LATE_S, behind_s
+    phone.context.close()
+    rig.page.abandon()

@@ -43,8 +43,7 @@ def state_of(rig: PageRig, moment: str) -> dict[str, Any]:
         rig.tick()
     rig.page._published_s = float("-inf")
     rig.tick()
-    told: dict[str, Any] = json.loads(rig.page._server._state)
-    return told
+    return {name: json.loads(value) for name, value in rig.page._server._state.items()}
 
 
 @pytest.mark.parametrize("moment", MOMENTS)

@@ -40,7 +40,9 @@ let over = false;
 let served = false; // the page outlives runs
 let events = null; // the connection by which states come
 let heard = Date.now(); // when the newest came, and when the connection was made
-let age = 0; // of the newest, when it was sent [ms]
+let age = 0; // of the newest, as it came [ms]
+let ahead = Infinity; // the least that this clock was ever ahead of the cell's when news came [ms]
+let known = {}; // the state that is followed by what changes
 let opened = 0;
 let silent = false; // what is shown is old
 let between = null; // how the cell is while no run goes on
@@ -587,7 +589,7 @@ function show(state) {
 
 function follow() {
   events?.close();
-  opened = Date.now();
+  [opened, ahead, known] = [Date.now(), Infinity, {}];
   events = new EventSource(token ? `events?token=${encodeURIComponent(token)}` : "events"); // which sends no headers
   events.addEventListener("role", (event) => {
     operates = event.data === "operate";
@@ -602,9 +604,13 @@ function follow() {
     if (!silent) refused("");
     if (!space) build();
   });
-  events.addEventListener("age", (event) => (age = 1000 * Number(event.data)));
+  events.addEventListener("age", (event) => {
+    const [old, sent] = event.data.split(" ").map((seconds) => 1000 * Number(seconds));
+    ahead = Math.min(ahead, Date.now() - sent); // what comes later than the quickest was under way, or this page slept
+    age = old + Date.now() - sent - ahead;
+  });
   events.addEventListener("state", (event) => {
-    const state = JSON.parse(event.data);
+    const state = (known = { ...known, ...JSON.parse(event.data) });
     heard = Date.now() - (state.ended ? 0 : age);
     if (silent || Date.now() - heard > 1000 * still.silent_s) last = state;
     if (Date.now() - heard > 1000 * still.silent_s) return; // old news look old
@@ -617,10 +623,12 @@ function follow() {
     $("codes").textContent = t("Code for another page: {operate} to operate, {look} only to look", { operate, look });
   });
   events.addEventListener("between", (event) => {
-    [served, heard] = [true, Date.now()];
-    if (silent) between = JSON.parse(event.data);
+    const state = JSON.parse(event.data);
+    [served, heard] = [true, Date.now() - age];
+    if (silent) between = state;
+    if (age > BETWEEN_MS) return;
     watchNews();
-    showBetween(JSON.parse(event.data));
+    showBetween(state);
   });
   events.addEventListener("served", () => (served = true));
   events.addEventListener("error", async () => {
@@ -667,5 +675,5 @@ const own = navigator.language.slice(0, 2);
 if (language === "en" && own !== "en" && languages.includes(own) && !localStorage.getItem("language")) await speak(own);
 follow();
 setInterval(watchNews, 500);
-addEventListener("visibilitychange", watchNews);
+for (const wakes of ["visibilitychange", "resume"]) document.addEventListener(wakes, watchNews);
 watchCamera();

@@ -32,6 +32,7 @@ NOT_SHOWN = {  # ids, help and refusals that only programs see
     *("what the child said when it ended", "why that is safe", "M0,0 L-14,-20 L-5,-20 L-5,-44 L5,-44 L5,-20 L14,-20 Z"),
     *("supervisor arm_off_path", "supervisor arm_stale", "supervisor bench_stale", "supervisor tick_late"),
     "table of faults",
+    *("number and parts are numbers", "use strict"),
     "it asks for help, and the arm can take the part as it stands",
 }
 
@@ -47,7 +48,7 @@ def spoken() -> dict[str, str]:
             else sorted(set(path.rglob("*.py")) - {path / "drivers" / name for name in OF_DOCTOR})
         ):
             found |= {text: f"{file.relative_to(ROOT)}:{line}" for text, line in _of_python(file)}
-    for file in (STATIC / "page.js", STATIC / "scene.js"):
+    for file in (STATIC / name for name in ("page.js", "scene.js", "tree.js")):
         found |= {text: str(file.relative_to(ROOT)) for text in _of_script(file.read_text(encoding="utf-8"))}
     for file in sorted((ROOT / "trees").glob("*.xml")):
         asked = re.findall(r'(?:AskForHelp|AskOperator|ShowMessage) text="([^"{]+)"', file.read_text(encoding="utf-8"))

@@ -54,7 +54,7 @@ class CellServer(WebServer):
         self._launcher, self._book = control.launcher, control.book
         routes = [
             Route("/events", self._events),
-            *(Route(path, self._of_the_run) for path in ("/camera.jpg", "/scene.json")),
+            *(Route(path, self._of_the_run) for path in ("/camera.jpg", "/scene.json", "/tree.json")),
             Route("/metrics", self._metrics),
             Route("/production", self._production),
             Route("/production.csv", self._csv),

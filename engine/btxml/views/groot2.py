@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from btxml.engine.blackboard import UNSET
+from btxml.engine.blackboard import UNSET, Entry
 from btxml.engine.node import SKIPPED, StatusChange, TreeNode
 from btxml.engine.status import Status
 from btxml.engine.tree import Tree
@@ -40,14 +40,27 @@ def blackboards(tree: Tree, names: Iterable[str]) -> dict[str, dict[str, Any]]:
     Args:
         names: of trees: the main tree's ID, or a SubTree's path; one that does not exist is left out.
     """
-    known: set[int] = set()
-    found: dict[str, dict[str, Any]] = {}
-    for scope in tree.scopes:
-        own = {key: scope.entry(key) for key in scope}
-        new = {key: entry for key, entry in own.items() if id(entry) not in known}
-        known.update(id(entry) for entry in new.values())
-        found[scope.name or tree.name] = {k: entry.value for k, entry in new.items() if entry.value is not UNSET}
+    found: dict[str, dict[str, Any]] = {scope.name or tree.name: {} for scope in tree.scopes}
+    for name, key, entry in entries_of(tree):
+        if entry.value is not UNSET:
+            found[name][key] = entry.value
     return {name: found[name] for name in names if name in found}
+
+
+def entries_of(tree: Tree) -> Iterator[tuple[str, str, Entry]]:
+    """(Sub)Tree, name and entry of each entry; one that is remapped in the outermost tree that names it."""
+    known: set[int] = set()
+    for scope in tree.scopes:
+        own = [(key, scope.entry(key)) for key in scope]
+        new = [(key, entry) for key, entry in own if id(entry) not in known]
+        known.update(id(entry) for _, entry in new)
+        yield from ((scope.name or tree.name, key, entry) for key, entry in new)
+
+
+def code_of(change: StatusChange) -> int:
+    """The status after a change, as a number."""
+    idle = change.new is Status.INVALID and change.old is not Status.INVALID
+    return WAS + CODES[change.old] if idle else CODES[change.new]
 
 
 class StatusBoard:
@@ -61,9 +74,7 @@ class StatusBoard:
     def update(self, changes: Sequence[StatusChange], time_s: float) -> None:
         """Note what changed in a tick at `time_s`."""
         for change in changes:
-            idle = change.new is Status.INVALID and change.old is not Status.INVALID
-            code = WAS + CODES[change.old] if idle else CODES[change.new]
-            self._codes[change.uid - 1] = code
+            self._codes[change.uid - 1] = code_of(change)
             if self._began_s is not None and change.old is not change.new:
                 microseconds = max(0, round((time_s - self._began_s) * 1e6))
                 self._transitions.append(

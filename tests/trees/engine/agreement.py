@@ -96,7 +96,7 @@ interval for trees that differ otherwise.
 
 @contextmanager
 def library(version: str, judge: Judge | None) -> Iterator[Callable[[Case], Side]]:
-    """Loads cases in a version; while it is open, standard output is its log."""
+    """Loads a case in a version; while it is open, standard output is the log of that case."""
     if judge is not None and version == VERSIONS[1]:
         yield judge.load
     else:
@@ -106,10 +106,11 @@ def library(version: str, judge: Judge | None) -> Iterator[Callable[[Case], Side
 
 def verdicts(version: str, mode: str, seeds: Iterable[int], judge: Judge | None) -> Iterator[tuple[str, str]]:
     """For each seed the kind of its end, `UNLISTED` for what the page does not explain, and words about it."""
-    with TemporaryDirectory() as folder, library(version, judge) as load:
+    with TemporaryDirectory() as folder:
         for seed in seeds:
             case = Generator(seed, SIZE, MODES[mode]).case()
-            kind, found = judged(case, Path(folder) / "tree.xml", load, mode in IN_ORDER, mode in JUDGED_ALONE)
+            with library(version, judge) as load:
+                kind, found = judged(case, Path(folder) / "tree.xml", load, mode in IN_ORDER, mode in JUDGED_ALONE)
             known = any(word in found[0] for word in LISTED.get((version, kind), ()))
             yield (kind if kind in AGREED or known else UNLISTED), f"seed {seed}: {kind}: {found}\n{case}"
 

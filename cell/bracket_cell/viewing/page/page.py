@@ -12,6 +12,7 @@ from bracket_cell.production.samples import Samples
 from bracket_cell.recording.scene import CellModel
 from bracket_cell.settings import PageSettings
 from bracket_cell.viewing.gate import Address
+from bracket_cell.viewing.page.live_tree import LiveTree
 from bracket_cell.viewing.page.scene import scene_of
 from bracket_cell.viewing.page.server import PageServer
 from bracket_cell.viewing.page.state import PageState
@@ -51,9 +52,9 @@ class OperatorPage(Observer):
         slower: float = 1.0,
     ) -> None:
         self._silent_s = SILENT_S * slower
-        self._state = PageState(model, heading, tree, keeper)
+        self._state, self._live = PageState(model, heading, tree, keeper), LiveTree(tree)
         samples = Samples(keeper.book, keeper)
-        self._server = PageServer(where, obey, settings, scene_of(model), samples, self._still())
+        self._server = PageServer(where, obey, settings, scene_of(model), samples, self._still(), self._live.since)
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
         self._frames: deque[Frame] = deque(maxlen=KEPT_FRAMES)
@@ -90,6 +91,7 @@ class OperatorPage(Observer):
     def watch(self, tree: Tree) -> None:
         """An edited tree has taken over."""
         self._state.watch(tree)
+        self._live.watch(tree)
         self._server.still(self._still())
 
     def _still(self) -> dict[str, Any]:
@@ -101,6 +103,7 @@ class OperatorPage(Observer):
 
     def tick(self, record: TickRecord) -> None:
         self._state.take(record)
+        self._live.take(record)
         self._last = record
         now_s = time.monotonic()
         if now_s - self._published_s >= EVERY_S and (self._server.watched or self._published_s < 0):

@@ -45,6 +45,7 @@ class PageServer(WebServer):
         scene: of the three-dimensional view.
         samples: numbers of the run.
         still: what a new client gets first.
+        tree: what of the tree a page has not, which has ticks of a run up to a number, and so many trees.
 
     Attributes:
         tokens: by role; every order must carry the first. Only the addresses that the terminal prints have them.
@@ -61,8 +62,9 @@ class PageServer(WebServer):
         scene: Mapping[str, Any] | None = None,
         samples: Callable[[], Sequence[Sample]] = tuple,
         still: Mapping[str, Any] | None = None,
+        tree: Callable[[str, int, int], bytes] = lambda *_: b"{}",
     ) -> None:
-        self._obey, self._scene, self._samples = obey, orjson.dumps(dict(scene or {})), samples
+        self._obey, self._scene, self._samples, self._tree = obey, orjson.dumps(dict(scene or {})), samples, tree
         self.tokens: dict[Role, str] = {"operate": secrets.token_urlsafe(24), "look": secrets.token_urlsafe(24)}
         self._still, self._state = b"{}", dict[str, bytes]()
         self.still(dict(still or {}))
@@ -76,6 +78,7 @@ class PageServer(WebServer):
             Route("/scene.json", self._told_scene),
             Route("/metrics", self._told_metrics),
             Route("/samples", self._told_samples),
+            Route("/tree.json", self._told_tree),
             Route("/order", self._order, methods=["POST"]),
         ]
         super().__init__(where, settings, routes)
@@ -139,6 +142,16 @@ class PageServer(WebServer):
         if not self._may_look(request):
             return PlainTextResponse(NO_ROLE, 401)
         return Response(orjson.dumps(self._samples()), media_type="application/json")
+
+    async def _told_tree(self, request: Request) -> Response:
+        if not self._may_look(request):
+            return PlainTextResponse(NO_ROLE, 401)
+        asked = request.query_params
+        try:
+            number, parts = int(asked.get("number", "0")), int(asked.get("parts", "0"))
+        except ValueError:
+            return PlainTextResponse("number and parts are numbers", 400)
+        return Response(self._tree(asked.get("run", ""), number, max(0, parts)), media_type="application/json")
 
     async def _camera(self, request: Request) -> Response:
         """The image with the number that is asked for, or the newest."""

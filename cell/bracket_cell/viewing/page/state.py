@@ -15,7 +15,6 @@ from bracket_cell.recording.schemas import plain
 from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.viewing.page.scene import marks_of, pose_of
 from bracket_cell.watching.observer import Level, Outcome, TickRecord
-from bracket_cell.watching.why_now import WhyNow
 from bracket_ground.files.words.message import data_of
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.faults import ACKNOWLEDGE
@@ -51,22 +50,11 @@ class PageState:
         self._parts: tuple[PartsView | None, list[dict[str, object]]] = (None, [])
         self._keeper = keeper
         self._brackets: tuple[object, list[dict[str, Any]]] = (None, [])
-        self._statuses: dict[int, tuple[str, Any]] = {}
         self._ended = ""
-        self._why_now = WhyNow(lambda: self._tree)
-        self.watch(tree)
 
     def watch(self, tree: Tree) -> None:
         """Show this tree from now on."""
-        self._statuses = {}
         self._tree = tree
-        depth: dict[int, int] = {}
-        for node in tree.nodes:
-            depth |= {id(child): depth.get(id(node), 0) + 1 for child in node.children}
-        self._nodes = [
-            {"uid": node.uid, "name": node.name, "kind": type(node).__name__, "depth": depth.get(id(node), 0)}
-            for node in tree.nodes
-        ]
 
     def still(self) -> dict[str, Any]:
         """What does not change with the ticks: sent to a newcomer first."""
@@ -85,7 +73,6 @@ class PageState:
                 for name, part in product.parts.items()
             },
             "holes": {name: list(holes[name]) for name in product.positions},
-            "nodes": self._nodes,
             "history": list(self._history),
         }
 
@@ -93,9 +80,6 @@ class PageState:
         """One more tick."""
         seen, now_s = record.observation, record.observation.time_s
         self.instructor.take(record)
-        self._why_now.tick(record)
-        for change in record.changes:
-            self._statuses[change.uid] = (change.new.name, data_of(change.feedback))
         if record.command.display is not None:
             belief = dict(record.command.display.goal_belief)
             if belief and belief != dict(self._display.goal_belief):
@@ -134,7 +118,6 @@ class PageState:
             "share": round(seen.share, 2),
             "instruction": {**asdict(told), "words": data_of(told.words)},
             "alarms": alarms,
-            "why": self._why_now().plain(),
             "held": held,
             "asks": self.instructor.asks,
             "questions": [_question(one) for one in self._display.questions],
@@ -154,7 +137,6 @@ class PageState:
             "tray": self._seen_parts(seen.parts),
             "brackets": self._done(),
             "lines": list(self._lines),
-            "statuses": {uid: list(told) for uid, told in self._statuses.items()},
         }
 
     def _done(self) -> list[dict[str, Any]]:

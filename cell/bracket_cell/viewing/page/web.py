@@ -22,7 +22,7 @@ from bracket_cell.settings import PageSettings
 from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door, handed_over
 from bracket_cell.viewing.gate import LOOPBACK, Address
-from bracket_cell.viewing.page.callers import Connection, NamedAlone
+from bracket_cell.viewing.page.callers import POLICY, Connection, NamedAlone
 from bracket_ground.errors import InputError
 from bracket_ground.files.words.catalogue import catalogue, languages
 
@@ -61,6 +61,7 @@ class WebServer:
         self._hosts = {RUN} if where.path is not None else self._hosts
         shared = [
             Route("/", self._page),
+            Route("/tree", self._tree_page),
             Route("/words/{language}.json", self._words),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
@@ -133,6 +134,11 @@ class WebServer:
 
     async def _page(self, _: Request) -> Response:
         return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
+
+    async def _tree_page(self, _: Request) -> Response:
+        """The page of the running tree, which stands in the other."""
+        policy = {"Content-Security-Policy": POLICY.replace("frame-ancestors 'none'", "frame-ancestors 'self'")}
+        return Response((STATIC / "tree.html").read_bytes(), media_type="text/html", headers=policy)
 
     async def _words(self, request: Request) -> Response:
         """A catalogue; "usual" is that of the configuration."""

@@ -14,11 +14,19 @@ from bracket_cell.commands.show import tree_at
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.log.replay.why import why_at
-from bracket_cell.log.report.tree_page import _entries
+from bracket_cell.viewing.tree_moments import _text
+from btxml.engine.tree import Tree
+from btxml.views.groot2 import blackboards
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # the driver's sockets end with its process
 MANY = 2500
 FRAME_MS = 1000 / 60  # of a screen; what a step costs is seen in its quickest tenth where others use the processor
+
+
+def entries_now(tree: Tree) -> dict[str, str]:
+    """What the blackboard holds, found anew."""
+    found = blackboards(tree, [scope.name or tree.name for scope in tree.scopes])
+    return {f"{scope}\t{key}": _text(value) for scope, one in found.items() for key, value in one.items()}
 
 
 class Reader:
@@ -111,7 +119,7 @@ def test_a_log_has_statuses_blackboard_and_reason_at_each_tick(
     replay = Replay(assembly_log)
 
     def watch(_: Step) -> None:
-        entries.append(_entries(replay.tree))
+        entries.append(entries_now(replay.tree))
 
     replay.run(watch=watch)
     reader = opened(assembly_log.path)

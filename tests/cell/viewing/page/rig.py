@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import http.client
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -158,6 +158,10 @@ class PageRig:
         self._changes = [_change(kind, self._running.pop(kind), Status.RUNNING, Status.SUCCESS) for kind in gone]
         self._changes += [_change(kind, uid, Status.INVALID, Status.RUNNING) for kind, uid in new.items()]
         self._running |= new
+
+    def takes(self, changes: Iterable[StatusChange]) -> None:
+        """In the next tick these changes happen, too."""
+        self._changes += changes
 
     def tick(self, *notes: tuple[Topic, dict[str, object]]) -> None:
         """One more tick, with a frame."""

@@ -316,9 +316,6 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
     assert re.search(r"bracket B\s+85 %", page.inner_text("#bars"))
     assert "hold: the hand is too near" in page.inner_text("#lines")
     assert page.evaluate("document.querySelectorAll('#history polyline').length") == 4
-    page.uncheck("#leaf")
-    visitor.catch_up()
-    assert "WaitForEmptyBracket" in page.inner_text("#nodes")
 
 
 def test_the_cell_is_drawn_in_three_dimensions_and_only_where_something_moved(chromium: Callable[..., Any]) -> None:

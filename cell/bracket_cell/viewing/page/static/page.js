@@ -138,6 +138,8 @@ function turnTo(view) {
   for (const name of ["work", "engineer"]) $(name).hidden = name !== view;
   $("toWork").setAttribute("aria-pressed", view === "work");
   $("toEngineer").setAttribute("aria-pressed", view === "engineer");
+  $("tree").querySelector("iframe")?.remove(); // the run tells of its tree only while somebody looks
+  if (view === "engineer") $("tree").append(make("iframe", { src: "tree", title: t("The tree") }));
 }
 
 // All words that do not come with the ticks, in a language.
@@ -152,7 +154,7 @@ async function speak(language) {
   document.querySelector("#jobs h2").textContent = t("Work orders");
   document.querySelector("#form summary").textContent = t("Order");
   document.querySelector("#done h2").textContent = t("Brackets done");
-  document.querySelector("#tree label span").textContent = t("Running nodes only");
+  $("tree").querySelector("iframe")?.contentWindow.location.reload();
   $("speed").querySelector("span").textContent = t("Speed");
   $("toWork").textContent = t("Work");
   $("toEngineer").textContent = t("Engineer");
@@ -545,19 +547,6 @@ function showGoal(state) {
   $("choices").replaceChildren(make("span", {}, t("It is ...")), ...buttons);
 }
 
-function showTree({ statuses }) {
-  const only = $("leaf").checked;
-  const shown = still.nodes.filter((node) => !only || statuses[node.uid]?.[0] === "RUNNING");
-  const rows = shown.map((node) => {
-    const [status, words] = statuses[node.uid] ?? ["", ""];
-    const name = node.name === node.kind ? node.kind : `${node.kind} ${node.name}`;
-    const item = make("li", { class: status }, name, make("em", {}, words ? `  ${t(words)}` : ""));
-    item.style.paddingLeft = `${0.4 + 0.3 * node.depth}rem`;
-    return item;
-  });
-  $("nodes").replaceChildren(...rows);
-}
-
 function showLines(state) {
   const lines = [...state.lines].reverse().map(([time, level, words]) =>
     make("li", { class: level }, make("time", {}, `${time.toFixed(1)} s`), t(words)));
@@ -582,7 +571,7 @@ function show(state) {
   $("begin").hidden = true;
   for (const part of [showDo, showFront, showBench, showBracket, showGoals, showRobot, showCount, showRest]) part(state);
   showWork(state.operator.jobs, state.brackets, titles());
-  if (!$("engineer").hidden) for (const part of [showGoal, showTree, showLines]) part(state);
+  if (!$("engineer").hidden) for (const part of [showGoal, showLines]) part(state);
   else if (state.point && points.at(-1)?.[0] !== state.point[0]) points = [...points.slice(-400), state.point];
   document.body.dataset.tick = state.tick;
 }

@@ -1,16 +1,20 @@
 "use strict";
-// A tree as an outline of which only the rows in sight are elements; over a log with the state at any of its ticks.
-const { parts, line } = JSON.parse(document.getElementById("data").textContent);
+// A tree as an outline of which only the rows in sight are elements; over a log with the state at any of its ticks,
+// which lie in the page, or come from a run that goes on.
 const at = (id) => document.getElementById(id);
+const live = !at("data");
+const { parts, line, title, remarks } = live ? { parts: [], line: { ticks: [], words: [""] }, title: "", remarks: [] } : JSON.parse(at("data").textContent);
 const ROW = 22, SPARE = 8, KEY = 200; // pixels; rows beyond the window; ticks between two whole states
 const MARKS = { 0: "○", 1: "▶", 2: "✔", 3: "✘", 4: "–" };
 const COLOURS = { 1: "--run", 2: "--good", 3: "--bad" };
+const MOST = 30000, ASK_MS = 200, SILENT_MS = 2000, ANSWER_MS = 3000; // ticks that are kept; how a run is asked
 const DEPTH = 0, TAG = 1, NAME = 2, KIND = 3, PORTS = 4, FILE = 5, LINE = 6, PATH = 7;
 const words = line ? line.words : [];
 let part = 0, now = 0, chosen = 0, query = "", shown = [], found = new Set(), timer = 0;
 let state = null; // of the tick `now`: codes and words by uid, entries
+let t = (text) => text; // into the language of the page; a file speaks English
 
-for (const one of parts) {
+function learnt(one) {
   const count = one.nodes.length;
   one.end = new Int32Array(count); // of each node the place after all that is below it
   one.up = new Int32Array(count).fill(-1);
@@ -23,7 +27,9 @@ for (const one of parts) {
     open.push(place);
   });
   while (open.length) one.end[open.pop()] = count;
+  return one;
 }
+parts.forEach(learnt);
 
 // --- the state at a tick -------------------------------------------------------------------------------------------
 const keys = new Map();
@@ -31,8 +37,8 @@ const fresh = (p) => ({ codes: new Uint8Array(parts[p].nodes.length), said: new 
 const copy = (s) => ({ codes: s.codes.slice(), said: s.said.slice(), entries: { ...s.entries }, new: new Set(s.new) });
 
 function take(s, tick, before) {
-  const [p, , , , changes, entries] = line.ticks[tick];
-  if (tick === 0 || line.ticks[tick - 1][0] !== p) Object.assign(s, fresh(p), { entries: before ? s.entries : {} });
+  const [p, , , , changes, entries, , , , whole] = line.ticks[tick];
+  if (whole || tick === 0 || line.ticks[tick - 1][0] !== p) Object.assign(s, fresh(p), { entries: before && !whole ? s.entries : {} });
   for (const [uid, code, said] of changes) { s.codes[uid - 1] = code; if (said !== undefined) s.said[uid - 1] = said; }
   s.new = new Set(Object.keys(entries));
   for (const [key, word] of Object.entries(entries)) { if (word === null) delete s.entries[key]; else s.entries[key] = word; }
@@ -71,6 +77,7 @@ function follow() { // open what runs, fold the rest, and keep the deepest node 
 // --- the outline ---------------------------------------------------------------------------------------------------
 function lay() { // which rows there are
   const one = parts[part];
+  if (!one) return;
   found = new Set();
   const keep = query ? new Set() : null;
   if (query) one.text.forEach((text, place) => {
@@ -91,6 +98,7 @@ function lay() { // which rows there are
 
 function draw() { // the rows in sight
   const one = parts[part], box = at("tree");
+  if (!one) return;
   const first = Math.max(0, Math.floor(box.scrollTop / ROW) - SPARE);
   const last = Math.min(shown.length, Math.ceil((box.scrollTop + box.clientHeight) / ROW) + SPARE);
   at("all").replaceChildren(...shown.slice(first, last).map((place, n) => row(one, place, first + n)));
@@ -247,8 +255,17 @@ if (line) {
 document.addEventListener("keydown", (event) => {
   if (event.key === "/" && event.target !== at("search")) { at("search").focus(); event.preventDefault(); }
 });
-at("part").replaceChildren(...parts.map((one, place) => new Option(line && parts.length > 1 ? `${one.title} (${place + 1})` : one.title, place)));
-at("part").hidden = parts.length < 2;
+function name() {
+  at("part").replaceChildren(...parts.map((one, place) => new Option(line && parts.length > 1 ? `${one.title} (${place + 1})` : one.title, place)));
+  at("part").hidden = parts.length < 2;
+  at("part").value = part;
+}
+function speak() {
+  const heads = [t("Node"), t("Why"), t("Blackboard")];
+  document.querySelectorAll("h2").forEach((head, place) => (head.textContent = heads[place]));
+  at("search").placeholder = `${t("Search")} (/)`;
+  [at("open").textContent, at("close").textContent, at("follow").textContent] = [t("Unfold all"), t("Fold all"), t("Follow what runs")];
+}
 at("part").onchange = () => {
   const to = +at("part").value;
   if (line) return go(line.ticks.findIndex(([p]) => p === to));
@@ -256,6 +273,90 @@ at("part").onchange = () => {
   lay();
 };
 addEventListener("resize", () => { lane(); draw(); });
-if (!line) at("tree").classList.add("still");
+document.querySelector("h1").textContent = title;
+for (const remark of remarks) {
+  const said = span("span", remark);
+  said.classList.add("warn", "remarks");
+  said.title = remark;
+  document.querySelector("header").append(said);
+}
+if (!line) {
+  at("tree").classList.add("still");
+  for (const id of ["time", "follow", "moment"]) at(id).hidden = true;
+}
+name();
+speak();
 if (line && line.ticks.length) go(0); else lay();
 lane();
+
+// --- a run that goes on --------------------------------------------------------------------------------------------
+const known = new Map([['""', 0]]); // places of words, by what was told
+let run = "", number = 0, heard = Date.now(), drawn = 0;
+const token = location.hash.slice(1) || sessionStorage.getItem("token") || localStorage.getItem("paired") || "";
+
+function placed(told) {
+  const key = JSON.stringify(told);
+  if (!known.has(key)) known.set(key, words.push(t(told)) - 1);
+  return known.get(key);
+}
+
+function learn([p, tick, time_s, root, changes, entries, why, otherwise, leaf, whole]) {
+  const nodes = changes.map(([uid, code, said]) => [uid, code, placed(said)]);
+  const board = Object.fromEntries(Object.entries(entries).map(([key, text]) => [key, text === null ? null : placed(text)]));
+  return [p, tick, time_s, placed(root), nodes, board, placed(why), placed(otherwise), leaf, whole];
+}
+
+function follows(told) {
+  if (told.run !== run) {
+    parts.length = line.ticks.length = now = part = 0;
+    state = null;
+    keys.clear();
+  }
+  [run, number] = [told.run, told.number];
+  parts.push(...told.parts.map(learnt));
+  if (told.parts.length) name();
+  if (!told.ticks.length) return;
+  heard = Date.now();
+  const newest = now >= line.ticks.length - 1;
+  line.ticks.push(...told.ticks.map(learn));
+  at("at").max = line.ticks.length - 1;
+  if (line.ticks.length > MOST) forget(MOST / 2);
+  if (newest) go(line.ticks.length - 1);
+  if (Date.now() - drawn < 1000) return;
+  drawn = Date.now();
+  lane();
+}
+
+function forget(count) { // the oldest ticks; the first that stays has the whole state
+  const was = now;
+  go(count);
+  const { codes, said, entries } = state, first = line.ticks[count];
+  [first[4], first[5], first[9]] = [[...codes].map((code, place) => [place + 1, code, said[place]]), { ...entries }, true];
+  line.ticks.splice(0, count);
+  keys.clear();
+  [state, now] = [null, 0];
+  at("at").max = line.ticks.length - 1;
+  go(Math.max(0, was - count));
+}
+
+async function ask() {
+  try {
+    const query = new URLSearchParams({ run, number, parts: parts.length });
+    const answer = await fetch(`tree.json?${query}`, { headers: token ? { "X-Cell-Token": token } : {}, signal: AbortSignal.timeout(ANSWER_MS) });
+    if (answer.status === 200) follows(await answer.json());
+  } catch (problem) {
+    if (!(problem instanceof TypeError || problem instanceof DOMException)) throw problem; // nobody answered
+  } finally {
+    const quiet = Date.now() - heard;
+    document.body.classList.toggle("silent", quiet > SILENT_MS);
+    if (quiet > SILENT_MS) at("clock").textContent = t("No news for {silent_s} s", { silent_s: Math.floor(quiet / 1000) });
+    setTimeout(ask, ASK_MS);
+  }
+}
+
+if (live) import("./words.js").then(async (told) => {
+  await told.learn(localStorage.getItem("language") ?? "usual");
+  t = told.t;
+  speak();
+  ask();
+});

@@ -51,6 +51,8 @@ LISTED: Mapping[tuple[str, str], tuple[str, ...]] = {
     ),
     ("4.10", "refused there"): ("later type", "Invalid token '\"'"),
 }
+# Differences that the words of an end do not name, examined by hand: a write through `{@n}`, which has a row.
+EXAMINED: Mapping[tuple[str, str], tuple[int, ...]] = {("4.10", "typed"): (20703, 21533)}
 AGREED = ("equal", "raised there", "refused by both")
 UNLISTED = "not listed"
 WORDS = {
@@ -86,7 +88,7 @@ RANDOM = """
 
 A tree of up to 40 nodes, 20 ticks and some halts. After each, the leaves' starts, polls and halts, the status of every
 node and the values of the blackboard are compared. *Raised*: equal until a script raised an exception there, which is a
-failure here. *Listed*: only one side takes the tree, by a row above. The second figure is the upper end of the 95 %
+failure here. *Listed*: by a row above. The second figure is the upper end of the 95 %
 interval for trees that differ otherwise.
 
 | mode | beside | trees | equal | raised | refused by both | listed | not listed | at most |
@@ -110,8 +112,10 @@ def verdicts(version: str, mode: str, seeds: Iterable[int], judge: Judge | None)
         for seed in seeds:
             case = Generator(seed, SIZE, MODES[mode]).case()
             with library(version, judge) as load:
-                kind, found = judged(case, Path(folder) / "tree.xml", load, mode in IN_ORDER, mode in JUDGED_ALONE)
-            known = any(word in found[0] for word in LISTED.get((version, kind), ()))
+                kind, found = judged(case, Path(folder) / "tree.xml", load, mode in IN_ORDER, version == VERSIONS[1])
+            known = seed in EXAMINED.get((version, mode), ()) or any(
+                word in found[0] for word in LISTED.get((version, kind), ())
+            )
             yield (kind if kind in AGREED or known else UNLISTED), f"seed {seed}: {kind}: {found}\n{case}"
 
 
@@ -165,7 +169,7 @@ def line(mode: str, version: str, counts: Mapping[str, int | str]) -> str:
     """A row of the table of random trees."""
     kinds = {kind: int(counts[kind]) for kind in counts if kind != "seeds"}
     trees, unlisted = sum(kinds.values()), kinds.get(UNLISTED, 0)
-    listed = kinds.get("refused here", 0) + kinds.get("refused there", 0)
+    listed = sum(kinds.get(kind, 0) for kind in ("refused here", "refused there", "differs"))
     cells = [mode, version, trees, *(kinds.get(kind, 0) for kind in AGREED), listed, unlisted, upper(unlisted, trees)]
     return f"| {' | '.join(map(str, cells))} |\n"
 

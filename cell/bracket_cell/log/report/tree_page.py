@@ -110,7 +110,7 @@ class _TimeLine:
         for fields in (fields for topic, fields in tick.notes if topic == "why"):
             self.why = fields
         why = {} if tick.status in (STOPPED, STOPPING) else self.why
-        row = [len(self.parts) - 1, tick.number, round(tick.time_s, 3), self._word(tick.status)]
+        row: list[Any] = [len(self.parts) - 1, tick.number, round(tick.time_s, 3), self._word(tick.status)]
         row += [[(uid, code, self._word(said)) for uid, code, said in nodes]]
         row += [{key: None if text is None else self._word(text) for key, text in entries.items()}]
         row += [self._word(str(why.get(key, ""))) for key in ("text", "otherwise")]

@@ -96,6 +96,24 @@ def in_tray(cell: SimCell) -> Counter[str]:
     )
 
 
+def test_without_pixels_fingertips_are_told_where_they_are_though_the_part_between_them_hides_them(
+    blind: SimCell,
+) -> None:
+    """Else the hand that places a part is told half a hand away from the hole."""
+    sight, worker = blind.sight, person(blind)
+    assert sight is not None
+    away_m = []
+    while not any(act.fields["act"] == "release" and act.fields["position"] for act in worker.acts):
+        settle(blind, blind.world.time_s + 0.04)
+        at_s = blind.world.time_s
+        pose = blind.world.camera_pose("overhead")
+        hand = sight.track(sight.take(Exposure("overhead", round(at_s * 1000), at_s, pose, ())))
+        if hand is not None and worker.hand.position_m[0] < 1.0:
+            away_m.append(float(np.linalg.norm(np.array(hand.fingertips_m) - worker.hand.position_m[:2])))
+    assert away_m
+    assert max(away_m) < 0.02
+
+
 def test_a_finished_bracket_goes_out_is_judged_and_everything_is_filled_again(cell: SimCell) -> None:
     put_goal(cell)
     person(cell).show(Display(questions=(EMPTY_PLEASE,)))

@@ -62,6 +62,8 @@ MEASURES = (
     Measure("contacts", "contacts of hand and robot", "less", _of("contacts")),
     Measure("interventions", "times that the supervisor held the arm or stopped it", "less", _of("interventions")),
     Measure("held_s", "time that the supervisor held the arm", "less", _of("held_s"), unit="s"),
+    Measure("slowed_s", "time that the arm lost by being slowed", "less", _of("slowed_s"), unit="s"),
+    Measure("lost_alone_s", "of both, while the person rests", "less", _of("lost_alone_s"), unit="s"),
     Measure("moves", "motions of the arm", "less", _of("moves")),
     Measure("least_distance_m", "least distance of hand and tool on the bench while the arm moves", "more",
             _of("least_distance_m"), unit="m"),

@@ -23,7 +23,10 @@ TEXTS = (
 WHOLE = (
     "seed ticks overruns wrong_placements robot_placements human_placements help_requests contacts interventions moves"
 )
-NUMBERS = "sim_time_s wall_time_s took_s cpu_s human_idle robot_idle concurrent functional_delay held_s failed_s"
+NUMBERS = (
+    "sim_time_s wall_time_s took_s cpu_s human_idle robot_idle concurrent functional_delay held_s failed_s "
+    "slowed_s lost_alone_s"
+)
 COLUMNS: dict[str, type] = {
     **dict.fromkeys(TEXTS.split(), str),
     **dict.fromkeys(WHOLE.split(), int),

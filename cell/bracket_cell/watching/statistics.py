@@ -102,7 +102,8 @@ class RunStatistics(Observer):
 class Fluency(Observer):
     """An observer that adds up who acts and who waits, from the first action of either on.
 
-    An arm that is held waits, whatever path it follows.
+    An arm that is held waits, whatever path it follows. Of the time in which it is held, and of the share of its speed
+    that it lacks while it is slowed, what passes while the person rests is told apart.
 
     Args:
         tool_m: where the tool is over the bench, (x, y), for an observation.
@@ -114,7 +115,7 @@ class Fluency(Observer):
         self._total_s = self._human_s = self._robot_s = self._both_s = self._delay_s = 0.0
         self._gap_s = 0.0
         self._last = ""  # who acted last: "human", "robot" or both
-        self._held_s = 0.0
+        self._held_s = self._slowed_s = self._lost_alone_s = 0.0
         self._interventions = self._moves = 0
         self._holding = False
         self._least_m = math.inf
@@ -128,9 +129,12 @@ class Fluency(Observer):
         stopped = holds and (self._holding or seen.arm.moving or record.command.follow is not None)
         self._interventions += stopped and not self._holding
         self._holding = stopped
-        self._held_s += period_s if stopped else 0.0
         human = seen.bench is not None and seen.bench.action.kind != "idle"
         moves = not seen.arm.stands
+        share = 1.0 if stopped or record.judgement is None or not moves else record.judgement.share
+        self._held_s += period_s if stopped else 0.0
+        self._slowed_s += period_s * (1.0 - share)
+        self._lost_alone_s += 0.0 if human else period_s * (1.0 if stopped else 1.0 - share)
         robot = moves or seen.gripper.object_status is ObjectStatus.MOVING
         self._add(period_s, human, robot)
         if moves and seen.bench is not None and seen.bench.hand is not None:
@@ -147,6 +151,8 @@ class Fluency(Observer):
             "human_waits_s": round(self._total_s - self._human_s, 3),
             "robot_waits_s": round(self._total_s - self._robot_s, 3),
             "held_s": round(self._held_s, 3),
+            "slowed_s": round(self._slowed_s, 3),
+            "lost_alone_s": round(self._lost_alone_s, 3),
             "interventions": self._interventions,
             "moves": self._moves,
             "least_distance_m": None if math.isinf(self._least_m) else round(self._least_m, 4),

@@ -122,7 +122,8 @@ class GroundTruthPerception:
         low = np.clip(pixels[seen].min(axis=0) - SKIN_PX, 0, None)
         high = np.minimum(pixels[seen].max(axis=0) + SKIN_PX, (camera.width_px, camera.height_px))
         left, top, right, bottom = (int(value) for value in (*low, *high))
-        tips, palm = points[seen[0]].tolist(), points[PALM if PALM in seen else seen[-1]].tolist()
+        tips = points[0 if inside[0] else seen[0]].tolist()  # trackers infer tips that a held part hides
+        palm = points[PALM if PALM in seen else seen[-1]].tolist()
         return HandSample(
             time_s=exposure.time_s,
             box_px=(left, top, right, bottom),

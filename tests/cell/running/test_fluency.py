@@ -57,6 +57,20 @@ def test_interventions_and_motions_are_counted() -> None:
     assert (found["interventions"], found["moves"], found["held_s"]) == (2, 5, pytest.approx(0.12))
 
 
+def test_what_the_arm_lost_is_split_by_whether_the_person_acts() -> None:
+    """Held time is lost whole, slowed time by the share that lacks; a slow arm that stands loses nothing."""
+    fluency, slow = Fluency(lambda _: (0.0, 0.0)), Judgement(Judged.SLOW, 0.25)
+    for number, (human, robot, judged) in enumerate(
+        [(True, True, Judgement()), (True, True, slow), (False, True, slow), (False, False, slow)]
+    ):
+        fluency.tick(replace(tick(number, human, robot), judgement=judged))
+    for number in (4, 5):
+        fluency.tick(tick(number, human=number == 4, robot=True, held=True))
+    found = fluency.report()
+    assert (found["slowed_s"], found["held_s"]) == (pytest.approx(0.06), pytest.approx(0.08))
+    assert found["lost_alone_s"] == pytest.approx(0.03 + 0.04)
+
+
 def test_an_arm_that_stands_and_wants_nothing_is_not_held() -> None:
     fluency = Fluency(lambda _: (0.0, 0.0))
     wants = Command(follow=JointTrajectory(np.zeros(1), np.zeros((1, 6))))

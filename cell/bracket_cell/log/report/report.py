@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ MOST_POINTS = 600
 MOST_OVERRUNS = 12  # are listed, the worst ones
 GRID = 12
 COLOURS = ("#3b6fd4", "#d9822b", "#2a9d74", "#8a8f98", "#a24bb3", "#c23b4e", "#6b7a1f", "#1c8aa6")
+SPLIT = ("robot_idle", "human_idle", "concurrent", "held_s", "slowed_s", "lost_alone_s")  # of a run's result
 LONG_S = 1200.0  # the whole of a run that is longer would fill no readable page
 MOST_LINES = 2000  # of what the controller said, the last ones
 
@@ -195,6 +197,7 @@ class _Told:
             values: further ones that the template shows.
         """
         end = self._log.outcome.get("end", "cut off")
+        more = [*more, *_split(self._log.result)]
         alarms = sum(line.count for line in self.lines if line.level != "info")
         tiles: list[Tile] = [
             ("outcome", end, "good" if end == "finished" else "bad"),
@@ -206,6 +209,18 @@ class _Told:
         sizes = {"axis": self.axis, "width": WIDTH, "labels": LABELS, "narrowest": NARROWEST_PX}
         told = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles}
         return rendered(TEMPLATE, **sizes, **told, **values)
+
+
+def _split(result: Mapping[str, str]) -> Iterator[Tile]:
+    """Where the time went, of logs that say so: who acted, and what the arm lost beside the person."""
+    told = {name: json.loads(value) for name, value in result.items() if name in SPLIT}
+    if any(told.get(name) is None for name in SPLIT):
+        return
+    both, alone = told["concurrent"], (1 - told["robot_idle"], 1 - told["human_idle"])
+    shares = (alone[0] - both, both, alone[1] - both, 1 - sum(alone) + both)
+    yield "robot / both / person / nobody acts", " / ".join(f"{max(share, 0.0):.0%}" for share in shares), ""
+    lost = f"{told['held_s']:.1f} / {told['slowed_s']:.1f} s, {told['lost_alone_s']:.1f} s of it while the person rests"
+    yield "arm held / slowed", lost, ""
 
 
 def _spans(parts: Sequence[Path]) -> list[tuple[float, float, Path]]:

@@ -110,6 +110,15 @@ def test_rows_are_leaves_that_ran_and_runs_do_not_overlap(assembly_log: Log) -> 
         assert times == sorted(times)
 
 
+def test_where_the_time_went_is_told_of_logs_that_know_it(assembly_log: Log) -> None:
+    split = {"robot_idle": "0.5", "human_idle": "0.4", "concurrent": "0.2", "held_s": "3.9"}
+    assert "nobody acts" not in report_html(replace(assembly_log, result=split))
+    told = {**split, "slowed_s": "8.7", "lost_alone_s": "6.3"}
+    shown = report_html(replace(assembly_log, result=told))
+    assert "30% / 20% / 40% / 10%" in shown
+    assert "3.9 / 8.7 s, 6.3 s of it while the person rests" in shown
+
+
 def test_key_frames_are_embedded(page: str) -> None:
     assert page.count("data:image/jpeg;base64,/9j/") >= 3
 

@@ -17,9 +17,8 @@ from bracket_cell.trees.nodes.corrections import (
     AwaitMistake,
     BracketIsRight,
     LeaveMistake,
-    Mistake,
-    reason_of,
 )
+from bracket_cell.trees.nodes.mistakes import Mistake, reason_of
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.trees.nodes.watching import ReconcileGraph
 from bracket_ground.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState

@@ -39,8 +39,8 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
     paths = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
     here = {**os.environ, "PYTHONPATH": paths}
     lacking = folder / "lacking"
-    (lacking / "cell").mkdir(parents=True)
-    (lacking / "cell" / "__init__.py").write_text("raise ImportError('no such package here')\n")
+    (lacking / "bracket_cell").mkdir(parents=True)
+    (lacking / "bracket_cell" / "__init__.py").write_text("raise ImportError('no such package here')\n")
     commands = [
         ([*DASK, "scheduler", "--port", str(port), *dashboard], here),
         *(

@@ -23,6 +23,8 @@ from bracket_cell.settings import (
 )
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.drivers.settings import (
+    CanSettings,
+    FingerSettings,
     ModbusSignalSettings,
     RecordedSettings,
     SignalSettings,
@@ -38,11 +40,13 @@ from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.bench import Bench, Calibration
 from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
+from bracket_ground.interfaces.gripper import NamedGripper
 from bracket_ground.interfaces.places import EMPTY
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import NamedRobot, default_robot
 
 DEFAULT_CONFIGURATION = shipped("bracket_cell.config", "cell.yaml")
+FINGER_DRIVERS = (CanSettings, FingerSettings)
 SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
 CALIBRATION = "calibration.yaml"  # what `cell setup calibrate` writes beside a configuration
@@ -58,6 +62,8 @@ class Configuration(Model):
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
         robot: the arm: one that is shipped, or a robot file, relative to this file.
+        gripper: what is mounted on the arm, in place of what the robot's file says: a gripper that is shipped, or a
+            gripper file, relative to this file.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
         nodes: files, folders and packages with nodes of your own, which every command loads; named from the folder
             of this file or the one above it.
@@ -70,6 +76,7 @@ class Configuration(Model):
     }
     product: Path
     robot: NamedRobot = Field(default_factory=default_robot, json_schema_extra={"default": "ur10"})
+    gripper: NamedGripper | None = None
     faults: Path | None = None
     nodes: tuple[str, ...] = ()
     unsafe_table: bool = False
@@ -126,6 +133,16 @@ class Configuration(Model):
         return self
 
     @model_validator(mode="after")
+    def _the_driver_moves_such(self) -> Configuration:
+        gripper = self.gripper or self.robot.gripper
+        if gripper.cup and isinstance(self.devices.gripper, FINGER_DRIVERS):
+            what = f"{gripper.name} has no fingers, and {self.devices.gripper.kind} moves such alone"
+            raise Disagreement(
+                [(("devices", "gripper", "kind"), f"{what}; legal: simulated, or MODULE:CLASS of your own")]
+            )
+        return self
+
+    @model_validator(mode="after")
     def _somebody_knows_the_holes(self) -> Configuration:
         if self.perception.chosen("holes").kind == "none" and self.guard.holes == "seen":
             what = "none reads no hole, and the robot would wait for ever: another kind, or guard.holes: graph"
@@ -175,9 +192,11 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     calibration = read.calibration and folder / read.calibration
     bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
+    robot = read.robot if read.gripper is None else read.robot.model_copy(update={"gripper": read.gripper})
     complete = read.model_copy(
         update={
             "product": folder / read.product,
+            "robot": robot,
             "calibration": calibration,
             "bench": bench,
             "faults": faults,
@@ -187,7 +206,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "devices": read.devices.beside(folder),
             "page": read.page.model_copy(update=_tls(read.page, folder)),
             "plant": read.plant.beside(folder),
-            "motion": read.motion.of(read.robot, *read.timing_s),
+            "motion": read.motion.of(robot, *read.timing_s),
             "log": log,
         }
     )

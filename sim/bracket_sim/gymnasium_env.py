@@ -25,7 +25,6 @@ import numpy as np
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from bracket_cell.skills.follow_policy import STEPS, stepped
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.near_hand import separation_of
 from bracket_cell.skills.motion.planner import MotionPlanner
@@ -149,7 +148,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         self.action_space: Any = box(-1.0, 1.0, (len(STEPS) + 1,), np.float32)
         self._cell: SimCell | None = None
         self._frames: dict[str, Frame] = {}
-        self._opening_m = STROKE_M
+        self._opening_m = self._motion.open_m
         self._way: JointTrajectory | None = None
 
     def reset(
@@ -186,7 +185,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         """One small motion to its end, or until it is held for MOST_S."""
         assert self._cell is not None, "reset comes first"
         devices, wanted = self._cell.devices, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
-        opening_m = STROKE_M if wanted[-1] > 0 else 0.0
+        opening_m = self._motion.open_m if wanted[-1] > 0 else 0.0
         same = opening_m == self._opening_m and not devices.gripper.state().holding
         if opening_m != self._opening_m:
             self._opening_m = opening_m
@@ -218,7 +217,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         """Let the simulation go."""
         if self._cell is not None:
             self._cell.close()
-        self._cell, self._opening_m, self._way = None, STROKE_M, None
+        self._cell, self._opening_m, self._way = None, self._motion.open_m, None
         self._frames.clear()
 
     def _run(self, most_s: float, over: Callable[[], bool]) -> None:

@@ -23,7 +23,8 @@ from rich.table import Table
 from bracket_cell.learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
 from bracket_cell.learned.grasp.settings import GripperOutline
 from bracket_cell.learned.inference.scores import wilson
-from bracket_cell.skills.motion.grip import Grip, Hold, possible_grips
+from bracket_ground.interfaces.grip import Grip, Hold
+from bracket_ground.interfaces.gripper import default_gripper
 from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
@@ -76,7 +77,7 @@ def try_part(scene: Scene, index: int, part: int, descent: Descent) -> Iterator[
     boxes = scene.boxes
     room = clearance_m(boxes, OUTLINE)
     neighbours = np.arange(len(boxes)) != part
-    grips = possible_grips(PRODUCT.parts[boxes.types[part]], OUTLINE.clearance_m)
+    grips = default_gripper().grips(PRODUCT.parts[boxes.types[part]], OUTLINE.clearance_m)
     for number, (option, hold) in enumerate(OPTIONS.items()):
         if hold.grip not in grips:
             continue

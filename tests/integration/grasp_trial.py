@@ -11,11 +11,11 @@ import numpy as np
 from bracket_cell.skills.grasping.handling import joints_of
 from bracket_cell.skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
 from bracket_cell.skills.motion.grasp_pose import grasps, opening_for
-from bracket_cell.skills.motion.grip import Hold
 from bracket_cell.skills.motion.motions import FreeWay, Line, Rise
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, at_height
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.grip import Hold
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose

@@ -60,7 +60,7 @@ def test_the_tool_stops_where_it_meets_the_tray_and_not_in_the_air(robot: RobotA
     progress = robot.run(MoveUntilContact(robot.planner, np.array([0.0, 0.0, -0.08]), 0.02))
     assert progress.status is SkillStatus.SUCCESS, progress.reason
     robot.wait(0.4)
-    tip_m = tool(robot).position_m[2] - robot.planner.settings.robot.tool.fingertip_beyond_tcp_m
+    tip_m = tool(robot).position_m[2] - robot.planner.settings.robot.gripper.fingertip_beyond_tcp_m
     assert abs(tip_m - robot.bench.tray.centre_m[2]) < 0.006
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bracket_cell.skills.motion.grip import Grip, Hold
+from bracket_ground.interfaces.grip import Grip, Hold
 from tests.integration.grasp_trial import MOVED_M, Descent, try_grasp
 
 DESCENT = Descent(clearance_m=0.004, depth_m=0.022)

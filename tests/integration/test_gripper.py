@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bracket_cell.skills.motion.grasp_pose import tool_down
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.contracts import gripper as gripper_contract
 from bracket_ground.interfaces.command import GripperCommand
@@ -18,6 +17,8 @@ from bracket_ground.interfaces.devices import Gripper
 from bracket_ground.interfaces.observation import GripperState
 from bracket_sim.devices.simulated_gripper import SimGripper
 from tests.integration.robot_alone import RobotAlone
+
+STROKE_M = 0.085
 
 PARTS_BY_WIDTH = {0.028: 0, 0.034: 1, 0.042: 2}
 SPOT_M = (0.55, -0.40)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from bracket_cell.skills.motion.grasp_pose import hole_pose
-from bracket_cell.skills.motion.grip import Grip, Hold
 from bracket_cell.skills.move_aside import MoveAside
 from bracket_cell.skills.move_to import MoveTo
 from bracket_cell.skills.pick_and_place import Pick, Place
 from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.grasping import places_m
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import SkillStatus

@@ -11,10 +11,10 @@ import pytest
 
 from bracket_cell.skills.motion.collision import STEP_M, Box, CollisionChecker, body_box
 from bracket_cell.skills.motion.grasp_pose import held_boxes, tool_down
-from bracket_cell.skills.motion.grip import Grip, Hold
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench, Obstacle
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import FOLDER, load_robot
@@ -56,7 +56,7 @@ def test_what_stands_on_the_bench_is_seen(
 
 
 def test_fingers_pass_closely_over_what_they_must_not_touch(checker: CollisionChecker, kinematics: Kinematics) -> None:
-    tip = SETTINGS.robot.tool.fingertip_beyond_tcp_m
+    tip = SETTINGS.robot.gripper.fingertip_beyond_tcp_m
     assert checker.first_contact(at(kinematics, 0.72, 0.14, 0.036 + tip + 0.002), 0.05) is None
     assert checker.first_contact(at(kinematics, 0.72, 0.14, 0.036 + tip - 0.002), 0.05) is not None
 
@@ -72,7 +72,7 @@ def test_the_opening_decides_about_neighbours(checker: CollisionChecker, kinemat
 
 def test_the_margin_counts(checker: CollisionChecker, kinematics: Kinematics) -> None:
     box = Box("a box", Pose((0.55, -0.40, 0.05)), (0.05, 0.05, 0.05))
-    above = at(kinematics, 0.55, -0.40, 0.075 + SETTINGS.robot.tool.fingertip_beyond_tcp_m + 0.003)
+    above = at(kinematics, 0.55, -0.40, 0.075 + SETTINGS.robot.gripper.fingertip_beyond_tcp_m + 0.003)
     assert checker.first_contact(above, 0.01, [box], margin_m=0.001) is None
     assert checker.first_contact(above, 0.01, [box], margin_m=0.006) is not None
 
@@ -155,7 +155,7 @@ def test_obstacles_of_the_bench_are_seen(
     }
     with_it = bench.model_copy(update={"obstacles": (obstacle(**made[shape]),)})
     checker = CollisionChecker(kinematics, product, with_it)
-    top_m = {"box": 0.20, "cylinder": 0.20, "mesh": 0.10}[shape] + SETTINGS.robot.tool.fingertip_beyond_tcp_m
+    top_m = {"box": 0.20, "cylinder": 0.20, "mesh": 0.10}[shape] + SETTINGS.robot.gripper.fingertip_beyond_tcp_m
     assert checker.first_contact(at(kinematics, 0.55, -0.40, top_m + 0.01), 0.0) is None
     contact = checker.first_contact(at(kinematics, 0.55, -0.40, top_m - 0.01), 0.0)
     assert contact is not None

@@ -38,7 +38,7 @@ def test_the_limit_is_that_of_the_contact_model() -> None:
     """ISO/TS 15066, A.3.4: F**2 / 2 k = m_R v**2 / 2; the UR10's links weigh 28.7 kg by its URDF."""
     robot = default_robot()
     assert robot.moving_kg == pytest.approx(28.7)
-    mass_kg = 28.7 / 2 + robot.tool.mass_kg
+    mass_kg = 28.7 / 2 + robot.gripper.loaded_kg
     assert CONTACT.stiffness_n_m * mass_kg * clamp_m_s(robot, 140.0) ** 2 == pytest.approx(140.0**2)
 
 

@@ -19,17 +19,17 @@ from bracket_cell.skills.motion.grasp_pose import (
     hole_pose,
     place_poses,
 )
-from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold, possible_grips
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.grasping import OFF_MIDDLE_M, places_m
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import PartType, Product
 
 SETTINGS = MotionSettings()
 TYPES = ("o1", "o2", "o3")
-HOLDS = [Hold(grip, place) for grip in Grip for place in places_m(grip.axis)]
+HOLDS = [Hold(grip, place) for grip in SETTINGS.gripper.known for place in places_m(grip.axis)]
 GRIPS = [("o1", Grip.WIDTH), ("o2", Grip.WIDTH), ("o3", Grip.WIDTH), ("o1", Grip.LENGTH), ("o2", Grip.LENGTH)]
 
 
@@ -41,7 +41,7 @@ def seen(product: Product, part: str, x: float, y: float, yaw: float) -> PartDet
 
 def test_the_stroke_decides_across_which_sides_a_part_fits(product: Product) -> None:
     for part in TYPES:
-        grips = possible_grips(product.parts[part], SETTINGS.least_finger_clearance_m)
+        grips = SETTINGS.gripper.grips(product.parts[part], SETTINGS.least_finger_clearance_m)
         assert [(part, grip) for grip in grips] == [entry for entry in GRIPS if entry[0] == part]
 
 
@@ -75,8 +75,8 @@ def test_fingers_close_across_the_chosen_sides_from_above(product: Product, part
         np.testing.assert_allclose(tool[:, 2], (0, 0, -1), atol=1e-9)
         across = tool[:, 0] @ detection.world_from_part.rotation[:, 1 if grip is Grip.WIDTH else 0]
         assert abs(across) == pytest.approx(1.0)
-        assert grip.span_m(kind) + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= STROKE_M
-        fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.robot.tool.fingertip_beyond_tcp_m
+        assert grip.span_m(kind) + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= SETTINGS.gripper.stroke_m
+        fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.robot.gripper.fingertip_beyond_tcp_m
         bottom_m = detection.world_from_part.position_m[2]
         assert bottom_m < fingertip_m < bottom_m + kind.size_m[2]
 

@@ -9,7 +9,6 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.lying import better
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.lying_grasp import LyingHold, held_box, laid_out, lying_holds, turns_left
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.product import PartType
@@ -26,9 +25,9 @@ def holds(part: str, up: str) -> list[LyingHold]:
 
 @pytest.mark.parametrize(("part", "up"), WAYS)
 def test_a_part_on_its_head_needs_two_quarter_turns_any_other_one(part: str, up: str) -> None:
-    assert turns_left(PRODUCT.parts[part], up) == (2 if up == "-z" else 1)
-    assert UPRIGHT in better(PRODUCT.parts[part], up)
-    assert turns_left(PRODUCT.parts[part], UPRIGHT) == 0
+    assert turns_left(PRODUCT.parts[part], up, SETTINGS) == (2 if up == "-z" else 1)
+    assert UPRIGHT in better(PRODUCT.parts[part], up, SETTINGS)
+    assert turns_left(PRODUCT.parts[part], UPRIGHT, SETTINGS) == 0
 
 
 @pytest.mark.parametrize(("part", "up"), WAYS)
@@ -38,7 +37,7 @@ def test_the_fingers_close_along_the_axis_of_the_turn_and_lean_both_before_and_a
         assert abs(tool[hold.turn.axis, 0]) == pytest.approx(1.0)
         before, after = hold.lean_rad(up), hold.lean_rad(hold.turn.then)
         assert before + after == pytest.approx(math.pi / 2)
-        assert 0 < hold.held_m <= STROKE_M - 2 * SETTINGS.least_finger_clearance_m
+        assert 0 < hold.held_m <= SETTINGS.gripper.stroke_m - 2 * SETTINGS.least_finger_clearance_m
 
 
 @pytest.mark.parametrize(("part", "up"), WAYS)
@@ -75,5 +74,5 @@ def test_the_held_part_is_around_what_the_fingers_hold() -> None:
 
 def test_a_part_wider_than_the_stroke_on_every_side_cannot_be_turned() -> None:
     kind = PartType.model_validate({**PRODUCT.parts["o3"].model_dump(), "size_m": (0.12, 0.11, 0.10), "shape": ()})
-    assert turns_left(kind, "+y") is None
-    assert better(kind, "+y") == ()
+    assert turns_left(kind, "+y", SETTINGS) is None
+    assert better(kind, "+y", SETTINGS) == ()

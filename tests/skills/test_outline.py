@@ -19,7 +19,7 @@ def test_the_chain_leads_from_base_to_wrist(planner: MotionPlanner) -> None:
     wrist = reduce(matmul, (joint.parent_from_child for joint in joints))
     tool = planner.kinematics.forward(np.zeros(6))
     flange_m = np.linalg.norm(np.subtract(tool.position_m, wrist.position_m))
-    assert flange_m == pytest.approx(0.0922 + planner.settings.robot.tool.tcp_from_flange_m, abs=1e-4)
+    assert flange_m == pytest.approx(0.0922 + planner.settings.robot.gripper.tcp_from_flange_m, abs=1e-4)
 
 
 def test_hulls_are_closed_surfaces(planner: MotionPlanner) -> None:

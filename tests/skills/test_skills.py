@@ -12,7 +12,6 @@ from bracket_cell.skills.grasping.handling import present_hold
 from bracket_cell.skills.grasping.phases import PhasedSkill, SetGripper
 from bracket_cell.skills.grasping.straight import MoveUntilContact
 from bracket_cell.skills.motion.grasp_pose import hole_pose
-from bracket_cell.skills.motion.grip import Grip, Hold
 from bracket_cell.skills.motion.lying_grasp import lying_holds
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.skills.motion.trajectory import joint_move
@@ -23,6 +22,7 @@ from bracket_cell.skills.put_down import PutBack
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.grasping import OFF_MIDDLE_M
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose

@@ -8,23 +8,23 @@ from dataclasses import dataclass, field
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 
-LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the 2F-85: under the 140 N of ISO/TS 15066 for fingers
+LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of usual fingers: under the 140 N of ISO/TS 15066 for fingers
 
 
 @dataclass(frozen=True)
 class GripperLimits:
-    """When the gripper contradicts its commands. Origin: a 2F-85's manual (openings, speed); the rest chosen, and tried
-    with simulated faults.
+    """When the gripper contradicts its commands; stroke and speeds are in its file. Origin: chosen, and tried with
+    simulated faults.
 
     Attributes:
         stale_gripper_s: [s] age of a state that counts.
         held_lately_s: [s] in which a restart may show in another frame than the part that was held.
         echo_s: [s] in which a command is echoed; a lost one is repeated by half of it.
-        openings_m: [m] openings that a 2F-85 can have.
+        beyond_m: [m] openings beyond closed and open that it may tell.
         off_m: [m] from the ordered opening.
-        fastest_m_s: [m/s] of its fingers.
         went_m: [m] less is no way at all.
         still_s: [s] in which fingers that move are seen to, or press.
         still_m: [m] that count as motion.
@@ -34,9 +34,8 @@ class GripperLimits:
     stale_gripper_s: float = 0.1
     held_lately_s: float = 0.25
     echo_s: float = 0.16
-    openings_m: tuple[float, float] = (-0.002, 0.087)
+    beyond_m: float = 0.002
     off_m: float = 0.006
-    fastest_m_s: float = 0.15
     went_m: float = 0.001
     still_s: float = 0.5
     still_m: float = 0.0002
@@ -54,12 +53,17 @@ class GripperMemory:
         restarted: "empty" or "holding" from when the gripper lost its activation until it has it again; else empty.
         ever_active: the gripper was active at some time of the run.
         contradicts, disobeys: what is wrong now, in words; empty for nothing.
+        stroke_m, fastest_m_s: of the gripper.
+        held_kpa: of a cup, the pressure below the air's from which on it holds.
     """
 
     ever_active: bool = False
     restarted: str = ""
     contradicts: str = ""
     disobeys: str = ""
+    stroke_m: float = 0.085
+    fastest_m_s: float = 0.15
+    held_kpa: float = 0.0
     _active: bool = field(default=False, init=False)
     _held_s: float = field(default=-math.inf, init=False)
     _goal: GripperCommand | None = field(default=None, init=False)
@@ -70,6 +74,12 @@ class GripperMemory:
     _from_m: float | None = field(default=None, init=False)  # where they rested free as they were sent
     _opens: bool = field(default=False, init=False)  # they were sent farther apart
     _before: GripperState | None = field(default=None, init=False)
+
+    @staticmethod
+    def of(gripper: Gripper) -> GripperMemory:
+        """For a gripper, before its first state."""
+        held_kpa = 0.0 if gripper.cup is None else gripper.cup.held_kpa
+        return GripperMemory(stroke_m=gripper.stroke_m, fastest_m_s=gripper.does.speed_m_s[1], held_kpa=held_kpa)
 
     def see(self, gripper: GripperState, now_s: float) -> None:
         """A tick begins."""
@@ -117,13 +127,15 @@ class GripperMemory:
             return "the gripper told a value that is not finite"
         if (before := self._before) is not None and gripper.activated and before.activated:
             took_s, moved_m = gripper.time_s - before.time_s, abs(gripper.opening_m - before.opening_m)
-            if moved_m > LIMITS.fastest_m_s * max(took_s, 0.0) + 2 * LIMITS.off_m:
+            if moved_m > self.fastest_m_s * max(took_s, 0.0) + 2 * LIMITS.off_m:
                 return Message(
                     "the fingers went {moved_m} mm in {took_s} s, faster than they can",
                     moved_m=f"{moved_m * 1000:.0f}",
                     took_s=f"{took_s:.2f}",
                 )
-        if not LIMITS.openings_m[0] <= gripper.opening_m <= LIMITS.openings_m[1]:
+        if gripper.holding and gripper.vacuum_kpa is not None and not gripper.vacuum_kpa >= self.held_kpa:
+            return Message("the cup says that it holds, at {kpa} kPa", kpa=f"{gripper.vacuum_kpa:.0f}")
+        if not -LIMITS.beyond_m <= gripper.opening_m <= self.stroke_m + LIMITS.beyond_m:
             return Message("the gripper told an opening of {opening_m} mm", opening_m=f"{gripper.opening_m * 1000:.0f}")
         return ""
 
@@ -131,7 +143,7 @@ class GripperMemory:
         """Its fingers say that they have arrived or met something where they cannot have."""
         if self._goal is None or not self._settled(gripper, now_s):
             return ""
-        beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), LIMITS.openings_m[1])
+        beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), self.stroke_m + LIMITS.beyond_m)
         wrong = {
             ObjectStatus.AT_POSITION: abs(beyond_m) > LIMITS.off_m,
             ObjectStatus.CONTACT_CLOSING: beyond_m < -LIMITS.off_m or self._opens,
@@ -170,7 +182,7 @@ class GripperMemory:
                 if moved_m > LIMITS.off_m
                 else ""
             )
-        longest_s = LIMITS.openings_m[1] / self._goal.speed_m_s + LIMITS.slowest_s
+        longest_s = (self.stroke_m + LIMITS.beyond_m) / self._goal.speed_m_s + LIMITS.slowest_s
         if now_s - self._moved_s > LIMITS.still_s:
             return Message("the fingers do not move for {still_s} s, although they say so", still_s=LIMITS.still_s)
         return (

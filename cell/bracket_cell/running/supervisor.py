@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from bracket_cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, tick_checks
+from bracket_cell.running.gripper_checks import GripperMemory
 from bracket_cell.running.person_checks import person_checks
 from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, Judgement
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.observation import Observation
 from btxml.engine.causes import compared
 
@@ -72,6 +74,7 @@ class Supervisor:
         checks: by signal, what finds the detection; a signal without one is not judged.
         share: of speed that is never exceeded.
         monitor: that the checks of the arm ask, if they do: it remembers.
+        gripper: whose states are checked; the usual one where none is given.
     """
 
     def __init__(
@@ -80,10 +83,12 @@ class Supervisor:
         checks: Mapping[str, Check],
         share: float = 1.0,
         monitor: ArmMonitor | None = None,
+        gripper: Gripper | None = None,
     ) -> None:
         faults = table.faults if isinstance(table, FaultTable) else table
         self._rows: list[_Row] = [(fault, checks[fault.signal], _State()) for fault in faults if fault.signal in checks]
-        self._memory, self._share, self._monitor = Memory(), share, monitor
+        own = GripperMemory() if gripper is None else GripperMemory.of(gripper)
+        self._memory, self._share, self._monitor = Memory(own), share, monitor
 
     def judge(self, observation: Observation) -> Judgement:
         """What is allowed in the tick that saw this."""
@@ -139,7 +144,7 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     reaction_s, tool_m = separation.settings.reaction_s, motion.kinematics.position_m
     monitor = ArmMonitor(robot, reaction_s, limits, tool_m, separation.slow_share)
     checks = {**CHECKS, **arm_checks(monitor), **person_checks(separation), **tick_checks(motion.settings.tick_s)}
-    return Supervisor(table, checks, motion.settings.speed_share, monitor)
+    return Supervisor(table, checks, motion.settings.speed_share, monitor, robot.gripper)
 
 
 def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:

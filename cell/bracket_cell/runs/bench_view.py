@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.runs.calibrating import DOWN
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.resting import with_resting_poses
 from bracket_ground.interfaces.bench import Bench, CameraSetup
@@ -84,7 +83,7 @@ class BenchView:
             return float("inf")
         turns = [quarter * np.pi / 2 for quarter in range(QUARTERS)]
         poses = [Pose.from_yaw((x, y, z + GRASP_M), turn) @ DOWN for turn in turns]
-        found = self._motion.reach(poses, self._look, Load(STROKE_M))
+        found = self._motion.reach(poses, self._look, Load(self._motion.open_m))
         return float("inf") if isinstance(found, str) else self._motion.travel_s(found[1] - self._look)
 
     def _judge(self) -> None:

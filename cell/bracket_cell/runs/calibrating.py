@@ -20,7 +20,6 @@ from bracket_cell.learned.calibration.solve import (
 )
 from bracket_cell.runs.camera_delay import measured_delays_s
 from bracket_cell.runs.slow_motion import move_to, next_frame, opened, placed
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench, Calibration, CameraCalibration, CameraSetup
@@ -167,7 +166,7 @@ def _far(setup: CameraSetup, fit: Fit) -> str:
 
 def wrist_views(bench: Bench, product: Product, motion: MotionPlanner) -> Iterator[Array]:
     """Joints from which the wrist camera sees the plate, as different as they can be."""
-    load, near = Load(STROKE_M), np.array(bench.arm_look_rad)
+    load, near = Load(motion.open_m), np.array(bench.arm_look_rad)
     looks = motion.kinematics.forward(near) @ bench.wrist.mount.pose
     found = 0
     holes = np.array(list(product.bracket.holes_m.values()))

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from bracket_cell.runs.slow_motion import MOVING_MODES, PATIENCE_S, PERIOD_S, STILL_S
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.devices import Camera, Devices
@@ -112,7 +111,7 @@ def _small(frame: Frame) -> Array:
 def _free_swing(start: Array, motion: MotionPlanner) -> float:
     """An angle by which the base can turn from here; raises DeviceFault where it cannot."""
     for angle in (SWING_RAD, -SWING_RAD, SWING_RAD / 2, -SWING_RAD / 2):
-        way = motion.free_move(start, start + angle * np.eye(len(start))[0], Load(STROKE_M))
+        way = motion.free_move(start, start + angle * np.eye(len(start))[0], Load(motion.open_m))
         if not isinstance(way, str):
             return angle
     raise DeviceFault("arm", "the base cannot swing from where the arm stands: move it to the pose look first")
@@ -123,7 +122,7 @@ def _swung(
 ) -> list[tuple[float, float]]:
     """Swing, look meanwhile; times and speeds of the base."""
     arm, clock = devices.arm, devices.clock
-    way = motion.free_move(np.array(arm.state().positions_rad), goal, Load(STROKE_M))
+    way = motion.free_move(np.array(arm.state().positions_rad), goal, Load(motion.open_m))
     if isinstance(way, str):
         raise DeviceFault("arm", f"cannot swing: {way}")
     arm.samples()

@@ -11,7 +11,6 @@ import numpy as np
 from bracket_cell.configuration import Configuration
 from bracket_cell.runs.calibrating import DOWN
 from bracket_cell.runs.slow_motion import move_to, next_frame, placed
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.wiring.detectors import part_finder
 from bracket_ground.errors import InputError
@@ -77,7 +76,7 @@ class Teaching:
         return self._tray(points) if self._name == "tray" else self._bin(points[0])
 
     def _fingertip_m(self, joints_rad: Array) -> Array:
-        beyond = self._motion.settings.robot.tool.fingertip_beyond_tcp_m
+        beyond = self._motion.settings.gripper.fingertip_beyond_tcp_m
         return self._motion.kinematics.forward(joints_rad).transform(np.array([0.0, 0.0, beyond]))
 
     def _pose(self, joints_rad: Array) -> tuple[dict[Location, object], str]:
@@ -163,7 +162,7 @@ def way_to(name: str, devices: Devices, bench: Bench, motion: MotionPlanner) -> 
         InputError: there is no such pose, or no free way there.
     """
     here, goal = np.array(devices.arm.state().positions_rad), goal_of(name, bench)
-    way = motion.free_move(here, goal, Load(STROKE_M))
+    way = motion.free_move(here, goal, Load(motion.open_m))
     if isinstance(way, str):
         raise InputError(f"no way to {name}: {way}")
     far = np.abs(way.positions_rad[-1] - way.positions_rad[0])
@@ -199,7 +198,7 @@ def dry_run(configuration: Configuration, product: Product, devices: Devices, te
     holes = {f"hole {name}": bracket.transform(np.array([*at, 0.0])) for name, at in product.bracket.holes_m.items()}
     missed = 0
     for what, place in (*((f"part {one.part}", _top_m(one)) for one in seen), *holes.items()):
-        reached = motion.reach(_above(place), np.array(devices.arm.state().positions_rad), Load(STROKE_M))
+        reached = motion.reach(_above(place), np.array(devices.arm.state().positions_rad), Load(motion.open_m))
         if isinstance(reached, str):
             missed += 1
             tell(f"{what}: {reached}")

@@ -11,7 +11,6 @@ import numpy as np
 from bracket_cell.configuration import Configuration
 from bracket_cell.simulator import simulator
 from bracket_cell.skills.drivers.checked_arm import CheckedArm
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.wiring.devices import attached
 from bracket_ground.errors import DeviceFault
@@ -46,7 +45,7 @@ def opened(configuration: Configuration, product: Product, seed: int = 0, slower
 def move_to(devices: Devices, motion: MotionPlanner, goal_rad: Array, share: float = SHARE) -> None:
     """Bring the arm to joints, and wait until it stands; raises DeviceFault where it cannot get there."""
     start = np.array(devices.arm.state().positions_rad)
-    way = motion.free_move(start, goal_rad, Load(STROKE_M))
+    way = motion.free_move(start, goal_rad, Load(motion.open_m))
     if isinstance(way, str):
         raise DeviceFault("arm", f"cannot get there: {way}")
     devices.arm.follow(way)

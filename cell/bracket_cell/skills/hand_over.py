@@ -34,13 +34,13 @@ from bracket_cell.skills.grasping.phases import (
 )
 from bracket_cell.skills.grasping.phases import done as ended
 from bracket_cell.skills.motion.grasp_pose import fits, hole_pose
-from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold
 from bracket_cell.skills.motion.motions import WayOutOrFree
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.pick_and_place import Place
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
@@ -260,7 +260,7 @@ class _HeldOut(PhasedSkill):
         planner = self.planner
         held, boxes = carried(planner, held, observation)
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
-        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
+        load = Load(planner.settings.gripper.within(observation.gripper.opening_m), obstacles, boxes)
         found = planner.reach([self.world_from_tool], joints_of(observation), load)
         if isinstance(found, str):
             return Message("cannot hold {part} out there: {found}", part=self.part, found=found)
@@ -292,7 +292,7 @@ class HandOver(_HeldOut):
         if isinstance(way, str):
             return way
         gripped_m = observation.gripper.opening_m
-        opening_m = min(STROKE_M, gripped_m + 2 * STROKE_M / 5)
+        opening_m = self.planner.settings.gripper.within(gripped_m + 2 * self.planner.open_m / 5)
         offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, gripped_m, opening_m)
         return [
             Bring(way, offer),
@@ -342,7 +342,7 @@ class CloseOnGiven:
         elif progress.status is SkillStatus.SUCCESS and self._fits(observation):
             return progress
         else:
-            self._send(STROKE_M, opens=True)
+            self._send(self.planner.open_m, opens=True)
         return Progress(SkillStatus.RUNNING, Message("this is no {name}", name=self.name))
 
     def _send(self, opening_m: float, *, opens: bool) -> None:
@@ -387,7 +387,9 @@ class TakeFromHand(_HeldOut):
         taken = Message("{part} is given", part=self.part)
         return [
             Activate(),
-            SetGripper("opening the fingers", GripperCommand(STROKE_M, settings.gripper_speed_m_s), settings),
+            SetGripper(
+                "opening the fingers", GripperCommand(settings.gripper.stroke_m, settings.gripper_speed_m_s), settings
+            ),
             way,
             CloseOnGiven(self.part, planner, self.wait_s),
             HandLeaves(taken, planner, self.wait_s),

@@ -21,7 +21,6 @@ from bracket_cell.skills.grasping.handling import (
 from bracket_cell.skills.grasping.phases import Activate, Move, Phase, PhasedSkill
 from bracket_cell.skills.grasping.take_lower import TakeLower
 from bracket_cell.skills.motion.collision import Box, part_box
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.lying_grasp import (
     MOST_LEAN_RAD,
     OVER_FLOOR_M,
@@ -35,6 +34,7 @@ from bracket_cell.skills.motion.lying_grasp import (
 )
 from bracket_cell.skills.motion.motions import FreeWay, Line, Rise
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, at_height
+from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.skills.move_aside import free_centres
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.observation import Observation
@@ -79,7 +79,7 @@ class SetUpright(_OfLying):
         planner, part = self.planner, self.part
         if part.lies is None:
             return Message("cannot take {part}: it is not clear how it lies", part=part.part)
-        sides = better(planner.product.parts[part.part], side_up(part.lies))
+        sides = better(planner.product.parts[part.part], side_up(part.lies), planner.settings)
         ways = grasps_of_lying(planner, part, self.others, joints_of(observation))
         useful = (way for way in ways if way[0].turn.then in sides)
         found = taken_elsewhere(planner, part, self.others, observation, useful, lambda hold: (hold.turn.then,))
@@ -193,9 +193,10 @@ def ways_to_lift(
     yield from grasps_of_lying(planner, part, others, near_rad)
 
 
-def better(kind: PartType, up: str) -> tuple[str, ...]:
+def better(kind: PartType, up: str, settings: MotionSettings) -> tuple[str, ...]:
     """Sides from which a part needs fewer turns than from this one, the best first."""
-    left = {side: turns for side in (UPRIGHT, *SIDES) if (turns := turns_left(kind, side)) is not None}
+    found = {side: turns_left(kind, side, settings) for side in (UPRIGHT, *SIDES)}
+    left = {side: turns for side, turns in found.items() if turns is not None}
     return tuple(side for side in sorted(left, key=left.__getitem__) if up in left and left[side] < left[up])
 
 
@@ -273,10 +274,7 @@ def take_lying(
     opening_m = _opening_m(planner, hold)
     tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in (part, *others)]
     over_m = (
-        max(*tops, tool.position_m[2])
-        + settings.robot.tool.fingertip_beyond_tcp_m
-        + settings.approach_gap_m
-        + LEANING_M
+        max(*tops, tool.position_m[2]) + settings.gripper.fingertip_beyond_tcp_m + settings.approach_gap_m + LEANING_M
     )
     above = planner.kinematics.follow(at_height(tool, over_m), joints)
     if above is None:
@@ -401,4 +399,4 @@ def put_at(
 
 
 def _opening_m(planner: MotionPlanner, hold: LyingHold) -> float:
-    return min(STROKE_M, hold.held_m + 2 * planner.settings.finger_clearance_m)
+    return planner.settings.gripper.within(hold.held_m + 2 * planner.settings.finger_clearance_m)

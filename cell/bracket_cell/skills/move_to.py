@@ -9,7 +9,6 @@ import numpy as np
 
 from bracket_cell.skills.grasping.handling import IN_HOLE, bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from bracket_cell.skills.grasping.phases import Move, Phase, PhasedSkill
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.motions import Motion, SameWay, WayOut, WayOutOrFree
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, Plan, settled
 from bracket_ground.files.words.message import Message
@@ -73,7 +72,7 @@ class FreeMove(PhasedSkill):
         planner = self.planner
         _, boxes = carried(planner, self.held, observation)
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
-        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
+        load = Load(planner.settings.gripper.within(observation.gripper.opening_m), obstacles, boxes)
         goal = self.goal(observation, load)
         if isinstance(goal, str):
             return Message("cannot move to {to}: {goal}", to=self.to, goal=goal)

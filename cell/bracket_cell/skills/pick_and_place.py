@@ -23,9 +23,9 @@ from bracket_cell.skills.grasping.handling import (
 )
 from bracket_cell.skills.grasping.phases import Phase, PhasedSkill
 from bracket_cell.skills.motion.grasp_pose import hole_pose, place_poses
-from bracket_cell.skills.motion.grip import Grip, Hold
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array

@@ -22,10 +22,11 @@ from bracket_cell.skills.grasping.handling import (
 from bracket_cell.skills.grasping.phases import Phase, PhasedSkill
 from bracket_cell.skills.lying import put_lying_back, put_lying_down
 from bracket_cell.skills.motion.collision import Box
-from bracket_cell.skills.motion.grip import Hold, possible_grips
+from bracket_cell.skills.motion.grasp_pose import holds
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.skills.move_aside import free_spots
 from bracket_ground.files.words.message import Message
+from bracket_ground.interfaces.grip import Hold
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
@@ -86,11 +87,15 @@ class PutDown(PhasedSkill):
         if self.world_from_spot.rotation[2, 2] < UPRIGHT:
             return Message("nothing stands on a tilted spot")
         kind = self.planner.product.parts[self.part]
-        grips = possible_grips(kind, self.planner.settings.least_finger_clearance_m)
-        found = [self._planned(Hold(grip), (), np.array(self.planner.bench.arm_park_rad)) for grip in grips]
+        settings, near_rad = self.planner.settings, np.array(self.planner.bench.arm_park_rad)
+        ways = [
+            holds(kind, grip, settings)[0] for grip in settings.gripper.grips(kind, settings.least_finger_clearance_m)
+        ]
+        found = [self._planned(hold, (), near_rad) for hold in ways]
         if any(not isinstance(phases, str) for phases in found):
             return None
-        return next((phases for phases in found if isinstance(phases, str)), "too wide for the fingers")
+        wrong = next((phases for phases in found if isinstance(phases, str)), None)
+        return wrong or settings.gripper.why_not(kind, settings.least_finger_clearance_m)
 
     @property
     def done(self) -> str:

@@ -19,11 +19,11 @@ import numpy as np
 from btxml.engine.node import TreeNode
 
 MODULES = {  # with records, by package
-    "bracket_ground.interfaces": "command memory observation operator perception planning pose resume skill",
+    "bracket_ground.interfaces": "command grip memory observation operator perception planning pose resume skill",
     "bracket_cell.running": "fault_checks gripper_checks hand_checks supervisor",
     "bracket_cell.skills": "follow_policy lying move_aside move_to pick_and_place put_down",
     "bracket_cell.skills.grasping": "contact handling phases straight take_lower way_down",
-    "bracket_cell.skills.motion": "arm_monitor collision grasp_pose grip lying_grasp motions planner separation",
+    "bracket_cell.skills.motion": "arm_monitor collision grasp_pose lying_grasp motions planner separation",
     "bracket_cell.trees": "guard",
     "btxml.engine": "status",
     "bracket_cell.trees.nodes": "mistakes moving people poses telling watching ported.moveit_pro",

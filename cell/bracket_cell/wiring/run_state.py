@@ -15,13 +15,13 @@ from typing import Any
 
 from bracket_cell.running.supervisor import Supervisor
 from bracket_cell.skills.motion.collision import Box
-from bracket_cell.skills.motion.grip import Hold
 from bracket_cell.skills.motion.lying_grasp import LyingHold
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.wiring.records import records, stored_by
 from bracket_cell.wiring.state_reader import StateError, StateReader
 from bracket_cell.wiring.state_writer import StateWriter, is_own
 from bracket_ground.interfaces.command import Display
+from bracket_ground.interfaces.grip import Hold
 from bracket_ground.interfaces.perception import PartsView
 from bracket_ground.interfaces.planning import GraspPlan
 from btxml.engine.blackboard import UNSET, Entry

@@ -10,6 +10,7 @@ from typing import Any
 from bracket_cell.configuration import Configuration
 from bracket_cell.kinds import made
 from bracket_cell.learned.grasp.model import RulePlanner
+from bracket_cell.learned.grasp.settings import outline_of
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import Layout
@@ -81,7 +82,7 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
 
     loaders: dict[str, Callable[[], Any]] = {
         "semantic": load_semantic,
-        "grasp": partial(made, "grasp", configuration.planners.grasp, product=product),
+        "grasp": partial(made, "grasp", configuration.planners.grasp, product=product, robot=configuration.robot),
     }
     loaded: dict[str, Any] = {}
     problems: list[tuple[tuple[str | int, ...], str]] = []
@@ -95,7 +96,8 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     if problems:
         raise SettingError(*problems)
     chosen, rule, goals, confusions = loaded["semantic"]
-    return Planners(chosen, rule, loaded["grasp"], RulePlanner(product), goals.product, goals, confusions)
+    outline = outline_of(configuration.robot.gripper, margins=True)
+    return Planners(chosen, rule, loaded["grasp"], RulePlanner(product, outline), goals.product, goals, confusions)
 
 
 def _told(perception: Perception, layout: Layout) -> Confusions | None:

@@ -45,12 +45,12 @@ class JointTrajectory:
 
 @dataclass(frozen=True)
 class GripperCommand:
-    """Go to an opening.
+    """Go to an opening; values beyond what the gripper's file says are cut to that.
 
     Attributes:
-        opening_m: 0 closed to 0.085 open.
-        speed_m_s: 0.020 to 0.150.
-        force_n: 20 to 235.
+        opening_m: 0, which closes fingers and switches a cup on, to the stroke; any other switches a cup off.
+        speed_m_s: of the fingers.
+        force_n: of the fingers.
     """
 
     opening_m: float

@@ -115,7 +115,7 @@ class Loaded(Protocol):
 
 
 class Gripper(Protocol):
-    """A two-finger gripper with the 2F-85's registers."""
+    """What holds parts: two fingers, or a cup, whose opening is 0 while it is on."""
 
     def state(self) -> GripperState:
         """Last status; raises DeviceFault when no heartbeat came for 1.5 periods, LatchedFault for a latched fault."""

@@ -7,7 +7,7 @@ import math
 from bracket_ground.interfaces.product import PartType
 from bracket_ground.interfaces.solid import Span, span_m
 
-PAD_WIDTH_M = 0.025  # of the 2F-85's fingertips
+PAD_WIDTH_M = 0.025  # of usual fingertips; narrower ones hold in the middle alone
 OFF_MIDDLE_M = (0.014, 0.010)
 """How far the pads' middle may be from the middle of a part's sides: of its ends, where the fingers close along x, and
 of its long sides. On these the part's own middle stays between the pads, as many parts are round there: farther off,

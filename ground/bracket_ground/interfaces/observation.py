@@ -92,7 +92,7 @@ class JointSamples:
 
 
 class ObjectStatus(IntEnum):
-    """gOBJ of the 2F-85's status byte."""
+    """What the gripper says of its motion, by the opening of fingers, by the pressure of a cup."""
 
     MOVING = 0
     CONTACT_OPENING = 1
@@ -113,6 +113,7 @@ class GripperState:
         other_master: somebody else commanded the gripper since the last status was asked for.
         bus_errors: what was wrong on its bus since then, in words.
         two_nodes: statuses of late contradict one another: another node speaks under its identifier.
+        vacuum_kpa: of a cup, how far the pressure in it is below the air's; None of fingers.
     """
 
     time_s: float
@@ -126,10 +127,11 @@ class GripperState:
     other_master: bool = False
     bus_errors: str = ""
     two_nodes: bool = False
+    vacuum_kpa: float | None = None
 
     @property
     def holding(self) -> bool:
-        """A part stopped the fingers before the requested position."""
+        """A part stopped the fingers before the requested position, or a cup's pressure fell as far as it must."""
         return self.object_status is ObjectStatus.CONTACT_CLOSING
 
 

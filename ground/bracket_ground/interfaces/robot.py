@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +17,8 @@ from bracket_ground.files.files import read_text, shipped
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Point
 from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.gripper import DEFAULT as GRIPPER
+from bracket_ground.interfaces.gripper import NamedGripper, default_gripper
 from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.urdf import (
@@ -69,20 +71,6 @@ class Calibration(Model):
         yield frame
 
 
-class Tool(Model):
-    """What is mounted on the flange.
-
-    Attributes:
-        tcp_from_flange_m: distance of the tool frame (TCP) from the flange, along the flange's z.
-        fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
-        mass_kg: of all that hangs on the flange, with the heaviest part.
-    """
-
-    tcp_from_flange_m: float = Field(default=0.156, gt=0, le=1)
-    fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0, le=1)
-    mass_kg: float = Field(default=1.2, gt=0, le=50)
-
-
 class Servos(Model):
     """How the simulated joints are driven; worked out from their torques where it is not given.
 
@@ -117,9 +105,10 @@ class RobotModel(Model):
         home_rad: a usual posture, with the tool down, that others are kept near to; found where it is left out,
             or beyond the limits.
         servos: of the simulated joints.
-        tool: what is mounted on the flange.
+        gripper: what is mounted on the flange: a gripper that is shipped, or a gripper file, relative to this file.
     """
 
+    moved: ClassVar[Mapping[str, str]] = {"tool": "the gripper's file has the tool frame: gripper: FILE"}
     name: str
     urdf: str
     flange: str = FLANGE
@@ -133,7 +122,7 @@ class RobotModel(Model):
     torque_nm: Values = ()
     home_rad: tuple[Angle, ...] = ()
     servos: Servos | None = None
-    tool: Tool = Tool()
+    gripper: NamedGripper = Field(default_factory=default_gripper, json_schema_extra={"default": GRIPPER})
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -249,7 +238,7 @@ def shipped_robots() -> list[str]:
 
 @cache
 def default_robot() -> RobotModel:
-    """The UR10."""
+    """That is meant where no file says."""
     return load_robot(DEFAULT)
 
 

@@ -1,10 +1,11 @@
-"""The gripper as a CAN node: 2F-85 registers on one side of the bus, the simulated fingers on the other.
+"""The gripper as a CAN node: its registers on one side of the bus, simulated fingers or a cup on the other.
 
 Updated once in each control period by simulated time; it never waits and reads no other clock.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import cast
@@ -13,13 +14,15 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
+from bracket_cell.skills.drivers.gripper_database import scaled
 from bracket_ground.errors import DeviceFault
 from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.observation import NodeState as NodeName
-from bracket_sim.scene.robot import FORCE_LIMIT_N, GRIP_DAMPING_NS_M, GRIP_STIFFNESS_N_M, STROKE_M
+from bracket_sim.scene.grippers import GRIP_DAMPING_NS_M, GRIP_STIFFNESS_N_M
 from bracket_sim.scene.world import World
 
 AT_POSITION_M = 0.0012
@@ -35,15 +38,17 @@ class Jaw:
     """A set point that runs towards a target opening, at most `force / stiffness` ahead of the fingers."""
 
     def __init__(self, world: World) -> None:
-        self._world = world
+        self._world, fingers = world, world.robot.gripper.fingers
+        assert fingers is not None
+        self._stroke_m, self._most_n = fingers.stroke_m, fingers.force_n[1]
         self._set_point_m = self._target_m = self._last_m = world.opening_m
-        self._speed_m_s, self._force_n = 0.1, FORCE_LIMIT_N
+        self._speed_m_s, self._force_n = 0.1, self._most_n
         self._still_periods = 0
         self._gripping = False
 
     def go(self, opening_m: float, speed_m_s: float, force_n: float) -> None:
         """Start a motion."""
-        self._target_m = min(max(opening_m, 0.0), STROKE_M)
+        self._target_m = min(max(opening_m, 0.0), self._stroke_m)
         self._speed_m_s, self._force_n = speed_m_s, force_n
         self._still_periods, self._gripping = 0, False
 
@@ -90,18 +95,63 @@ class Jaw:
     @property
     def current_a(self) -> float:
         """Motor current."""
-        return IDLE_CURRENT_A + (FULL_CURRENT_A - IDLE_CURRENT_A) * min(1.0, self.force_n / FORCE_LIMIT_N)
+        return IDLE_CURRENT_A + (FULL_CURRENT_A - IDLE_CURRENT_A) * min(1.0, self.force_n / self._most_n)
 
 
+class Suction:
+    """A cup on its ejector: pressure falls towards what the source reaches where the lip seals, else hardly."""
+
+    def __init__(self, world: World) -> None:
+        self._world, cup = world, world.robot.gripper.cup
+        assert cup is not None
+        self._cup, self._stroke_m, self.vacuum_kpa = cup, cup.stroke_m, 0.0
+        self._on, self._since_s = False, math.inf
+
+    def go(self, opening_m: float, speed_m_s: float, force_n: float) -> None:  # noqa: ARG002 - of fingers
+        """Switch it on for an opening of 0, else off."""
+        on = opening_m < self._stroke_m / 2
+        self._since_s = self._since_s if on and self._on else 0.0
+        self._on = on
+
+    def stop(self) -> None:
+        """What it holds it goes on holding."""
+
+    def update(self, dt_s: float) -> None:
+        """Let one control period pass."""
+        most_kpa = self._cup.vacuum_kpa * (1.0 if self._world.sealed else LEAKS_SHARE) if self._on else 0.0
+        self.vacuum_kpa += (most_kpa - self.vacuum_kpa) * min(1.0, dt_s / BUILDS_S)
+        self._since_s += dt_s
+        self._world.suck(max(self.vacuum_kpa / self._cup.vacuum_kpa, LEAST_SUCTION) if self._on else 0.0)
+
+    @property
+    def opening_m(self) -> float:
+        """0 while it sucks."""
+        return 0.0 if self._on else self._stroke_m
+
+    @property
+    def status(self) -> ObjectStatus:
+        """Register gOBJ: by the pressure, and by the time that it takes."""
+        if not self._on:
+            return ObjectStatus.AT_POSITION if self.vacuum_kpa < OFF_KPA else ObjectStatus.MOVING
+        if self.vacuum_kpa >= self._cup.held_kpa:
+            return ObjectStatus.CONTACT_CLOSING
+        return ObjectStatus.MOVING if self._since_s < self._cup.builds_s else ObjectStatus.AT_POSITION
+
+    @property
+    def current_a(self) -> float:
+        """Of the ejector's valve."""
+        return IDLE_CURRENT_A
+
+
+BUILDS_S, LEAKS_SHARE, LEAST_SUCTION, OFF_KPA = 0.06, 0.15, 0.02, 5.0
 DATABASE = shipped("bracket_cell.config", "gripper.dbc")
 STATUS_PERIOD_S = 0.020
 HEARTBEAT_PERIOD_S = 0.100
 QUIET_LIMIT_S = 1.0
 HOMING_M_S, HOMING_N = 0.15, 40.0
 RELEASE_M_S, RELEASE_N = 0.02, 20.0
-OPENING_STEP_MM, CURRENT_STEP_A = 1 / 3, 0.01  # of gPO and gCU
+CURRENT_STEP_A = 0.01  # of gCU
 MAJOR_FAULT = 0x08
-SPEEDS_M_S, FORCES_N = (0.020, 0.150), (20.0, 235.0)  # of the command's registers
 EMERGENCY_BASE = 0xFF00  # CANopen: device specific
 SLACK_S = 1e-6
 
@@ -141,13 +191,15 @@ class GripperNode:
     """
 
     def __init__(self, world: World, interface: str, channel: str) -> None:
-        database = cantools.database.load_file(DATABASE)
+        gripper = world.robot.gripper
+        database = cantools.database.load_string(scaled(DATABASE.read_text("cp1252"), gripper), "dbc")
         assert isinstance(database, Database)
         self._database = database
         self._command_id = database.get_message_by_name("GripperCommand").frame_id
         self._bus = open_bus(interface, channel)
-        self._jaw = Jaw(world)
-        self._request: Mapping[str, float] = _request(STROKE_M * 1000)
+        self.gripper, self._stroke_m = gripper, gripper.stroke_m
+        self._jaw = Jaw(world) if gripper.cup is None else Suction(world)
+        self._request: Mapping[str, float] = _request(gripper)
         self._driven: Mapping[str, float] | None = None  # the request that the fingers follow
         self._activation = Activation.RESET
         self._homing_m: list[float] = []  # openings that activation still has to reach
@@ -186,6 +238,11 @@ class GripperNode:
             status["gOBJ"] = ObjectStatus.MOVING
         return status | {"time_s": self._time_s}
 
+    @property
+    def vacuum_kpa(self) -> float | None:
+        """Of a cup, how far the pressure is below the air's."""
+        return self._jaw.vacuum_kpa if isinstance(self._jaw, Suction) else None
+
     def update(self, time_s: float, dt_s: float) -> None:
         """Read commands, drive the fingers, send what is due."""
         self._time_s = time_s
@@ -209,11 +266,11 @@ class GripperNode:
             self._activation, self._injected, self._release = Activation.RESET, 0, None
         elif self._activation is Activation.RESET:
             self._activation = Activation.ACTIVATING
-            self._homing_m = [STROKE_M, 0.0]
+            self._homing_m = [self._stroke_m, 0.0]
             self._jaw.go(self._homing_m[0], HOMING_M_S, HOMING_N)
         if request["rATR"] and self._activation is Activation.ACTIVE and self._release is None:
             self._release = Fault.RELEASING
-            self._jaw.go(STROKE_M if request["rARD"] else 0.0, RELEASE_M_S, RELEASE_N)
+            self._jaw.go(self._stroke_m if request["rARD"] else 0.0, RELEASE_M_S, RELEASE_N)
 
     def _fault(self, time_s: float) -> int:
         """Register gFLT, the gravest first."""
@@ -267,7 +324,7 @@ class GripperNode:
             self._send("GripperHeartbeat", {"NodeState": self._node_state()})
 
     def _status(self, fault: int) -> dict[str, float]:
-        opening_mm = min(max(self._jaw.opening_m, 0.0), STROKE_M) * 1000
+        opening_mm = min(max(self._jaw.opening_m, 0.0), self._stroke_m) * 1000
         return {
             "gACT": self._request["rACT"],
             "gGTO": self._request["rGTO"],
@@ -275,7 +332,7 @@ class GripperNode:
             "gOBJ": self._jaw.status,
             "gFLT": fault,
             "gPR": self._request["rPR"],
-            "gPO": _in_steps(opening_mm, OPENING_STEP_MM),
+            "gPO": _in_steps(opening_mm, self._stroke_m * 1000 / 255),
             "gCU": _in_steps(self._jaw.current_a, CURRENT_STEP_A),
         }
 
@@ -301,7 +358,7 @@ class SimGripper:
 
     def __init__(self, node: GripperNode) -> None:
         self._node = node
-        self._request = _request(STROKE_M * 1000)
+        self._request = _request(node.gripper)
 
     def state(self) -> GripperState:
         """As the registers are now; raises DeviceFault on a major fault."""
@@ -312,7 +369,8 @@ class SimGripper:
         active = told["gSTA"] == Activation.ACTIVE
         node_state: NodeName = "operational" if active else "pre_operational"
         status, opening_m = ObjectStatus(int(told["gOBJ"])), told["gPO"] / 1000
-        return GripperState(told["time_s"], active, status, opening_m, told["gCU"], fault, node_state)
+        kpa = self._node.vacuum_kpa
+        return GripperState(told["time_s"], active, status, opening_m, told["gCU"], fault, node_state, vacuum_kpa=kpa)
 
     def activate(self) -> None:
         """Begin activation, a full open and close."""
@@ -320,9 +378,11 @@ class SimGripper:
 
     def command(self, command: GripperCommand) -> GripperCommand:
         """Start a motion; values beyond the registers' range are cut to it."""
-        opening_mm = min(max(command.opening_m, 0.0), STROKE_M) * 1000
-        speed_mm_s = min(max(command.speed_m_s, SPEEDS_M_S[0]), SPEEDS_M_S[1]) * 1000
-        force_n = min(max(command.force_n, FORCES_N[0]), FORCES_N[1])
+        does = self._node.gripper.does
+        (slow, fast), (least, most) = does.speed_m_s, does.force_n
+        opening_mm = min(max(command.opening_m, 0.0), does.stroke_m) * 1000
+        speed_mm_s = min(max(command.speed_m_s, slow), fast) * 1000
+        force_n = min(max(command.force_n, least), most)
         sent = self._write(rGTO=1.0, rPR=opening_mm, rSP=speed_mm_s, rFR=force_n)
         return GripperCommand(sent["rPR"] / 1000, sent["rSP"] / 1000, sent["rFR"])
 
@@ -343,6 +403,8 @@ def _in_steps(value: float, step: float) -> float:
     return round(value / step) * step
 
 
-def _request(opening_mm: float) -> dict[str, float]:
+def _request(gripper: Gripper) -> dict[str, float]:
     """What the registers hold before the first command."""
-    return {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": opening_mm, "rSP": 20.0, "rFR": 20.0}
+    does = gripper.does
+    rest = {"rPR": does.stroke_m * 1000, "rSP": does.speed_m_s[0] * 1000, "rFR": does.force_n[0]}
+    return {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, **rest}

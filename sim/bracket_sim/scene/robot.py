@@ -1,7 +1,4 @@
-"""The arm and its gripper for MuJoCo: the URDF of the robot model and a parallel jaw of primitives.
-
-The jaw has the 2F-85's stroke, speed and force. One description of the arm serves inverse kinematics and simulation.
-"""
+"""The arm for MuJoCo: the URDF of the robot model, which serves inverse kinematics and simulation."""
 
 from __future__ import annotations
 
@@ -9,17 +6,8 @@ from collections.abc import Iterator
 
 import mujoco
 
-from bracket_ground.interfaces.bench import CameraSetup
-from bracket_ground.interfaces.robot import RobotModel, Servos, Tool
+from bracket_ground.interfaces.robot import RobotModel, Servos
 from bracket_sim.scene import palette
-from bracket_sim.scene.palette import add_box, add_cylinder
-
-STROKE_M = 0.085
-PAD_SIZE_M = (0.012, 0.025, 0.022)  # thickness along tool x, width along y, length along z
-PALM_END_M = 0.085  # from tool0: the palm must clear tall neighbours of a low part
-GRIP_STIFFNESS_N_M = 20000.0  # of the jaw's position servo: force = stiffness x (opening - set point)
-GRIP_DAMPING_NS_M = 220.0
-FORCE_LIMIT_N = 235.0
 
 # Servos of an arm whose file has none: so stiff for its torque, between these, with these shares of that. They are
 # those of the shipped arms, which follow within a milliradian.
@@ -35,6 +23,7 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
     # MuJoCo's `discardvisual` would delete every geom without contacts from the final model; the text has none left.
     options = '<mujoco><compiler strippath="false" fusestatic="false" discardvisual="false"/></mujoco>'
     spec = mujoco.MjSpec.from_string(robot.urdf_text.replace("</robot>", options + "</robot>"))
+    spec.compiler.balanceinertia = True  # public descriptions round their inertias
     _drive_joints(spec, robot)
     _finish_links(spec, robot.joint_names[TOUCHING_FROM])
     return spec
@@ -80,69 +69,3 @@ def _carried(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
     yield body
     for child in body.bodies:
         yield from _carried(child)
-
-
-def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup, mounted: Tool) -> None:
-    """Mount the jaw and the wrist camera on `tool0`; body `tool` is the TCP's frame."""
-    tool0 = spec.body("tool0")
-    hand = tool0.add_body(name="gripper", gravcomp=1.0)
-    add_cylinder(hand, (0, 0, 0.010), 0.075, 0.020, palette.LINK, palette.ROBOT_TOUCH)
-    palm_centre, palm_size = (0, 0, (PALM_END_M + 0.02) / 2), (0.10, 0.062, PALM_END_M - 0.02)
-    add_box(hand, palm_centre, palm_size, palette.GRIPPER, palette.ROBOT_TOUCH)
-    hand.mass, hand.inertia, hand.ipos = 0.75, [1e-3, 1e-3, 1e-3], [0.0, 0.0, 0.05]
-    hand.explicitinertial = True
-    for name, side in (("left", 1.0), ("right", -1.0)):
-        _add_finger(hand, name, side, mounted.tcp_from_flange_m + mounted.fingertip_beyond_tcp_m)
-    _couple_fingers(spec)
-    tool = tool0.add_body(name="tool", pos=[0.0, 0.0, mounted.tcp_from_flange_m])
-    x, y, z = wrist.mount.position_m
-    add_box(tool, (x, y, z - 0.02), (0.05, 0.03, 0.03), palette.GRIPPER, palette.HAND_ONLY_TOUCH)
-
-
-def _add_finger(hand: mujoco.MjsBody, name: str, side: float, tip: float) -> None:
-    thickness, width, length = PAD_SIZE_M
-    finger = hand.add_body(name=f"finger_{name}", gravcomp=1.0)
-    finger.mass, finger.inertia, finger.ipos = 0.08, [5e-5, 5e-5, 5e-5], [0.0, 0.0, 0.12]
-    finger.explicitinertial = True
-    finger.add_joint(
-        name=f"finger_{name}",
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=[side, 0.0, 0.0],
-        range=[0.0, STROKE_M / 2],
-        armature=0.3,
-    )
-    link_length = tip - length - PALM_END_M
-    add_box(
-        finger,
-        (side * thickness / 2, 0.0, PALM_END_M + link_length / 2),
-        (thickness, width * 0.8, link_length),
-        palette.GRIPPER,
-        palette.ROBOT_TOUCH,
-    )
-    centre = (side * thickness / 2, 0.0, tip - length / 2)
-    pad = add_box(finger, centre, PAD_SIZE_M, palette.PAD, palette.ROBOT_TOUCH)
-    # The pad's rubber decides the contact, whatever the part is made of.
-    pad.name, pad.priority, pad.condim, pad.friction = f"pad_{name}", 1, 4, [1.0, 0.02, 0.0001]
-    pad.solref = [0.006, 1.0]
-
-
-def _couple_fingers(spec: mujoco.MjSpec) -> None:
-    """Both fingers move alike, driven through the opening between them."""
-    spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1="finger_left",
-        name2="finger_right",
-        data=[0.0, 1.0] + [0.0] * (mujoco.mjNEQDATA - 2),  # left = 0 + 1 x right
-        solref=[0.004, 1.0],
-    )
-    opening = spec.add_tendon(name="opening")
-    opening.wrap_joint("finger_left", 1.0)
-    opening.wrap_joint("finger_right", 1.0)
-    actuator = spec.add_actuator(
-        name="opening",
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
-        target="opening",
-        forcerange=[-FORCE_LIMIT_N, FORCE_LIMIT_N],
-    )
-    actuator.set_to_position(kp=GRIP_STIFFNESS_N_M, kv=GRIP_DAMPING_NS_M)

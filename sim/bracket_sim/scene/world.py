@@ -16,11 +16,12 @@ from bracket_ground.interfaces.robot import RobotModel, default_robot
 from bracket_sim.scene.body import add_onlooker, fit_hand
 from bracket_sim.scene.clutter_objects import add_things
 from bracket_sim.scene.furniture import add_furniture, add_lights, fit_shadows, set_physics
+from bracket_sim.scene.grippers import LIP_POINTS, add_gripper
 from bracket_sim.scene.human_skin import Fingers
 from bracket_sim.scene.lens import Lens
 from bracket_sim.scene.look import NOMINAL, Camera, Look, MountError
 from bracket_sim.scene.parts import Owner, ScenePart, add_part, add_unknown_object, simplify_cylinders
-from bracket_sim.scene.robot import STROKE_M, add_gripper, arm_spec
+from bracket_sim.scene.robot import arm_spec
 from bracket_sim.scene.settings import PhysicsSettings
 from bracket_sim.scene.storage import Bin, own_bins, person_set
 
@@ -60,6 +61,7 @@ class World:
         parts: type of every part by the name of its body, in the order of the scene.
         bodies: the same parts with their places in the state, and objects of no type.
         arm_qpos, arm_qvel, arm_ctrl: indices of the joints, from the base to the flange.
+        holding: bodies of the fingers, or of the cup.
         diverged: the physics came to no finite state, and MuJoCo put everything back to the beginning.
     """
 
@@ -85,15 +87,17 @@ class World:
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
         self.arm_ctrl = np.array([self.model.actuator(name).id for name in robot.joint_names])
-        self._fingers = [int(self.model.joint(f"finger_{side}").qposadr[0]) for side in ("left", "right")]
+        fingers = [f"finger_{side}" for side in ("left", "right")] if robot.gripper.fingers else []
+        self._fingers = [int(self.model.joint(name).qposadr[0]) for name in fingers]
         self._grip: tuple[WorldPart, Array] | None = None  # what is held, and where in the tool's frame
-        self._finger_bodies = [self.model.body(f"finger_{side}").id for side in ("left", "right")]
+        self.holding = [self.model.body(name).id for name in fingers or ["finger_cup"] * bool(robot.gripper.cup)]
         self._steps_per_sample = physics.steps_per_sample
-        self._opening_ctrl = self.model.actuator("opening").id
+        self._opening_ctrl = self.model.actuator("opening").id if fingers else None
+        self._suction = self.model.actuator("suction").id if robot.gripper.cup else None
         self._tool = self.model.body("tool").id
         self._hand = Fingers(self.model)
         self.set_arm(bench.arm_park_rad)
-        self.set_opening(STROKE_M)
+        self.set_opening(robot.gripper.stroke_m)
         mujoco.mj_forward(self.model, self.data)
 
     def _world_part(self, name: str, entry: ScenePart) -> WorldPart:
@@ -109,9 +113,24 @@ class World:
 
     @property
     def opening_m(self) -> float:
-        """Distance between the gripper's pads."""
-        left, right = self._fingers
-        return float(self.data.qpos[left] + self.data.qpos[right])
+        """Distance between the gripper's pads; 0 of a cup that sucks."""
+        if self._suction is not None:
+            return 0.0 if self.data.ctrl[self._suction] > 0 else self.robot.gripper.stroke_m
+        return float(sum(self.data.qpos[self._fingers]))
+
+    @property
+    def sealed(self) -> bool:
+        """Whether a cup's lip lies on one part all around."""
+        geoms = self.data.contact.geom
+        cup = self.holding[0]
+        touching = (self.model.geom_bodyid[geoms] == cup).any(axis=1)
+        others = geoms[touching]
+        lips = others[self.model.geom_bodyid[others] == cup]
+        return len(set(lips.tolist())) >= LIP_POINTS
+
+    def suck(self, share: float) -> None:
+        """Let a share of the cup's most pressure act."""
+        self.data.ctrl[self._suction] = share
 
     def step_period(self) -> None:
         """Advance by one control period."""
@@ -147,12 +166,12 @@ class World:
             data.qpos[part.qpos : part.qpos + 3] += min(1.0, KEEPS_M_S * dt_s / missing) * missing_m
 
     def _held(self) -> WorldPart | None:
-        """The part that both fingers touch, if there is one."""
-        if not self.data.ncon:
+        """The part that both fingers touch, or the cup that sucks, if there is one."""
+        if not self.data.ncon or (self._suction is not None and not self.data.ctrl[self._suction] > 0):
             return None
         pairs = self.model.geom_bodyid[self.data.contact.geom]
-        touched = [set(pairs[(pairs == finger).any(axis=1)].ravel().tolist()) for finger in self._finger_bodies]
-        return next((one for one in self.bodies if all(one.body in bodies for bodies in touched)), None)
+        touched = [set(pairs[(pairs == finger).any(axis=1)].ravel().tolist()) for finger in self.holding]
+        return next((one for one in self.bodies if touched and all(one.body in bodies for bodies in touched)), None)
 
     def settle(self) -> None:
         """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.
@@ -226,12 +245,14 @@ class World:
 
     def set_opening(self, opening_m: float) -> None:
         """Put the fingers somewhere at rest, for building scenes."""
-        self.data.qpos[self._fingers] = opening_m / 2
+        if self._opening_ctrl is not None:
+            self.data.qpos[self._fingers] = opening_m / 2
         self.drive_opening(opening_m)
 
     def drive_opening(self, set_point_m: float) -> None:
         """Set point of the jaw's servo; below what it holds, the difference is the force."""
-        self.data.ctrl[self._opening_ctrl] = set_point_m
+        if self._opening_ctrl is not None:
+            self.data.ctrl[self._opening_ctrl] = set_point_m
 
     def camera_pose(self, camera: str) -> Pose:
         """world_from_camera of "overhead" or "wrist", as the controller believes it."""
@@ -265,7 +286,7 @@ def build_world(
     spec = arm_spec(robot)
     set_physics(spec, physics)
     _set_drawing(spec)
-    add_gripper(spec, bench.wrist, robot.tool)
+    add_gripper(spec, bench.wrist, robot.gripper)
     add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     if any(solid.solid == "hull" for kind in product.parts.values() for solid in kind.shape):
         spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)  # a hull on one point would wobble

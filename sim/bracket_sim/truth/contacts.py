@@ -62,6 +62,7 @@ class ContactMonitor:
         self._arm, self._driven_rad_s = world.arm_qvel, driven_rad_s
         self._model, self._data = world.model, world.data
         self._parts = {part.body: part.name for part in world.bodies}
+        self._fingers = len(world.holding)
         self._codes = np.array([self._code(geom) for geom in range(world.model.ngeom)], dtype=np.uint8)
         self._human_geoms = (self._codes & (SKIN | FLESH)) > 0
         self._tool = int(world.model.body("tool").id)
@@ -125,17 +126,17 @@ class ContactMonitor:
         return FINGER if name.startswith("finger_") else 0
 
     def _through_parts(self, geoms: NDArray[np.int32], both: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
-        """Contacts of the hand with a part that both fingers of the gripper touch."""
+        """Contacts of the hand with a part that both fingers of the gripper touch, or its cup."""
         touched = np.flatnonzero(both == FLESH | PART)
         gripped = np.flatnonzero(both == FINGER | PART)
-        if not len(touched) or len(gripped) < 2:
+        if not len(touched) or not len(gripped):
             return []
         owner = self._model.geom_bodyid
         fingers: dict[int, set[int]] = {}
         for index in gripped:
             part, finger = sorted((int(owner[geom]) for geom in geoms[index]), key=lambda body: body not in self._parts)
             fingers.setdefault(part, set()).add(finger)
-        held = {part for part, touching in fingers.items() if len(touching) == 2}
+        held = {part for part, touching in fingers.items() if len(touching) == self._fingers}
         return [(int(index), *geoms[index]) for index in touched if held & {int(owner[geom]) for geom in geoms[index]}]
 
     def _measure(self, time_s: float, touches: list[tuple[int, int, int]]) -> Contact:

@@ -11,7 +11,6 @@ import numpy as np
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_sim.scene.hand_motion import min_jerk
-from bracket_sim.scene.robot import STROKE_M
 from bracket_sim.scene.world import World, WorldPart
 
 Script = Iterator[None]
@@ -49,7 +48,7 @@ class Giver:
         self._scratch = mujoco.MjData(world.model)
         self.joints_rad: Array = np.array(world.bench.arm_park_rad)
         self.speeds_rad_s: Array = np.zeros(len(self.joints_rad))
-        self.opening_m = STROKE_M
+        self.opening_m = world.robot.gripper.stroke_m
         self.holding: WorldPart | None = None
         self.done = not parts
         self._dt_s = 0.0
@@ -94,7 +93,7 @@ class Giver:
             taken_s = taken_s + self._dt_s if self._taken(part.name) else 0.0
             yield
         self.holding = None
-        yield from self._grip(STROKE_M)
+        yield from self._grip(self._world.robot.gripper.stroke_m)
         yield from self._go(self._solve(spot_m + np.array([0.0, 0.0, ABOVE_M]), 0.0))
 
     def _wait(self, duration_s: float) -> Script:

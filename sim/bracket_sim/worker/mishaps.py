@@ -78,7 +78,7 @@ class Mishaps:
 
     def _sticks(self) -> Script:
         """It stays at a finger that opens, until somebody takes it."""
-        part, finger = self._nearest(), self._world.model.body("finger_left").id
+        part, finger = self._nearest(), self._world.holding[0]
         held_m, stuck = self._world.opening_m, Pose((0.0, 0.0, 0.0))
         while part.name not in self._stock.kept:
             if self._world.opening_m < held_m + OPENED_M:

@@ -76,6 +76,7 @@ class Sight:
             position: bracket.transform(np.array(product.slot_m(position))) for position in product.positions
         }
         bodies = {model.body(index).name: index for index in range(model.nbody)}
+        self._fingers = [name for name in ("finger_left", "finger_right") if name in bodies]
         self._flange, self._tool = bodies.get("tool0"), bodies.get("tool")
         joints = [model.joint(number) for number in _moving(model, self._flange or 0)]
         self._arm_qpos = [int(joint.qposadr[0]) for joint in joints]
@@ -160,11 +161,11 @@ class Sight:
     @property
     def fingers_m(self) -> float:
         """Distance between the arm's fingers."""
-        return float(sum(self._data.joint(name).qpos[0] for name in ("finger_left", "finger_right")))
+        return float(sum(self._data.joint(name).qpos[0] for name in self._fingers))
 
     def gripped(self, part: str) -> bool:
         """Whether the arm's fingers, that stand, are as far apart as such a part is wide."""
-        speed_m_s = sum(abs(self._data.joint(name).qvel[0]) for name in ("finger_left", "finger_right"))
+        speed_m_s = sum(abs(self._data.joint(name).qvel[0]) for name in self._fingers)
         return self.fingers_m < self._product.parts[part].size_m[1] + GRIPPED_M and speed_m_s < STILL_M_S
 
     def held_in_hole(self) -> str | None:

@@ -154,7 +154,7 @@ def test_what_cannot_be_taught_is_told(capsys: pytest.CaptureFixture[str]) -> No
 
 def joints_at(motion: MotionPlanner, place_m: Array) -> Array:
     """Joints with which the fingertips touch a place from above."""
-    beyond = motion.settings.robot.tool.fingertip_beyond_tcp_m
+    beyond = motion.settings.robot.gripper.fingertip_beyond_tcp_m
     x, y, z = (float(value) for value in place_m)
     tool = Pose((x, y, z + beyond), (0.0, 1.0, 0.0, 0.0))
     joints = motion.kinematics.inverse(tool)

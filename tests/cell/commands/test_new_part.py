@@ -9,10 +9,10 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.commands.new import stl
-from bracket_cell.skills.motion.grip import Grip
 from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.interfaces.grip import Grip
 from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product

@@ -21,7 +21,7 @@ import numpy as np
 
 from bracket_cell.learned.grasp.boxes import Blocks, Boxes, rectangle_gaps_m
 from bracket_cell.learned.grasp.settings import GripperOutline
-from bracket_ground.interfaces.grasping import OFF_MIDDLE_M, held_off_middle
+from bracket_ground.interfaces.grasping import OFF_MIDDLE_M, PAD_WIDTH_M, held_off_middle
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import PartType, Product
@@ -52,6 +52,11 @@ class Opening(Protocol):
     @property
     def middle_alone(self) -> tuple[str, ...]:
         """Types of parts that are grasped in the middle alone."""
+        ...
+
+    @property
+    def pad_size_m(self) -> tuple[float, float, float]:
+        """Thickness, width and length of a pad."""
         ...
 
     @property
@@ -102,7 +107,8 @@ def available(boxes: Boxes, opening: Opening) -> Blocks:
 
 def middle_alone(product: Product, opening: Opening) -> tuple[str, ...]:
     """Types of a product whose shape lets them be grasped in the middle alone."""
-    return tuple(name for name, kind in product.parts.items() if not _held_off_middle(kind, opening))
+    narrow = opening.pad_size_m[1] < PAD_WIDTH_M
+    return tuple(name for name, kind in product.parts.items() if narrow or not _held_off_middle(kind, opening))
 
 
 def _held_off_middle(kind: PartType, opening: Opening) -> bool:

@@ -11,13 +11,14 @@ from bracket_cell.learned.grasp.boxes import Blocks, Boxes, boxes_of
 from bracket_cell.learned.grasp.candidates import available, fixed, graspable, middle_alone, touching
 from bracket_cell.learned.grasp.crops import EMBEDDING
 from bracket_cell.learned.grasp.pairs import near_pairs, pair_features
-from bracket_cell.learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline
+from bracket_cell.learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline, outline_of
 from bracket_cell.learned.grasp.solution import nearest_first, solve
 from bracket_cell.learned.inference.onnx_model import Network, OnnxModel
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.planning import GraspPlan
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.robot import RobotModel
 
 
 class RulePlanner:
@@ -65,12 +66,16 @@ class PairwisePlanner:
         self._view = self._judge(side_by_side(product))
 
     @staticmethod
-    def load(product: Product, weights: Path, noise: DetectionNoise | None = None) -> PairwisePlanner:
-        """With the network of a file, which knows sizes, not names.
+    def load(
+        product: Product, weights: Path, noise: DetectionNoise | None = None, robot: RobotModel | None = None
+    ) -> PairwisePlanner | RulePlanner:
+        """With the network of a file, which knows sizes, not names; the rule for a gripper of other shapes than its.
 
         Raises:
             ModelError: it is missing or damaged, of another kind, or cannot answer at all.
         """
+        if robot is not None and outline_of(robot.gripper) != GripperOutline():
+            return RulePlanner(product, outline_of(robot.gripper, margins=True))
         return PairwisePlanner(OnnxModel.load(weights, "grasp.pairwise"), product, noise)
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:

@@ -6,21 +6,23 @@ closes.
 
 from __future__ import annotations
 
+import math
+
 from pydantic import Field
 
 from bracket_ground.files.model import Model
+from bracket_ground.interfaces.gripper import ROUND, Gripper
 
 
 class GripperOutline(Model):
     """What must be free around the gripper when it comes down and closes; the defaults are what it truly occupies.
 
     Attributes:
-        pad_size_m: thickness in the closing direction, width, length of a pad (sim/bracket_sim/scene/robot.py);
+        pad_size_m: thickness in the closing direction, width, length of a pad (the gripper's file);
             the links above are as thick and narrower.
-        palm_size_m: extent in the closing direction, and along the fingers' width (sim/bracket_sim/scene/robot.py).
-        palm_above_tip_m: from the fingertips to the palm's lower side (`tcp_from_flange_m + fingertip_beyond_tcp_m -
-            PALM_END_M` in sim/bracket_sim/scene/robot.py).
-        stroke_m: widest opening (datasheet of the 2F-85).
+        palm_size_m: extent in the closing direction, and along the fingers' width (the gripper's file).
+        palm_above_tip_m: from the fingertips to the palm's lower side.
+        stroke_m: widest opening.
         clearance_m: gap between each finger and the body when it comes down: the narrowest that the skills try
             (`least_finger_clearance_m` in skills/motion/settings.py).
         grasp_depth_m: fingertips reach this far below the body's top ...
@@ -48,6 +50,21 @@ class GripperOutline(Model):
 
 WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_m=0.001, below_gap_m=0.002)
 """What the rule keeps free: the narrowest room in which the skills go down, their safety margins included."""
+
+
+def outline_of(gripper: Gripper, *, margins: bool = False) -> GripperOutline:
+    """What a gripper occupies; with margins what the rule keeps free. A cup stands for fingers without a thickness."""
+    usual, (wide, deep, _) = (
+        WITH_MARGINS if margins else GripperOutline(),
+        gripper.palm[1] if margins else gripper.palm_m,
+    )
+    cup, above_m = gripper.cup, round(gripper.tip_m - gripper.palm_m[2], ROUND)
+    own: dict[str, object] = {"palm_size_m": (wide, deep), "palm_above_tip_m": above_m, "stroke_m": gripper.stroke_m}
+    if gripper.fingers is not None:
+        own |= {"pad_size_m": gripper.fingers.pads_m}
+    if cup is not None:
+        own |= {"pad_size_m": (0.0, cup.diameter_m, 0.0), "stroke_m": math.inf, "grasp_depth_m": 0.0, "one_way": True}
+    return usual.model_copy(update=own)
 
 
 class DetectionNoise(Model):

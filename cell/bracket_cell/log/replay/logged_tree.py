@@ -21,6 +21,7 @@ from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import ROLES
 from bracket_ground.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, Fault, FaultTable
+from bracket_ground.interfaces.gripper import default_gripper
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import DEFAULT
 from bracket_ground.interfaces.robot import FOLDER as ROBOTS
@@ -66,8 +67,11 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
         (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
     if (folder / ROBOT).exists():
         data["robot"] = ROBOT
-        text = (folder / ROBOT).read_text("utf-8")
-        (folder / ROBOT).write_text(text.replace(UR10_OF_OLD, UR10), "utf-8")
+        recorded = yaml.safe_load((folder / ROBOT).read_text("utf-8").replace(UR10_OF_OLD, UR10))
+        if (tool := recorded.pop("tool", None)) is not None:
+            recorded["gripper"] = default_gripper().model_dump(mode="json") | tool
+        (folder / ROBOT).write_text(yaml.safe_dump(recorded), "utf-8")
+        data.pop("gripper", None)
     path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
 
 
@@ -99,7 +103,7 @@ def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
     if not limits and not tool:
         return None
     usual = yaml.safe_load((ROBOTS / f"{DEFAULT}.yaml").read_text("utf-8"))
-    return {**usual, **limits, "tool": {**usual["tool"], **tool}}
+    return {**usual, **limits, "tool": tool}
 
 
 def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:

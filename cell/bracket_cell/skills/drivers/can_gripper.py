@@ -1,4 +1,4 @@
-"""Driver of the gripper on CAN: 2F-85 registers in the frames of config/gripper.dbc."""
+"""Driver of a gripper with fingers on CAN: registers in the frames of config/gripper.dbc."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ import can
 from cantools.database.can import Database, Message
 
 from bracket_cell.skills.drivers import gripper_database
+from bracket_cell.skills.drivers.gripper_database import ranges
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_ground.errors import DeviceFault, LatchedFault
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.gripper import default_gripper
 from bracket_ground.interfaces.observation import GripperState, NodeState, ObjectStatus
+from bracket_ground.interfaces.robot import RobotModel
 
 MISSED_PERIODS = 1.5
 FRAMES_A_TICK = 500  # that are read; what is left waits, and how old it is by then nobody knows
@@ -38,8 +41,6 @@ NODE_STATES: Mapping[int, NodeState] = {
     0x05: "operational",
     0x7F: "pre_operational",
 }
-
-_OPENING_MM, _SPEED_MM_S, _FORCE_N = (0.0, 85.0), (20.0, 150.0), (20.0, 235.0)
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,11 @@ class CanGripper:
 
     Settings = CanSettings
 
-    def __init__(self, settings: CanSettings, clock: Clock, bus: can.BusABC | None = None) -> None:
-        database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED)
+    def __init__(
+        self, settings: CanSettings, clock: Clock, bus: can.BusABC | None = None, robot: RobotModel | None = None
+    ) -> None:
+        gripper = default_gripper() if robot is None else robot.gripper
+        database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED, gripper)
         self._database = database
         self._command = database.get_message_by_name(gripper_database.COMMAND)
         self._received = {
@@ -90,7 +94,9 @@ class CanGripper:
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in wanted])
         self._clock, self._settings = clock, settings
         self._tap: Tap = _nobody
-        self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
+        self._ranges = ranges(gripper)
+        starts = {"rPR": self._ranges["rPR"][1], "rSP": self._ranges["rSP"][0], "rFR": self._ranges["rFR"][0]}
+        self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, **starts}
         self._sent_s: float | None = None
         self._echoes = False  # the bus has done so
         self._unheard_s: float | None = None  # when the oldest frame was sent that did not come back
@@ -137,7 +143,7 @@ class CanGripper:
         if not self._late:
             self._check_echo()
         if self._status is None:
-            unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
+            unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, self._ranges["rPR"][1] / 1000, 0.0, 0)
             return self._with_bus(unknown, echoed=self._sent_s is None)
         fault = max(int(self._status["gFLT"]), self._emergency, self._worst)
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
@@ -164,9 +170,9 @@ class CanGripper:
         """Start a motion; values beyond the registers' range are cut to it."""
         self._request |= {
             "rGTO": 1.0,
-            "rPR": _clamped(command.opening_m * 1000, _OPENING_MM),
-            "rSP": _clamped(command.speed_m_s * 1000, _SPEED_MM_S),
-            "rFR": _clamped(command.force_n, _FORCE_N),
+            "rPR": _clamped(command.opening_m * 1000, self._ranges["rPR"]),
+            "rSP": _clamped(command.speed_m_s * 1000, self._ranges["rSP"]),
+            "rFR": _clamped(command.force_n, self._ranges["rFR"]),
         }
         sent = _decoded(self._command, self._send())
         return GripperCommand(sent["rPR"] / 1000, sent["rSP"] / 1000, sent["rFR"])

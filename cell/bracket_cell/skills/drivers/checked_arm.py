@@ -75,7 +75,10 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
             f"trajectory starts {jump.max():.3f} rad from where {joints[int(jump.argmax())]} is, "
             f"limit {START_TOLERANCE_RAD} rad",
         )
-    if not (inside := robot.within(positions).all(axis=0)).all():
+    least, most = robot.limits_rad
+    noise = np.clip(positions[0], least - START_TOLERANCE_RAD, most + START_TOLERANCE_RAD)  # beyond which it may stand
+    back = (positions >= np.minimum(least, noise)) & (positions <= np.maximum(most, noise))
+    if not (inside := (robot.within(positions) | back).all(axis=0)).all():
         joint = int(inside.argmin())
         least, most = robot.limits_rad[:, joint]
         raise DeviceFault("arm", f"trajectory leaves the range of {joints[joint]}, {least:.3f} to {most:.3f} rad")

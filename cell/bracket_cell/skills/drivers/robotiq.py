@@ -27,10 +27,10 @@ from bracket_ground.errors import DeviceFault, LatchedFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.devices import DeviceCheck
+from bracket_ground.interfaces.gripper import default_gripper
 from bracket_ground.interfaces.observation import GripperState, NodeState, ObjectStatus
+from bracket_ground.interfaces.robot import RobotModel
 
-STROKE_M = 0.085
-SPEEDS_M_S, FORCES_N = (0.020, 0.150), (20.0, 235.0)  # of registers 0 and 255; newtons are the data sheet's
 PERIOD_S = 0.02  # between exchanges; the gripper takes 200 a second at most
 ANSWER_S = 0.05  # in which an answer comes, or is lost
 KEEP_ALIVE_S = 0.2  # the gripper faults after 1 s without a command
@@ -143,7 +143,17 @@ class RegisterGripper:
         exchanges: how many were answered.
     """
 
-    def __init__(self, settings: FingerSettings, clock: Clock, open_wire: Callable[[], Wire]) -> None:
+    def __init__(
+        self,
+        settings: FingerSettings,
+        clock: Clock,
+        open_wire: Callable[[], Wire],
+        robot: RobotModel | None = None,
+    ) -> None:
+        gripper = default_gripper() if robot is None else robot.gripper
+        self._fingers = gripper.fingers
+        if self._fingers is None:
+            raise DeviceFault("gripper", f"{gripper.name} has no fingers, and these registers move such alone")
         self._settings, self._clock, self._open_wire = settings, clock, open_wire
         self.ends, self.measured, self.exchanges = (settings.open_count, settings.closed_count), False, 0
         self._lock = threading.Lock()
@@ -174,7 +184,9 @@ class RegisterGripper:
         if now_s - told_s > self._settings.lost_s:
             raise DeviceFault("gripper", f"no answer for {now_s - told_s:.2f} s: {trouble}")
         if status is None:
-            return GripperState(told_s, False, ObjectStatus.MOVING, STROKE_M, 0.0, 0, "unknown", echoed=False)
+            return GripperState(
+                told_s, False, ObjectStatus.MOVING, self._fingers.stroke_m, 0.0, 0, "unknown", echoed=False
+            )
         new = now_s - connected_s <= ADOPTION_S  # it had no master, and says so
         if status.fault >= MAJOR_FAULT and not steps and not (new and status.fault == NO_COMMUNICATION):
             kind = DeviceFault if status.fault == NO_COMMUNICATION else LatchedFault
@@ -199,13 +211,14 @@ class RegisterGripper:
         """Start a motion; values beyond the registers' range are cut to it."""
         with self._lock:
             open_count, closed_count = self.ends
-            opening_m = min(max(command.opening_m, 0.0), STROKE_M)
-            position = round(closed_count + opening_m / STROKE_M * (open_count - closed_count))
-            speed, force = _count(command.speed_m_s, SPEEDS_M_S), _count(command.force_n, FORCES_N)
+            does = self._fingers
+            opening_m = min(max(command.opening_m, 0.0), does.stroke_m)
+            position = round(closed_count + opening_m / does.stroke_m * (open_count - closed_count))
+            speed, force = _count(command.speed_m_s, does.speed_m_s), _count(command.force_n, does.force_n)
             self._request, self._commanded = Request(self._request.activate, True, position, speed, force), True
             told = self._opening_m(position)
         self._wake.set()
-        return GripperCommand(told, _value(speed, SPEEDS_M_S), _value(force, FORCES_N))
+        return GripperCommand(told, _value(speed, does.speed_m_s), _value(force, does.force_n))
 
     def hold(self) -> None:
         """Clear rGTO: the fingers stop and keep their grip."""
@@ -221,7 +234,7 @@ class RegisterGripper:
 
     def _opening_m(self, position: int) -> float:
         open_count, closed_count = self.ends
-        return min(max((closed_count - position) / (closed_count - open_count), 0.0), 1.0) * STROKE_M
+        return min(max((closed_count - position) / (closed_count - open_count), 0.0), 1.0) * self._fingers.stroke_m
 
     def _object(self, status: Status) -> ObjectStatus:
         """gOBJ; fingers that met each other hold nothing."""
@@ -307,8 +320,8 @@ class ModbusGripper(RegisterGripper):
 
     Settings = RobotiqModbusSettings
 
-    def __init__(self, settings: RobotiqModbusSettings, clock: Clock) -> None:
-        super().__init__(settings, clock, lambda: ModbusWire(settings.port, settings.baud, settings.node_id))
+    def __init__(self, settings: RobotiqModbusSettings, clock: Clock, robot: RobotModel | None = None) -> None:
+        super().__init__(settings, clock, lambda: ModbusWire(settings.port, settings.baud, settings.node_id), robot)
 
 
 class ModbusWire:
@@ -352,8 +365,8 @@ class UrcapGripper(RegisterGripper):
 
     Settings = RobotiqUrcapSettings
 
-    def __init__(self, settings: RobotiqUrcapSettings, clock: Clock) -> None:
-        super().__init__(settings, clock, lambda: UrcapWire(settings.host, settings.port))
+    def __init__(self, settings: RobotiqUrcapSettings, clock: Clock, robot: RobotModel | None = None) -> None:
+        super().__init__(settings, clock, lambda: UrcapWire(settings.host, settings.port), robot)
 
 
 class UrcapWire:

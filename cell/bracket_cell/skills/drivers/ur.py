@@ -125,7 +125,7 @@ class UrArm(StreamingArm):
     """
 
     def __init__(self, settings: UrSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
-        self._settings, self._tcp_m = settings, robot.tool.tcp_from_flange_m
+        self._settings, self._tcp_m = settings, robot.gripper.tcp_from_flange_m
         self._turn = world_from_base(robot)[:3, :3]
         self._part_kg = max((part.mass_kg for part in product.parts.values()), default=0.0)
         self._carried, self._upper = False, settings.registers == "upper"

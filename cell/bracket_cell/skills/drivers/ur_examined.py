@@ -192,11 +192,11 @@ def _payload(settings: UrSettings, told_kg: float) -> DeviceCheck:
 
 
 def _tcp(robot: RobotModel, told: Array) -> DeviceCheck:
-    off = np.abs(told - np.array([0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0]))
+    off = np.abs(told - np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
     what = f"arm: a TCP at ({', '.join(f'{1e3 * value:.1f}' for value in told[:3])}) mm from the flange"
     if off.max() <= TCP_OFF_M:
         return DeviceCheck(what)
-    right = f"(0, 0, {1e3 * robot.tool.tcp_from_flange_m:.1f}) mm without rotation"
+    right = f"(0, 0, {1e3 * robot.gripper.tcp_from_flange_m:.1f}) mm without rotation"
     return DeviceCheck(what, f"the robot's file says {right}: set it in the pendant's installation, or in that file")
 
 
@@ -206,9 +206,9 @@ def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) 
     pose = told["actual_TCP_pose"]
     base = world_from_base(robot)
     turned = base[:3, :3] @ _turn(pose[3:])
-    tcp = told.get("tcp_offset", np.array([0.0, 0.0, robot.tool.tcp_from_flange_m, 0.0, 0.0, 0.0]))
+    tcp = told.get("tcp_offset", np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
     theirs = base[:3, :3] @ pose[:3] + base[:3, 3] - turned @ _turn(tcp[3:]).T @ tcp[:3]
-    ours = tool.transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
+    ours = tool.transform(np.array([0.0, 0.0, -robot.gripper.tcp_from_flange_m]))
     off_m = float(np.linalg.norm(theirs - ours))
     what = f"arm: our kinematics {1e3 * off_m:.1f} mm off the controller's"
     if off_m <= POSE_OFF_M:
@@ -226,7 +226,7 @@ def _own_calibration(settings: UrSettings, bench: Bench, robot: RobotModel, forw
         return DeviceCheck("arm: its own calibration", error.reason)
     off_m = 0.0
     for joints_rad in (bench.arm_park_rad, bench.arm_look_rad):
-        ours = forward(np.array(joints_rad)).transform(np.array([0.0, 0.0, -robot.tool.tcp_from_flange_m]))
+        ours = forward(np.array(joints_rad)).transform(np.array([0.0, 0.0, -robot.gripper.tcp_from_flange_m]))
         theirs = world_from_base(robot) @ WORLD_FROM_BASE @ list(own.frames(joints_rad))[-1]
         off_m = max(off_m, float(np.linalg.norm(theirs[:3, 3] - ours)))
     what = f"arm: its own calibration is up to {1e3 * off_m:.1f} mm off the robot file's"

@@ -8,7 +8,6 @@ import numpy as np
 
 from bracket_cell.skills.grasping.phases import FingersRest, Move, done, failed, held
 from bracket_cell.skills.grasping.way_down import WayDown
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.motions import Line, WayAndLine
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
@@ -137,7 +136,9 @@ class Descend:
         """With the fingers as wide as they still stand around a part."""
         over = self.load
         if not self._told:
-            over = replace(over, opening_m=min(STROKE_M, max(over.opening_m, observation.gripper.opening_m)))
+            over = replace(
+                over, opening_m=self.planner.settings.gripper.within(max(over.opening_m, observation.gripper.opening_m))
+            )
         return WayDown(
             Message("moving above {name}", name=self.name),
             WayAndLine(self.planner, self.above_rad, over, self.line, FELT),

@@ -20,16 +20,15 @@ from bracket_cell.skills.motion.grasp_pose import (
     held_boxes,
     holds,
     hole_pose,
-    opening_for,
     place_poses,
 )
-from bracket_cell.skills.motion.grip import Grip, Hold, hold_of, possible_grips
 from bracket_cell.skills.motion.lying_grasp import held_box
 from bracket_cell.skills.motion.motions import FreeWay, Line, Rise, WayAndLine
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, at_height
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand
+from bracket_ground.interfaces.grip import Grip, Hold, hold_of
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
@@ -90,21 +89,17 @@ def choose_grasp(
         chosen = _choose(planner, grasps(part, kind, settings, hold, close=close), others, near_rad)
         if not isinstance(chosen, str):
             return chosen
-        if hold.place_m == 0.0:
-            reasons[hold.grip] = f"{chosen} {hold.grip.value}"
-    return Message(
-        "cannot take {part}: {why}", part=part.part, why=", ".join(reasons.values()) or "too wide for the fingers"
-    )
+        reasons.setdefault(hold.grip, f"{chosen} {hold.grip.value}")
+    why = ", ".join(reasons.values()) or settings.gripper.why_not(kind, settings.least_finger_clearance_m)
+    return Message("cannot take {part}: {why}", part=part.part, why=why)
 
 
 def ways_to_hold(kind: PartType, settings: MotionSettings) -> Iterator[tuple[Hold, bool]]:
     """All ways to hold a part, the best first, each with whether it leaves the fingers the least room."""
-    grips = possible_grips(kind, settings.least_finger_clearance_m)
-    for close in (False, True):
-        yield from ((Hold(grip), close) for grip in grips)
-    beside = [hold for grip in grips for hold in holds(kind, grip, settings) if hold.place_m != 0.0]
-    for close in (False, True):
-        yield from ((hold, close) for hold in beside)
+    grips = settings.gripper.grips(kind, settings.least_finger_clearance_m)
+    found = [holds(kind, grip, settings) for grip in grips]
+    for tried in ([ways[0] for ways in found], [hold for ways in found for hold in ways[1:]]):
+        yield from ((hold, close) for close in (False, True) for hold in tried)
 
 
 def why_not_graspable(
@@ -180,7 +175,7 @@ def put_phases(
         entry: of the place, if that is entered from a side.
     """
     settings, kind = planner.settings, planner.product.parts[name]
-    opening_m = opening_for(kind, hold.grip, settings.finger_clearance_m)
+    opening_m = settings.gripper.opening_for(kind, hold.grip, settings.finger_clearance_m)
     carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=True))
     lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=False), close=True)
     rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
@@ -342,7 +337,7 @@ def _approach_height_m(
     """TCP height at which the fingertips pass over the part and its near neighbours."""
     settings, kind = planner.settings, planner.product.parts[part.part]
     top_m = max(part.world_from_part.position_m[2] + kind.size_m[2], *_tops_near_m(part, others), -np.inf)
-    over_m = settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
+    over_m = settings.gripper.fingertip_beyond_tcp_m + settings.approach_gap_m
     return max(top_m, grasp.world_from_tool.position_m[2]) + over_m
 
 
@@ -356,4 +351,4 @@ def _tops_near_m(part: PartDetection, others: Sequence[PartDetection]) -> list[f
 def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> float:
     """TCP height at which the empty fingertips are above the part that was put down."""
     settings = planner.settings
-    return target.position_m[2] + kind.size_m[2] + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
+    return target.position_m[2] + kind.size_m[2] + settings.gripper.fingertip_beyond_tcp_m + settings.approach_gap_m

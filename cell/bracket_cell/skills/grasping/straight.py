@@ -10,7 +10,6 @@ import numpy as np
 from bracket_cell.skills.grasping.contact import meets_something
 from bracket_cell.skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from bracket_cell.skills.grasping.phases import Move, Phase, PhasedSkill, done, failed
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.motions import Blind, Line
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
@@ -48,7 +47,7 @@ class StraightMove(PhasedSkill):
         planner = self.planner
         held, boxes = carried(planner, self.held, observation)
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.standing))
-        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes, close=True)
+        load = Load(planner.settings.gripper.within(observation.gripper.opening_m), obstacles, boxes, close=True)
         end = self.end(planner.kinematics.forward(joints_of(observation)))
         line = Line(planner, end, load, self.speed_m_s)
         return [Move(Message("moving straight to {to}", to=self.to), line, holding=held)]

@@ -13,22 +13,16 @@ import coal
 import numpy as np
 import pinocchio
 
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.kinematics import Kinematics, LinkPlaces
 from bracket_cell.skills.motion.outline import Shape, shapes
 from bracket_cell.skills.motion.postures import axis_of
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench, Obstacle
-from bracket_ground.interfaces.grasping import PAD_WIDTH_M
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.urdf import FLANGE
 
-# Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
-PALM_M = ((0.0, 0.0, 0.0425), (0.104, 0.076, 0.085))
-FINGER_SIZE_M = (0.012, PAD_WIDTH_M, 0.079)
-FINGER_MIDDLE_M = 0.1245
 CAMERA_SIZE_M = (0.050, 0.030, 0.030)
 CAMERA_BEHIND_LENS_M = 0.020
 
@@ -77,7 +71,7 @@ class CollisionChecker:
         self._settings = settings or MotionSettings()
         self._model = kinematics.model
         self._data = self._model.createData()
-        self._tcp_m = self._settings.robot.tool.tcp_from_flange_m
+        self._tcp_m = self._settings.gripper.tcp_from_flange_m
         flange = self._model.frames[self._model.getFrameId(FLANGE)]
         self._wrist, self._wrist_from_flange = flange.parentJoint, flange.placement
         self._geometry = self._arm_geometry()
@@ -98,7 +92,7 @@ class CollisionChecker:
     def arm_with_part(self, radius_m: float) -> pinocchio.GeometryModel:
         """Arm and gripper with open fingers, and a sphere HELD around the TCP."""
         geometry = self._arm_alone.copy()
-        self._open_fingers(geometry, STROKE_M)
+        self._open_fingers(geometry, self._settings.gripper.stroke_m)
         placement = self._on_flange((0.0, 0.0, self._tcp_m))
         geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
         return geometry
@@ -146,10 +140,8 @@ class CollisionChecker:
         return self.scene(opening_m, obstacles, held, margin_m).first_contact(positions_rad)
 
     def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
-        for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
-            offset = side * (opening_m + FINGER_SIZE_M[0]) / 2
-            finger = geometry.geometryObjects[geometry.getGeometryId(name)]
-            finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
+        for name, (centre, _) in self._settings.gripper.moving(opening_m).items():
+            geometry.geometryObjects[geometry.getGeometryId(name)].placement = self._on_flange(centre)
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         urdf = self._settings.robot.urdf_text
@@ -168,10 +160,10 @@ class CollisionChecker:
 
     def _add_tool(self, tool_from_camera: Pose) -> None:
         x, y, z = tool_from_camera.position_m
+        gripper = self._settings.gripper
         boxes = {
-            "palm": PALM_M,
-            "finger_left": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
-            "finger_right": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
+            "palm": gripper.palm,
+            **{name: ((0.0, 0.0, at[2]), size) for name, (at, size) in gripper.moving(0.0).items()},
             "camera": ((x, y, z + self._tcp_m - CAMERA_BEHIND_LENS_M), CAMERA_SIZE_M),
         }
         for name, (centre, size) in boxes.items():

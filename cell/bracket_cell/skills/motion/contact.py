@@ -40,7 +40,7 @@ CONTACT = ContactLimits()
 def clamp_m_s(robot: RobotModel, force_n: float) -> float:
     """How fast a robot may close a gap in which a hand could be, for a force on it at most."""
     moving_kg = robot.moving_kg if robot.moving_kg >= CONTACT.least_kg else CONTACT.unknown_kg
-    return force_n / math.sqrt(CONTACT.stiffness_n_m * (moving_kg / 2 + robot.tool.mass_kg))
+    return force_n / math.sqrt(CONTACT.stiffness_n_m * (moving_kg / 2 + robot.gripper.loaded_kg))
 
 
 def clamps(standing_m: Mapping[str, Array], robot: RobotModel, force_n: float | None) -> dict[str, object]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bracket_cell.skills.motion.collision import FINGER_SIZE_M, Box, body_box
-from bracket_cell.skills.motion.grip import STROKE_M, Grip, Hold
+from bracket_cell.skills.motion.collision import Box, body_box
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.grasping import held_off_middle, places_m
+from bracket_ground.interfaces.grip import Grip, Hold
+from bracket_ground.interfaces.gripper import Shape
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import PartType, Product
@@ -50,17 +50,17 @@ def tool_down(position_m: Sequence[float], yaw_rad: float) -> Pose:
 
 def fingertips_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
     """Height of the fingertips above a body's bottom: near the top of what they hold, never below the bottom."""
-    return max(settings.fingertip_clearance_m, grip.top_m(kind) - settings.grasp_depth_m)
+    return settings.gripper.tips_m(kind, grip, settings.grasp_depth_m, settings.fingertip_clearance_m)
 
 
 def grasp_height_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
     """Height of the TCP above a body's bottom."""
-    return fingertips_m(kind, grip, settings) + settings.robot.tool.fingertip_beyond_tcp_m
+    return fingertips_m(kind, grip, settings) + settings.gripper.fingertip_beyond_tcp_m
 
 
 def grip_of(kind: PartType, opening_m: float, settings: MotionSettings) -> Grip:
     """How a part is held, by the distance between the fingers; WIDTH where its sides are alike."""
-    return min(Grip, key=lambda grip: abs(grip.held_m(kind, fingertips_m(kind, grip, settings)) - opening_m))
+    return min(settings.gripper.known, key=lambda grip: _off_m(kind, grip, opening_m, settings))
 
 
 def held_type(product: Product, opening_m: float, settings: MotionSettings) -> str | None:
@@ -78,14 +78,19 @@ def fits(kind: PartType, opening_m: float, settings: MotionSettings) -> bool:
 
 
 def _misfit_m(kind: PartType, opening_m: float, settings: MotionSettings) -> float:
-    held_m = (grip.held_m(kind, fingertips_m(kind, grip, settings)) - GIVES_WAY_M for grip in Grip)
-    return min(abs(one_m - opening_m) for one_m in held_m)
+    grips = settings.gripper.known
+    return min((_off_m(kind, grip, opening_m + GIVES_WAY_M, settings) for grip in grips), default=math.inf)
+
+
+def _off_m(kind: PartType, grip: Grip, opening_m: float, settings: MotionSettings) -> float:
+    """How much farther apart fingers are than on such a part; 0 where the opening tells nothing of it."""
+    held_m = settings.gripper.held_m(kind, grip, fingertips_m(kind, grip, settings))
+    return 0.0 if held_m is None else abs(held_m - opening_m)
 
 
 def holds(kind: PartType, grip: Grip, settings: MotionSettings) -> tuple[Hold, ...]:
     """How a grip may hold a part: in the middle of its sides, and beside it where its shape allows that."""
-    found = tuple(Hold(grip, place) for place in places_m(grip.axis))
-    return found if held_off_middle(kind, grip.axis, fingertips_m(kind, grip, settings)) else found[:1]
+    return settings.gripper.holds(kind, grip, fingertips_m(kind, grip, settings))
 
 
 def grasps(
@@ -96,16 +101,12 @@ def grasps(
     Args:
         close: with the least gap between fingers and body instead of the usual one.
     """
-    opening = opening_for(kind, hold.grip, settings.least_finger_clearance_m if close else settings.finger_clearance_m)
+    clearance_m = settings.least_finger_clearance_m if close else settings.finger_clearance_m
+    opening = settings.gripper.opening_for(kind, hold.grip, clearance_m)
     height = grasp_height_m(kind, hold.grip, settings)
     first = _tool_pose(part.world_from_part, hold, height)
     second = _tool_pose(_half_turned(part.world_from_part), hold.turned, height)
     return Grasp(hold, first, opening, height, close), Grasp(hold.turned, second, opening, height, close)
-
-
-def opening_for(kind: PartType, grip: Grip, clearance_m: float) -> float:
-    """Opening of the fingers that leaves this gap on both sides of a body, as far as the stroke allows."""
-    return min(STROKE_M, grip.span_m(kind) + 2 * clearance_m)
 
 
 def held_boxes(part: str, kind: PartType, settings: MotionSettings, hold: Hold, *, with_peg: bool) -> tuple[Box, ...]:
@@ -140,10 +141,11 @@ def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings,
 def fingers_clear(grasp: Grasp, others: Sequence[PartDetection], settings: MotionSettings) -> bool:
     """Whether both fingers, as they come down and close, pass beside all other parts that reach up to them."""
     tool = grasp.world_from_tool
-    lowest_m = tool.position_m[2] - settings.robot.tool.fingertip_beyond_tcp_m - settings.passing_gap_m
+    lowest_m = tool.position_m[2] - settings.gripper.fingertip_beyond_tcp_m - settings.passing_gap_m
     margin_m = settings.least_finger_margin_m if grasp.close else settings.finger_margin_m
     high = [footprint(other) for other in others if other.world_from_part.position_m[2] + other.size_m[2] > lowest_m]
-    return all(gap_m(finger, other) >= margin_m for finger in _fingers(tool, grasp.opening_m) for other in high)
+    fingers = _fingers(tool, settings.gripper.moving(grasp.opening_m).values())
+    return all(gap_m(finger, other) >= margin_m for finger in fingers for other in high)
 
 
 def footprint(part: PartDetection) -> Array:
@@ -182,9 +184,8 @@ def _half_turned(world_from_part: Pose) -> Pose:
     return Pose.from_yaw(world_from_part.position_m, world_from_part.yaw_rad - math.pi)
 
 
-def _fingers(tool: Pose, opening_m: float) -> tuple[Array, Array]:
-    """Corners (4, 2) of both fingers seen from above."""
-    yaw, half = tool.yaw_rad, np.array(FINGER_SIZE_M[:2]) / 2
-    offset = np.array([math.cos(yaw), math.sin(yaw)]) * (opening_m / 2 + half[0])
-    centre = np.array(tool.position_m[:2])
-    return rectangle(centre - offset, yaw, half), rectangle(centre + offset, yaw, half)
+def _fingers(tool: Pose, boxes: Iterable[Shape]) -> list[Array]:
+    """Corners (4, 2) of each finger seen from above."""
+    yaw, at = tool.yaw_rad, np.array(tool.position_m[:2])
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    return [rectangle(at + centre[0] * ahead, yaw, np.array(size[:2]) / 2) for centre, size in boxes]

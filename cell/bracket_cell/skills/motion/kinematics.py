@@ -44,7 +44,7 @@ class Kinematics:
         settings = settings or MotionSettings()
         robot = settings.robot
         self.limits_rad = robot.limits_rad
-        self._flange_from_tool = Pose((0.0, 0.0, robot.tool.tcp_from_flange_m))
+        self._flange_from_tool = Pose((0.0, 0.0, robot.gripper.tcp_from_flange_m))
         self._tool_from_flange = self._flange_from_tool.inverse()
         self.model = pinocchio.buildModelFromXML(robot.urdf_text)
         self.count: int = self.model.nq

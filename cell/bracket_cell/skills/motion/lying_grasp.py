@@ -16,7 +16,6 @@ from itertools import zip_longest
 import numpy as np
 
 from bracket_cell.skills.motion.collision import Box
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import PartType
@@ -71,7 +70,7 @@ class LyingHold:
 
 
 @cache
-def turns_left(kind: PartType, up: str) -> int | None:
+def turns_left(kind: PartType, up: str, settings: MotionSettings) -> int | None:
     """How many quarter turns a part needs until it stands; None where the fingers cannot do it."""
     reached, left = {UPRIGHT}, 0
     while up not in reached:
@@ -79,7 +78,7 @@ def turns_left(kind: PartType, up: str) -> int | None:
             turn.up
             for side in SIDES
             for turn in _turns(kind, side)
-            if side not in reached and turn.then in reached and _possible(kind, turn)
+            if side not in reached and turn.then in reached and _possible(kind, turn, settings)
         }
         if not before:
             return None
@@ -90,8 +89,10 @@ def turns_left(kind: PartType, up: str) -> int | None:
 @cache
 def lying_holds(kind: PartType, up: str, settings: MotionSettings) -> tuple[LyingHold, ...]:
     """All ways to hold a part that lies: first those that bring it nearer to standing, of every lean one by turns."""
-    left = turns_left(kind, up)
-    useful = [turn for turn in _turns(kind, up) if left is not None and turns_left(kind, turn.then) == left - 1]
+    left = turns_left(kind, up, settings)
+    useful = [
+        turn for turn in _turns(kind, up) if left is not None and turns_left(kind, turn.then, settings) == left - 1
+    ]
     others = [turn for turn in _turns(kind, up) if turn not in useful]
     ways = [_holds(kind, turn, lean, settings) for lean, turn in all_of(LEANS_RAD, useful)]
     by_turns = [hold for row in zip_longest(*ways) for hold in row if hold is not None]
@@ -148,23 +149,25 @@ def _turns(kind: PartType, up: str) -> tuple[Turn, ...]:
 
 
 @cache
-def _possible(kind: PartType, turn: Turn) -> bool:
+def _possible(kind: PartType, turn: Turn, settings: MotionSettings) -> bool:
     """Whether the fingers can hold the part for a turn, somewhere."""
-    return next(_holds(kind, turn, LEANS_RAD[0], MotionSettings()), None) is not None
+    return next(_holds(kind, turn, LEANS_RAD[0], settings), None) is not None
 
 
 def _holds(kind: PartType, turn: Turn, lean_rad: float, settings: MotionSettings) -> Iterator[LyingHold]:
     """Ways to hold a part for one turn, the tool leaning so far, and both half turns of the tool."""
+    if (fingers := settings.gripper.fingers) is None or kind.mass_kg > settings.gripper.payload_kg:
+        return
     up, then = axis_of(turn.up), axis_of(turn.then)
     low, high = _reach(kind, up)
-    usual = high - (settings.grasp_depth_m - settings.robot.tool.fingertip_beyond_tcp_m)
+    usual = high - (settings.grasp_depth_m - settings.gripper.fingertip_beyond_tcp_m)
     depths = dict.fromkeys(max(depth, low + OVER_FLOOR_M) for depth in (usual, usual - PAD_M))
     low, high = _reach(kind, then)
     back = math.cos(lean_rad) * up + math.sin(lean_rad) * then
     for depth, along in all_of(depths, _places(_middle(kind, then), low + OVER_FLOOR_M, high)):
         point = depth * up + along * then
         span = _span(kind, turn, point)
-        if span is None or span[1] - span[0] + 2 * settings.least_finger_clearance_m > STROKE_M:
+        if span is None or span[1] - span[0] + 2 * settings.least_finger_clearance_m > fingers.stroke_m:
             continue
         point[turn.axis] = (span[0] + span[1]) / 2
         for side in (1.0, -1.0):

@@ -13,10 +13,10 @@ import numpy as np
 
 from bracket_cell.packages import needed
 from bracket_cell.skills.motion.grasp_pose import fingertips_m
-from bracket_cell.skills.motion.grip import Grip, possible_grips
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.grasping import PAD_WIDTH_M
+from bracket_ground.interfaces.grip import Grip
 from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import PartType
@@ -29,7 +29,7 @@ STEEP_MOST = 0.05  # cosine to the vertical of a face that fingers can close on
 LEAST_MARGIN_M = 0.001  # of the middle of mass, inside of the face that a part stands on
 STEP = (".step", ".stp")
 SAG_MM, MILLIMETRES = 0.05, 0.001  # of a round face beside the triangles that stand for it; OpenCASCADE's unit
-PAD_HIGH_M = 0.022  # of the 2F-85's fingertips
+PAD_HIGH_M = 0.022  # of usual fingertips
 CENTRED_M = 0.003  # by which what the fingers hold may be beside the part's middle
 LEAST_FACE_M2 = 5e-5  # below a part that stands on a face
 HEADINGS = 4  # of the steepest, largest faces that are tried
@@ -201,7 +201,7 @@ def part_type(size_m: tuple[float, float, float], hulls_m: Sequence[Array], **ot
 def _grips(kind: PartType, surface: Mesh, settings: MotionSettings) -> list[GripProposal]:
     """Ways to hold it in its middle, by the largest parallel faces first."""
     found = []
-    for grip in possible_grips(kind, settings.least_finger_clearance_m):
+    for grip in settings.gripper.grips(kind, settings.least_finger_clearance_m):
         tips_m = fingertips_m(kind, grip, settings)
         windows = {1 - grip.axis: (-PAD_WIDTH_M / 2, PAD_WIDTH_M / 2), 2: (tips_m, math.inf)}
         span = span_m(kind.solids, grip.axis, windows)

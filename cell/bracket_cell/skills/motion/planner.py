@@ -10,7 +10,6 @@ import numpy as np
 
 from bracket_cell.skills.motion.beside_person import BesidePerson
 from bracket_cell.skills.motion.collision import Box, CollisionChecker, Scene
-from bracket_cell.skills.motion.grip import STROKE_M, Hold
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.lying_grasp import LyingHold
 from bracket_cell.skills.motion.outline import Shape
@@ -20,6 +19,7 @@ from bracket_cell.skills.motion.trajectory import blended, joint_move, line_move
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.grip import Hold
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 
@@ -82,6 +82,11 @@ class MotionPlanner:
         self.separation = SeparationMonitor(self._checker, bench, self.settings)
         self._scenes: list[tuple[tuple[Load, float, Box | None], Scene]] = []  # those that were asked for last
         self._beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
+
+    @property
+    def open_m(self) -> float:
+        """Opening of a gripper that holds nothing."""
+        return self.settings.gripper.stroke_m
 
     @property
     def robot_shapes(self) -> tuple[Shape, ...]:
@@ -247,7 +252,7 @@ class MotionPlanner:
     @property
     def blocked(self) -> list[tuple[str, str]]:
         """The arm's resting poses, by their names on the bench, in which it touches what stands there, and what."""
-        scene = self.scene(Load(STROKE_M))
+        scene = self.scene(Load(self.open_m))
         found = (
             (name, scene.contact(np.array(getattr(self.bench, name)))) for name in ("arm_park_rad", "arm_look_rad")
         )

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bracket_cell.skills.motion.grip import STROKE_M
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench
@@ -45,7 +44,7 @@ def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str) -> tuple[flo
     """Joints of the first pose that the arm reaches and in which it is free."""
     usual, reason = motion.kinematics.usual_rad, ""
     for pose in poses:
-        found = motion.reach([pose], usual, Load(STROKE_M))
+        found = motion.reach([pose], usual, Load(motion.open_m))
         if not isinstance(found, str):
             return tuple(round(value, DIGITS) for value in found[1].tolist())
         reason = reason or str(found)

@@ -1,4 +1,4 @@
-"""Settings of motions, for one robot; defaults are for the 2F-85."""
+"""Settings of motions, for one robot."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field, PrivateAttr
 
 from bracket_ground.files.model import Model
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.perception import Edge
 from bracket_ground.interfaces.robot import RobotModel, default_robot
 
@@ -125,7 +126,7 @@ class MotionSettings(Model):
             ("speed_limits_rad_s", "acceleration_limits_rad_s2", "jerk_limits_rad_s3"),
             "the robot file has limits: robot: FILE",
         ),
-        **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
+        **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the gripper's file has it: gripper: FILE"),
         "collision_step_rad": "nothing: ways are checked by how far points of the arm go",
     }
     fingertip_clearance_m: ClassVar[float] = 0.003  # of fingertips above a body's bottom: they clear the bracket
@@ -196,6 +197,11 @@ class MotionSettings(Model):
     def robot(self) -> RobotModel:
         """What moves."""
         return self._robot
+
+    @property
+    def gripper(self) -> Gripper:
+        """What hangs on its flange."""
+        return self._robot.gripper
 
     @property
     def speed_limits_rad_s(self) -> tuple[float, ...]:

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from bracket_cell.learned.inference.policy import Policy
 
 FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
-OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of the 2F-85
 
 
 class MoveToPose(SkillNode):
@@ -226,15 +225,18 @@ class OpenGripper(SkillNode):
 
     traits = Traits(claims=("gripper",))
 
-    opening_m = InputPort(float, "distance between the fingers in [m]", default=OPENING_M[1])
+    opening_m = InputPort(
+        float, "distance between the fingers in [m]; their stroke where it is left out", optional=True
+    )
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1, least=0)
 
     def make_skill(self) -> Skill:
         from bracket_cell.skills.grasping.phases import MoveFingers
 
         services = self.services
-        opening = _within("opening_m", self.opening_m.get(), OPENING_M)
-        speed = _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S)
+        does = services.tools.motion.settings.gripper.does
+        opening = _within("opening_m", self.opening_m.get_or(does.stroke_m), (0.0, does.stroke_m))
+        speed = _within("speed_m_s", self.speed_m_s.get(), does.speed_m_s)
         bench, product = services.tools.bench, services.tools.product
         if services.now.observation.gripper.holding and near_bracket(bench, product, tool_pose(services)):
             raise NodeError("a part would be let go over the bracket; PlacePart does that, behind its guard")
@@ -258,8 +260,9 @@ class CloseGripper(SkillNode):
     def make_skill(self) -> Skill:
         from bracket_cell.skills.grasping.phases import MoveFingers
 
-        force = _within("force_n", self.force_n.get(), FORCE_N)
-        goal = GripperCommand(0.0, _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S), force)
+        does = self.tools.motion.settings.gripper.does
+        force = _within("force_n", self.force_n.get(), does.force_n)
+        goal = GripperCommand(0.0, _within("speed_m_s", self.speed_m_s.get(), does.speed_m_s), force)
         settings, must_hold = self.tools.motion.settings, self.on_something.get()
         return MoveFingers(
             settings, goal, Message("closing the fingers with {force} N", force=f"{force:.0f}"), must_hold=must_hold
@@ -282,7 +285,7 @@ class FeelFingers(SkillNode):
         from bracket_cell.skills.grasping.phases import MoveFingers
 
         settings = self.tools.motion.settings
-        goal = GripperCommand(0.0, settings.gripper_speed_m_s, FORCE_N[0])
+        goal = GripperCommand(0.0, settings.gripper_speed_m_s, settings.gripper.does.force_n[0])
         return MoveFingers(settings, goal, "feeling whether a part sticks to a finger")
 
     def initialise(self) -> None:
@@ -313,10 +316,11 @@ class SetGripForce(SkillNode):
     def make_skill(self) -> Skill:
         from bracket_cell.skills.grasping.phases import MoveFingers
 
-        force = _within("force_n", self.force_n.get(), FORCE_N)
+        does = self.tools.motion.settings.gripper.does
+        force = _within("force_n", self.force_n.get(), does.force_n)
         if not self.now.observation.gripper.holding:
             raise NodeError("the gripper holds nothing")
-        goal = GripperCommand(0.0, SPEED_M_S[0], force)
+        goal = GripperCommand(0.0, does.speed_m_s[0], force)
         return MoveFingers(
             self.tools.motion.settings, goal, Message("holding with {force} N", force=f"{force:.0f}"), must_hold=True
         )

@@ -42,7 +42,7 @@ def test_the_form_before_devices_had_roles(tmp_path: Path) -> None:
     assert read.devices.signals == SignalSettings(inputs={"ready": 3})
     assert read.motion.speed_limits_rad_s == (1.047,) * 6
     assert read.motion.acceleration_limits_rad_s2 == default_robot().acceleration_rad_s2
-    assert (read.robot.tool.tcp_from_flange_m, read.motion.grip_force_n) == (0.2, 50)
+    assert (read.robot.gripper.tcp_from_flange_m, read.motion.grip_force_n) == (0.2, 50)
 
 
 def test_drivers_that_are_not_here_and_files_that_were_beside_it_are_not_needed(tmp_path: Path) -> None:

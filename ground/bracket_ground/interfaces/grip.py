@@ -1,4 +1,4 @@
-"""Across which sides of a body the fingers close, where along them, and how far apart they then are."""
+"""Across which sides of a body a gripper holds it, where along them, and how far apart its fingers then are."""
 
 from __future__ import annotations
 
@@ -9,39 +9,38 @@ from enum import Enum
 from bracket_ground.interfaces.grasping import OFF_MIDDLE_M, PAD_WIDTH_M
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import PartType
-from bracket_ground.interfaces.solid import span_m
-
-STROKE_M = 0.085
+from bracket_ground.interfaces.solid import Span, span_m
 
 
 class Grip(Enum):
-    """The pair of a body's sides that the fingers close on, the usual one first."""
+    """The sides of a body that it is held by: a pair of them between fingers, the usual one first, or its top."""
 
     WIDTH = "across the width"
     LENGTH = "across the length"
+    TOP = "from above"
 
     @property
     def heading_rad(self) -> float:
         """Direction in which the fingers open, from the body's length."""
-        return math.pi / 2 if self is Grip.WIDTH else 0.0
+        return math.pi / 2 * self.axis
 
     @property
     def axis(self) -> int:
         """Of the part, along which the fingers close: 0 for x, 1 for y."""
-        return 1 if self is Grip.WIDTH else 0
+        return 0 if self is Grip.LENGTH else 1
 
     def span_m(self, kind: PartType) -> float:
         """Distance between the two sides of the box around the body."""
         return kind.size_m[self.axis]
 
-    def top_m(self, kind: PartType) -> float:
-        """Height above the body's bottom up to which there is something between the pads."""
-        top = span_m(kind.solids, 2, {1 - self.axis: _PADS_M})
+    def top_m(self, kind: PartType, pads_m: float = PAD_WIDTH_M) -> float:
+        """Height above the body's bottom up to which there is something between pads of this width."""
+        top = span_m(kind.solids, 2, {1 - self.axis: _middle(pads_m)})
         return kind.size_m[2] if top is None else top[1]
 
-    def held_m(self, kind: PartType, fingertips_m: float) -> float:
-        """Distance between the pads when they hold the body, the fingertips this far above its bottom."""
-        span = span_m(kind.solids, self.axis, {1 - self.axis: _PADS_M, 2: (fingertips_m, math.inf)})
+    def held_m(self, kind: PartType, fingertips_m: float, pads_m: float = PAD_WIDTH_M) -> float:
+        """Distance between pads of this width that hold the body, the fingertips this far above its bottom."""
+        span = span_m(kind.solids, self.axis, {1 - self.axis: _middle(pads_m), 2: (fingertips_m, math.inf)})
         return self.span_m(kind) if span is None else span[1] - span[0]
 
 
@@ -77,9 +76,5 @@ def hold_of(grip: Grip, last: Hold | None) -> Hold:
     return last if last is not None and last.grip is grip else Hold(grip, unsure_m=OFF_MIDDLE_M[grip.axis])
 
 
-_PADS_M = (-PAD_WIDTH_M / 2, PAD_WIDTH_M / 2)
-
-
-def possible_grips(kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
-    """Grips for which the stroke leaves this gap between each finger and the box around the body."""
-    return tuple(grip for grip in Grip if grip.span_m(kind) + 2 * clearance_m <= STROKE_M)
+def _middle(width_m: float) -> Span:
+    return -width_m / 2, width_m / 2

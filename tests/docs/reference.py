@@ -13,6 +13,7 @@ import orjson
 from bracket_cell.configuration import Configuration
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel
 from bracket_sim.scene.look_range import LookFile
@@ -23,6 +24,7 @@ FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,
     "config/sim.yaml": SimSettings,
     "config/robots/ur10.yaml": RobotModel,
+    "config/grippers/2f85.yaml": Gripper,
     "config/products.yaml": Product,
     "config/faults.yaml": FaultTable,
     "config/looks/varied.yaml": LookFile,
@@ -32,6 +34,7 @@ INDEX, FOLDER = "docs/configuration.md", "docs/configuration"
 DIVIDED = "config/cell.yaml"  # a page a section
 NAMES = {
     "config/robots/ur10.yaml": "robot",
+    "config/grippers/2f85.yaml": "gripper",
     "config/looks/varied.yaml": "look",
     "A person's file, for `cell lab run --person FILE`": "person",
 }

@@ -15,7 +15,7 @@ from bracket_cell.skills.motion.contact import CONTACT, ContactMap, clamp_m_s
 from bracket_cell.skills.motion.planner import Load
 from bracket_cell.skills.motion.separation import SEPARATION, SeparationMonitor
 from bracket_ground.interfaces.pose import Array, Pose
-from bracket_ground.interfaces.robot import RobotModel, Tool, default_robot, load_robot
+from bracket_ground.interfaces.robot import RobotModel, default_robot, load_robot
 from tests.integration.cell_rig import BENCH, motion_planner
 
 STEP_S = 0.04
@@ -31,7 +31,8 @@ def cube(*centres_m: tuple[float, float, float]) -> Array:
 
 
 def heavier(tool_kg: float) -> RobotModel:
-    return default_robot().model_copy(update={"tool": Tool(mass_kg=tool_kg)})
+    robot = default_robot()
+    return robot.model_copy(update={"gripper": robot.gripper.model_copy(update={"with_part_kg": tool_kg})})
 
 
 def test_the_limit_is_that_of_the_contact_model() -> None:

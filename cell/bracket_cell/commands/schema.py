@@ -16,6 +16,7 @@ from bracket_cell.simulator import installed
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.faults import FaultTable
+from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel
 from btxml.files.compile.registry import Registry
@@ -71,6 +72,7 @@ def schema_texts(registry: Registry) -> dict[str, str]:
         "products": Product,
         "faults": FaultTable,
         "robot": RobotModel,
+        "gripper": Gripper,
     }
     found = installed()
     made = {name: model.model_json_schema() for name, model in models.items()} | dict(found.schemas() if found else {})

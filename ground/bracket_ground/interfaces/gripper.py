@@ -158,7 +158,7 @@ class Gripper(Model):
     Attributes:
         name: for messages.
         mass_kg: of all of it.
-        with_part_kg: of all that hangs on the flange, with the heaviest part of the product; with the payload by default.
+        with_part_kg: of all that hangs on the flange, with the heaviest part in use; with the payload by default.
         payload_kg: the heaviest part that it may hold, by its data sheet.
         tcp_from_flange_m: distance of the tool frame (TCP) from the flange, along the flange's z.
         fingertip_beyond_tcp_m: fingertips, or the lip, reach this far below the TCP.

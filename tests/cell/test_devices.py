@@ -270,7 +270,7 @@ def test_names_of_installed_drivers_are_entry_points(home: Path, monkeypatch: py
             "key 'factory' has moved; each device has its own driver now",
         ),
         ("simulation: sim.yaml #", "simulation: {shift: true} #", "the simulator's settings are a file of their own"),
-        ("guard:", "motion: {tcp_from_tool0_m: 0.2}\nguard:", "key 'tcp_from_tool0_m' has moved; the robot file"),
+        ("guard:", "motion: {tcp_from_tool0_m: 0.2}\nguard:", "key 'tcp_from_tool0_m' has moved; the gripper's file"),
         (
             "  overhead: {kind: simulated}",
             "  overhead: {kind: simulated, fps: 3}",

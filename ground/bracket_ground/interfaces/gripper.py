@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from bracket_ground.files.files import shipped
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Length
+from bracket_ground.files.words.message import Message
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.grasping import PAD_WIDTH_M, held_off_middle, places_m
 from bracket_ground.interfaces.grip import Grip, Hold
@@ -56,7 +57,8 @@ class Fingers(Model):
         narrowest_m, most_m = min(grip.span_m(kind) for grip in self.grips), self.stroke_m - 2 * clearance_m
         if narrowest_m <= most_m:
             return ""
-        return f"is {1e3 * narrowest_m:.0f} mm wide; it takes at most {1e3 * most_m:.0f} mm"
+        wide, most = f"{1e3 * narrowest_m:.0f}", f"{1e3 * most_m:.0f}"
+        return Message("is {wide} mm wide; it takes at most {most} mm", wide=wide, most=most)
 
     def possible(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
         """Grips for which the stroke leaves this gap between each finger and the box around the body."""
@@ -126,7 +128,8 @@ class Cup(Model):
 
     def why_not(self, kind: PartType, clearance_m: float) -> str:  # noqa: ARG002 - of fingers
         """Why a body cannot be held; empty where it can."""
-        return "" if _face(kind, self) else f"has no flat face of {1e3 * self.diameter_m:.0f} mm on top"
+        wide = f"{1e3 * self.diameter_m:.0f}"
+        return "" if _face(kind, self) else Message("has no flat face of {wide} mm on top", wide=wide)
 
     def possible(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
         """From above, where there is a flat face."""
@@ -228,7 +231,8 @@ class Gripper(Model):
     def why_not(self, kind: PartType, clearance_m: float) -> str:
         """Why a part cannot be held, in words with what is legal; empty where it can."""
         if kind.mass_kg > self.payload_kg:
-            return f"weighs {kind.mass_kg:g} kg; it takes at most {self.payload_kg:g} kg"
+            kilograms, most = f"{kind.mass_kg:g}", f"{self.payload_kg:g}"
+            return Message("weighs {kilograms} kg; it takes at most {most} kg", kilograms=kilograms, most=most)
         return self.does.why_not(kind, clearance_m)
 
     def grips(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:

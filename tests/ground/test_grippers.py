@@ -11,10 +11,10 @@ import yaml
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from bracket_cell.learned.grasp.settings import WITH_MARGINS, GripperOutline, outline_of
 from bracket_cell.running.gripper_checks import GripperMemory
-from bracket_cell.skills.drivers.gripper_database import read_frames, scaled
+from bracket_cell.skills.drivers.gripper_database import read_frames
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.grip import Grip
-from bracket_ground.interfaces.gripper import FOLDER, Gripper, default_gripper, load_gripper, shipped_grippers
+from bracket_ground.interfaces.gripper import FOLDER, Gripper, default_gripper, load_gripper, scaled, shipped_grippers
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.product import PartType
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -27,6 +28,7 @@ MARGINS_M = (0.004, 0.001)  # of the outline that is kept free: along the openin
 ROUND = 6  # decimals of an outline in [m]
 AROUND = np.arange(16) * math.pi / 8  # directions in which a cup's lip is looked at
 FLAT_M, POINT_M = 2e-4, 1e-5  # of a face that seals; half a window that stands for a point
+COUNTS = 255  # of the greatest raw value of a register
 STEP_M = 0.002  # between places where a cup is tried
 SWITCH_M = 0.010  # opening that stands for "off" of what is switched; 0 stands for "on"
 
@@ -287,6 +289,24 @@ def _top(kind: PartType, place_m: float, radius_m: float) -> Array:
     points = zip(place_m + radius_m * np.cos(AROUND), radius_m * np.sin(AROUND), strict=True)
     spans = (span_m(kind.solids, 2, {0: (x - POINT_M, x + POINT_M), 1: (y - POINT_M, y + POINT_M)}) for x, y in points)
     return np.array([-1.0 if span is None else span[1] for span in spans])
+
+
+def ranges(gripper: Gripper) -> dict[str, tuple[float, float]]:
+    """Least and most of the command's opening [mm], speed [mm/s] and force [N]."""
+    (slow, fast), stroke_m = gripper.does.speed_m_s, gripper.does.stroke_m
+    return {"rPR": (0.0, 1e3 * stroke_m), "rSP": (1e3 * slow, 1e3 * fast), "rFR": gripper.does.force_n}
+
+
+def scaled(text: str, gripper: Gripper) -> str:
+    """The text of a DBC file with registers that run over what a gripper can do."""
+    ends = ranges(gripper)
+    shut = ends["rPR"][::-1]
+    for name, (first, last) in (ends | {"rPR": shut, "gPR": shut, "gPO": shut}).items():
+        factor = math.trunc((last - first) / COUNTS * 1e12) / 1e12  # so that no raw value is beyond its end
+        low, high = sorted((first, last))
+        own = rf"(SG_ {name} : \S+ )\([^)]*\) \[[^]]*\]"
+        text = re.sub(own, rf"\g<1>({factor:.12f},{first:g}) [{low:g}|{high:g}]", text)
+    return text
 
 
 def shipped_grippers() -> list[str]:

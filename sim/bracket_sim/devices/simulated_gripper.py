@@ -14,12 +14,11 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-from bracket_cell.skills.drivers.gripper_database import scaled
 from bracket_ground.errors import DeviceFault
 from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.command import GripperCommand
-from bracket_ground.interfaces.gripper import Gripper
+from bracket_ground.interfaces.gripper import Gripper, scaled
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.observation import NodeState as NodeName
 from bracket_sim.scene.grippers import GRIP_DAMPING_NS_M, GRIP_STIFFNESS_N_M

@@ -12,13 +12,12 @@ import can
 from cantools.database.can import Database, Message
 
 from bracket_cell.skills.drivers import gripper_database
-from bracket_cell.skills.drivers.gripper_database import ranges
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_ground.errors import DeviceFault, LatchedFault
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
-from bracket_ground.interfaces.gripper import default_gripper
+from bracket_ground.interfaces.gripper import default_gripper, ranges
 from bracket_ground.interfaces.observation import GripperState, NodeState, ObjectStatus
 from bracket_ground.interfaces.robot import RobotModel
 

@@ -5,8 +5,6 @@ The registers stand where the shipped file has them; a file of one's own may hav
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,10 +13,9 @@ from cantools.database.can import Database, Message, Signal
 
 from bracket_ground.errors import SettingError
 from bracket_ground.files.files import shipped
-from bracket_ground.interfaces.gripper import Gripper, default_gripper
+from bracket_ground.interfaces.gripper import Gripper, default_gripper, scaled
 
 SHIPPED = shipped("bracket_cell.config", "gripper.dbc")
-COUNTS = 255  # of the greatest raw value
 COMMAND, STATUS, HEARTBEAT, EMERGENCY = "GripperCommand", "GripperStatus", "GripperHeartbeat", "GripperEmergency"
 # How far the physical value of a raw one may be from the shipped file's, as a gripper was measured; else exactly there.
 TOLERANCES = {"rPR": 1.0, "rSP": 1.0, "rFR": 1.0, "gPR": 1.0, "gPO": 5.0, "gCU": 0.1}
@@ -56,24 +53,6 @@ def read_frames(path: Path = SHIPPED) -> str:
         raise _problem(path, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise _problem(path, f"is not a DBC file: byte {error.start} is not text") from None
-
-
-def ranges(gripper: Gripper) -> dict[str, tuple[float, float]]:
-    """Least and most of the command's opening [mm], speed [mm/s] and force [N]."""
-    (slow, fast), stroke_m = gripper.does.speed_m_s, gripper.does.stroke_m
-    return {"rPR": (0.0, 1e3 * stroke_m), "rSP": (1e3 * slow, 1e3 * fast), "rFR": gripper.does.force_n}
-
-
-def scaled(text: str, gripper: Gripper) -> str:
-    """The text with registers that run over what another gripper can do."""
-    ends = ranges(gripper)
-    shut = ends["rPR"][::-1]
-    for name, (first, last) in (ends | {"rPR": shut, "gPR": shut, "gPO": shut}).items():
-        factor = math.trunc((last - first) / COUNTS * 1e12) / 1e12  # so that no raw value is beyond its end
-        low, high = sorted((first, last))
-        own = rf"(SG_ {name} : \S+ )\([^)]*\) \[[^]]*\]"
-        text = re.sub(own, rf"\g<1>({factor:.12f},{first:g}) [{low:g}|{high:g}]", text)
-    return text
 
 
 def _parsed(text: str) -> Database:

@@ -26,6 +26,7 @@ FILES = [
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("sim", path) for path in (*CONFIG.glob("sim*.yaml"), *CONFIG.glob("examples/*/sim.yaml"))),
     *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),
+    *(("gripper", path) for path in (CONFIG / "grippers").glob("*.yaml")),
     *(("look", path) for path in (CONFIG / "looks").glob("*.yaml")),
     *(("person", path) for path in (CONFIG / "people").glob("*.yaml")),
 ]
@@ -43,7 +44,7 @@ def test_shipped_files_fit_their_schema(kind: str, path: Path) -> None:
 
 
 def test_every_kind_of_shipped_file_is_tried() -> None:
-    assert {kind for kind, _ in FILES} == {"cell", "sim", "robot", "products", "faults", "look", "person"}
+    assert {kind for kind, _ in FILES} == {"cell", "sim", "robot", "gripper", "products", "faults", "look", "person"}
     assert len(FILES) == len(list(CONFIG.rglob("*.yaml")))
 
 

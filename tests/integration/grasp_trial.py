@@ -10,7 +10,7 @@ import numpy as np
 
 from bracket_cell.skills.grasping.handling import joints_of
 from bracket_cell.skills.grasping.phases import Activate, Move, Phase, PhasedSkill, SetGripper
-from bracket_cell.skills.motion.grasp_pose import grasps, opening_for
+from bracket_cell.skills.motion.grasp_pose import grasps
 from bracket_cell.skills.motion.motions import FreeWay, Line, Rise
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, at_height
 from bracket_ground.errors import DeviceFault
@@ -97,7 +97,8 @@ class BlindGrasp(PhasedSkill):
         settings = planner.settings.model_copy(update={"grasp_depth_m": self._descent.depth_m})
         kind = planner.product.parts[part.part]
         options = grasps(part, kind, settings, self._hold)
-        load = Load(opening_for(kind, self._hold.grip, self._descent.clearance_m), close=True)
+        opening_m = settings.gripper.opening_for(kind, self._hold.grip, self._descent.clearance_m)
+        load = Load(opening_m, close=True)
         found = planner.reach([option.world_from_tool for option in options], joints_of(observation), load)
         if isinstance(found, str):
             return found

@@ -65,7 +65,7 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
         "distributed.worker.memory.terminate": False,
         "distributed.scheduler.worker-ttl": FROZEN,
     }
-    for name in ("distributed", "distributed.client", "tornado", "asyncio"):  # what goes wrong there is said here, in words
+    for name in ("distributed", "distributed.client", "tornado", "asyncio"):  # what goes wrong there is said here
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with dask.config.set(settings):
         if address is not None:

@@ -115,14 +115,16 @@ class GroundTruthPerception:
         points = data.xpos[self._hand_body] + SKIN_M @ turned.T
         pixels = camera.project(exposure.world_from_camera, points)
         eye = np.array(exposure.world_from_camera.position_m)
-        inside = ((pixels >= 0) & (pixels < (camera.width_px, camera.height_px))).all(axis=1)
+        inside = np.all((pixels >= 0) & (pixels < (camera.width_px, camera.height_px)), axis=1)
         seen = [index for index in np.flatnonzero(inside) if self._visible(eye, points[index], "hand")]
         if len(seen) < LEAST_SEEN:
             return None
         low = np.clip(pixels[seen].min(axis=0) - SKIN_PX, 0, None)
         high = np.minimum(pixels[seen].max(axis=0) + SKIN_PX, (camera.width_px, camera.height_px))
         left, top, right, bottom = (int(value) for value in (*low, *high))
-        tips = points[0 if inside[0] else seen[0]].tolist()  # trackers infer tips that a held part hides
+        tips = points[
+            0 if 0 in np.flatnonzero(inside) else seen[0]
+        ].tolist()  # trackers infer tips that a held part hides
         palm = points[PALM if PALM in seen else seen[-1]].tolist()
         return HandSample(
             time_s=exposure.time_s,

@@ -297,6 +297,7 @@ def test_a_cell_that_is_served_to_a_network_makes_a_certificate_and_says_its_fin
         connection.request("GET", "/")
         assert connection.getresponse().status == 200
         sent = connection.sock.getpeercert(binary_form=True)
+        assert isinstance(sent, bytes)
         assert sha256(sent).hexdigest().upper() in shown.replace(":", "")
         connection.close()
         stranger = http.client.HTTPSConnection("127.0.0.2", port, timeout=SOON_S)

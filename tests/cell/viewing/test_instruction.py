@@ -82,7 +82,7 @@ def test_there_is_always_a_sentence(likeliest: str) -> None:
         guidance = {"o3": tuple(drawn.sample(left, drawn.randint(0, len(left))))}
         shown = Display(guidance, goal_belief={likeliest: 1.0})
         hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), drawn.choice([None, *PRODUCT.parts]))
-        bench = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("reach", 0.9))
+        bench = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("transit", 0.9))
         for number in range(3):
             seen = Observation(number, 2.0 * number, STANDING, EMPTY_GRIPPER, bench)
             notes = tuple(edges) if number == 0 else (("belief", {"fastened": ()}),)

@@ -151,10 +151,9 @@ class RegisterGripper:
         robot: RobotModel | None = None,
     ) -> None:
         gripper = default_gripper() if robot is None else robot.gripper
-        self._fingers = gripper.fingers
-        if self._fingers is None:
+        if gripper.fingers is None:
             raise DeviceFault("gripper", f"{gripper.name} has no fingers, and these registers move such alone")
-        self._settings, self._clock, self._open_wire = settings, clock, open_wire
+        self._fingers, self._settings, self._clock, self._open_wire = gripper.fingers, settings, clock, open_wire
         self.ends, self.measured, self.exchanges = (settings.open_count, settings.closed_count), False, 0
         self._lock = threading.Lock()
         self._request = Request()

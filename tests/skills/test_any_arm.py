@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.motion.grasp_pose import tool_down
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.motion.resting import _first
 from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.pose import FINGERS_DOWN
 from bracket_ground.interfaces.robot import FOLDER, RobotModel, load_robot
 from tests.arms import DRAWN, cell_file, robot_file
 
@@ -78,6 +82,14 @@ def test_resting_poses_are_found_and_a_way_between_them(name: str, tmp_path: Pat
     assert way.positions_rad.shape[1] == len(look)
     speeds = np.abs(np.diff(way.positions_rad, axis=0)).max(axis=0) / 0.008
     assert (speeds <= np.array(cell.robot.speed_rad_s) * 1.01).all()
+
+
+def test_a_pose_that_is_found_at_a_limit_is_no_farther_than_that() -> None:
+    """Pi to four decimals is more than pi."""
+    limits_rad, joints = np.array([[-np.pi, -2.0], [np.pi, 2.0]]), np.array([np.pi, 0.123456])
+    arm = SimpleNamespace(usual_rad=joints, limits_rad=limits_rad)
+    planner: Any = SimpleNamespace(kinematics=arm, open_m=0.0, reach=lambda *_: (FINGERS_DOWN, joints))
+    assert _first(planner, iter([FINGERS_DOWN]), "look") == (np.pi, 0.1235)
 
 
 def test_a_way_around_a_post_is_found_for_seven_joints(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ FILES = {
     "config/products_steel.yaml",
     "config/schema/cell.json",
     "config/schema/faults.json",
+    "config/schema/gripper.json",
     "config/schema/look.json",
     "config/schema/person.json",
     "config/schema/products.json",

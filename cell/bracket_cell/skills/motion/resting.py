@@ -46,7 +46,8 @@ def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str) -> tuple[flo
     for pose in poses:
         found = motion.reach([pose], usual, Load(motion.open_m))
         if not isinstance(found, str):
-            return tuple(round(value, DIGITS) for value in found[1].tolist())
+            inside = np.clip(found[1].round(DIGITS), *motion.kinematics.limits_rad)  # pi, rounded, is beyond pi
+            return tuple(inside.tolist())
         reason = reason or str(found)
     raise ValueError(f"{what} ({reason}): move the tray, or lead the arm there with `cell setup teach`")
 

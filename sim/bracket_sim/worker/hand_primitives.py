@@ -10,6 +10,7 @@ import numpy as np
 
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.solid import span_m
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
 from bracket_sim.scene.person import HandOvers, Person, drawn, happens
@@ -25,6 +26,7 @@ BEFORE_PART_M = 0.06  # in front of a part that is held out
 BESIDE_FINGERS_M = 0.0275  # of the fingertips from the tool: half its fingers' width, and what is ahead of the pinch
 ROOM_M = 0.03  # of fingertips that work beside the robot's fingers, and do not touch them
 DRAWN_BACK_M = (0.16, 0.10, 0.0)  # from an arm that gave a part
+TIP_M = 0.004  # of a part that must lie between fingertips
 COMES_M = 0.012  # farther than an arm that holds on gives way to a pull
 MOST_YAW_RAD = 1.3
 BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
@@ -174,12 +176,23 @@ class HandPrimitives:
             yield from self.let_go(seen.part)
             yield from self.reach(self.position_m + 2 * back_m, haste=STEADY)
 
+    def _beside_m(self, seen: SeenPart, grip_m: Array, wanted_m: float) -> float:
+        """How far ahead of a grip (3,) to pinch, to be beside the robot's fingers: as far as there is part."""
+        x, _, z = seen.pose.inverse().transform(grip_m)
+        solids = self._product.parts[seen.part].solids
+        for beside_m in np.arange(max(wanted_m, 0.0), 0.0, -TIP_M):
+            ahead = x + beside_m if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else x - beside_m
+            low_m, high_m = span_m(solids, 1, {0: (ahead - TIP_M, ahead + TIP_M), 2: (z, z)}) or (0.0, 0.0)
+            if high_m - low_m > self._gripping.closed_m(seen.part):
+                return float(beside_m)
+        return 0.0
+
     def _beside_fingers(self, seen: SeenPart) -> tuple[Array, float, float]:
         """Where to pinch a part beside the robot's fingers, how the hand is turned then, how wide the part is there."""
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
         grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
         ahead_m = float((grip_m - self._sight.tool()[0]) @ turn(yaw_rad, np.array([1.0, 0.0, 0.0])))
-        beside_m = max(BESIDE_FINGERS_M - ahead_m, 0.0)  # what does not reach so far is not pinched
+        beside_m = self._beside_m(seen, grip_m, BESIDE_FINGERS_M - ahead_m)
         return grip_m + turn(yaw_rad, np.array([beside_m, 0.0, 0.0])), yaw_rad, across_m
 
     def reach_beside(self, seen: SeenPart) -> Script:

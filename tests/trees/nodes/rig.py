@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_cell.trees.nodes.services import Services, Tick, Tools
 from bracket_ground.errors import ModelError
@@ -65,7 +66,10 @@ def services(**changes: Any) -> Services:
         product=PRODUCT,
         bench=BENCH,
         motion=cast(
-            MotionPlanner, SimpleNamespace(kinematics=SimpleNamespace(count=len(STANDING.positions_rad or ())))
+            MotionPlanner,
+            SimpleNamespace(
+                kinematics=SimpleNamespace(count=len(STANDING.positions_rad or ())), settings=MotionSettings()
+            ),
         ),
         semantic=ScriptedPlanner(SURE),
         rule_semantic=ScriptedPlanner(SURE),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +18,6 @@ from bracket_cell.commands.terminal import console
 from bracket_cell.runs.options import RunOptions
 
 if TYPE_CHECKING:
-    from bracket_cell.plant.opcua_server import OpcuaServer
     from bracket_cell.production.book import Book
     from bracket_cell.serving.control import CellControl
     from bracket_cell.settings import OpcuaSettings
@@ -85,19 +86,12 @@ def serve(
     if page is not configuration.page and page.certificate is not None:
         say(f"its certificate is the cell's own; compare once: {fingerprint(page.certificate)}", highlight=False)
     news()
-    plant = None if configuration.plant.opcua is None else _opcua(configuration.plant.opcua, folder / "opcua", control)
-    if plant is not None:
-        say(f"OPC UA: {plant.address}", highlight=False)
-    try:
+    with closing(server), _plant(configuration.plant.opcua, folder / "opcua", control):
         if begin and not launcher.busy:
             launcher.begin("", None, more())
         _wait()
-    finally:
-        server.close()
-        if plant is not None:
-            plant.close()
-        if launcher.busy:
-            say("the run goes on; `cell serve` finds it again", highlight=False)
+    if launcher.busy:
+        say("the run goes on; `cell serve` finds it again", highlight=False)
 
 
 def _again(tree: Path | None, real_time: float | None, repeated: Mapping[str, Iterable[str] | None]) -> list[str]:
@@ -112,10 +106,18 @@ def _seeded(book: Book, seed: int) -> Callable[[], list[str]]:
     return lambda: ["--seed", str(seed + len(book.runs()))]
 
 
-def _opcua(settings: OpcuaSettings, folder: Path, control: CellControl) -> OpcuaServer:
+@contextmanager
+def _plant(settings: OpcuaSettings | None, folder: Path, control: CellControl) -> Iterator[None]:
+    """OPC UA, where it is configured."""
+    if settings is None:
+        yield
+        return
     from bracket_cell.plant.opcua_server import OpcuaServer
 
-    return OpcuaServer(settings, folder, control)
+    say = partial(console().print, highlight=False)
+    with closing(OpcuaServer(settings, folder, control, say)) as server:
+        say(f"OPC UA: {server.address}")
+        yield
 
 
 def _wait() -> None:

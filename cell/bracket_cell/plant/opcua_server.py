@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -29,29 +31,43 @@ class OpcuaServer:
     Args:
         folder: for the server's own certificate and key, made at the first start.
         control: the cell.
+        say: is told if it ends before it is closed.
 
     Raises:
         InputError: the extra is not installed, the port is taken, or a certificate cannot be read.
     """
 
-    def __init__(self, settings: OpcuaSettings, folder: Path, control: Control) -> None:
+    def __init__(self, settings: OpcuaSettings, folder: Path, control: Control, say: Callable[[str], None]) -> None:
         needed("asyncua", PACKAGE_OF, EXTRA)
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         where = Address.parse(settings.at, KEY)
         self._clients = _trusted(settings.trusted)
         self._listening = where.listening()
         self.address = f"opc.tcp://{where.host}:{where.port}/cell/"
-        self._host, self._folder, self._control = where.host, folder, control
-        self._over, self._ready = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="OPC UA", daemon=True)
+        self._host, self._folder, self._control, self._say = where.host, folder, control, say
+        self._over, self._ready, self._problem = threading.Event(), threading.Event(), ""
+        self._thread = threading.Thread(target=self._run, name="OPC UA", daemon=True)
         self._thread.start()
         if not self._ready.wait(STARTS_S):
             raise InputError(f"{KEY}: the server at {self.address} did not begin within {STARTS_S:g} s")
+        if self._problem:
+            raise InputError(f"{KEY}: the server at {self.address} did not begin: {self._problem}")
 
     def close(self) -> None:
         """Serve no longer; harmless when repeated."""
         self._over.set()
         self._thread.join(STOPS_S)
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except Exception as error:  # whatever ends the library's server: it is said, and the cell goes on
+            self._problem = f"{type(error).__name__}: {error}"
+            if self._ready.is_set():
+                self._say(f"OPC UA is served no more: {self._problem}")
+        finally:
+            self._listening.close()
+            self._ready.set()
 
     async def _serve(self) -> None:
         from asyncua.server.server import Server
@@ -70,11 +86,11 @@ class OpcuaServer:
         async with server:
             assert server.bserver is not None  # it has begun
             at = Gate(self._listening, (behind, server.bserver.port), greets=begins(HELLO, HELLO_BYTES))
-            while not self._over.is_set():
-                await space.renew()
-                self._ready.set()
-                await asyncio.sleep(EVERY_S)
-            at.close()
+            with closing(at):
+                while not self._over.is_set():
+                    await space.renew()
+                    self._ready.set()
+                    await asyncio.sleep(EVERY_S)
 
     async def _secure(self, server: Any) -> None:
         """Two end points: in clear to read, and signed and encrypted by the server's own certificate."""

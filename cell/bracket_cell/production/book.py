@@ -144,7 +144,7 @@ class Book:
         path: None for a book in memory.
 
     Attributes:
-        changes: rises with each order and each bracket that this process writes.
+        changes: rises with each order, bracket and inspection that this process writes.
 
     Raises:
         InputError: the file is no book, of a later version, or cannot be opened.
@@ -234,7 +234,9 @@ class Book:
     def inspected(self, run: int, number: int, correct: bool) -> bool:
         """Say of a bracket whether it is right; returns whether there is such one."""
         words = "UPDATE brackets SET correct = ? WHERE run = ? AND number = ? AND finished IS NOT NULL"
-        return self._write(words, (correct, run, number)) > 0
+        found = self._write(words, (correct, run, number))
+        self.changes += found
+        return found > 0
 
     def order(self, id: str, variant: str, amount: int, due: str, *, cancelled: bool) -> None:
         """Write an order down, or its change."""

@@ -41,12 +41,12 @@ class Samples:
 
     def __init__(self, book: Book, keeper: Bookkeeper | None = None) -> None:
         self._book, self._keeper = book, keeper
-        self._shares: tuple[int, tuple[Sample, ...]] = (-1, ())
+        self._shares: tuple[tuple[int, int], tuple[Sample, ...]] = ((-1, -1), ())
 
     def __call__(self) -> tuple[Sample, ...]:
-        changes = self._book.changes
-        if self._keeper is None or changes != self._shares[0]:  # a week of brackets is not added up twice a second
-            self._shares = changes, tuple(_shares(self._book))
+        version = self._book.version
+        if version != self._shares[0]:  # a week of brackets is not added up twice a second
+            self._shares = version, tuple(_shares(self._book))
         return (*_totals(self._book), *self._shares[1], *_now(self._keeper))
 
 

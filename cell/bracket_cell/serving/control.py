@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -47,13 +48,12 @@ class CellControl:
         Raises:
             TimeoutError: a run goes on and does not answer.
         """
-        try:
-            async with asked(self.launcher.socket, "/samples", "look") as answer:
-                return [(name, labels, value) for name, labels, value in json.loads(await answer.body())]
-        except TimeoutError:
-            raise
-        except OSError:
-            return self._between()
+        if (answer := await self._of_the_run("/samples")) is None:
+            return await asyncio.to_thread(self._between)
+        status, body = answer
+        if status >= 400:
+            raise TimeoutError("the run is of another version, and has no numbers")
+        return [(name, labels, value) for name, labels, value in json.loads(body)]
 
     async def order(self, order: Mapping[str, Any]) -> None:
         """Give an order; a work order is taken between runs, too.
@@ -62,18 +62,24 @@ class CellControl:
             InputError: it is refused.
             TimeoutError: a run goes on and does not answer.
         """
-        try:
-            async with asked(self.launcher.socket, "/order", "operate", json.dumps(order).encode()) as answer:
-                if answer.status >= 400:
-                    raise InputError((await answer.body()).decode("utf-8", "replace"))
-                return
-        except TimeoutError:
-            raise
-        except OSError:
-            pass  # no run goes on
+        if (answer := await self._of_the_run("/order", json.dumps(order).encode())) is not None:
+            status, body = answer
+            if status >= 400:
+                raise InputError(body.decode("utf-8", "replace"))
+            return
         if order.get("kind") != "job" or self.busy:
             raise InputError("no run goes on")
         WorkOrders(self.titles, book=self.book).put(str(order.get("value")))
+
+    async def _of_the_run(self, target: str, body: bytes | None = None) -> tuple[int, bytes] | None:
+        """Status and answer of the run; None where none goes on."""
+        try:
+            async with asked(self.launcher.socket, target, "operate", body) as answer:
+                return answer.status, await answer.body()
+        except TimeoutError:
+            raise
+        except OSError:
+            return None
 
     def orders(self) -> list[dict[str, Any]]:
         """Work orders that are open."""

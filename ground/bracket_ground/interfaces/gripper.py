@@ -114,7 +114,10 @@ class Cup(Model):
 
     grips: ClassVar[tuple[Grip, ...]] = (Grip.TOP,)
     stroke_m: ClassVar[float] = SWITCH_M
-    force_n: ClassVar[tuple[float, float]] = (1.0, 235.0)
+    force_n: ClassVar[tuple[float, float]] = (
+        1.0,
+        235.0,
+    )  # it knows neither: whatever is commanded, is taken
     speed_m_s: ClassVar[tuple[float, float]] = (0.02, 0.15)
 
     @model_validator(mode="after")

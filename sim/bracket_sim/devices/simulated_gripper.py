@@ -142,7 +142,8 @@ class Suction:
         return IDLE_CURRENT_A
 
 
-BUILDS_S, LEAKS_SHARE, LEAST_SUCTION, OFF_KPA = 0.06, 0.15, 0.02, 5.0
+BUILDS_S, OFF_KPA = 0.06, 5.0  # time constant of a small cup's volume [s]; below it nothing is held any more [kPa]
+LEAKS_SHARE, LEAST_SUCTION = 0.15, 0.02  # of the source's pressure: with an open lip, and before it has built up
 DATABASE = shipped("bracket_cell.config", "gripper.dbc")
 STATUS_PERIOD_S = 0.020
 HEARTBEAT_PERIOD_S = 0.100

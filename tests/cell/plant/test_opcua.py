@@ -89,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def served(folder: Path) -> Iterator[tuple[OpcuaServer, FakeCell]]:
     cell = FakeCell()
     settings = OpcuaSettings(at=f"127.0.0.1:{free_port()}", trusted=folder / "trusted")
-    server = OpcuaServer(settings, folder / "own", cell)
+    server = OpcuaServer(settings, folder / "own", cell, lambda _: None)
     yield server, cell
     server.close()
 
@@ -286,14 +286,27 @@ def test_half_greetings_take_no_more_than_their_places(served: tuple[OpcuaServer
                     pass
 
 
+def test_a_server_that_fails_says_so_at_once_and_later(tmp_path: Path) -> None:
+    cell, said = FakeCell(), queue.Queue[str]()
+    settings = OpcuaSettings(at=f"127.0.0.1:{free_port()}")
+    cell.numbers = ((None, {}, 1.0),)  # type: ignore[assignment]
+    with pytest.raises(InputError, match="did not begin: TypeError"):
+        OpcuaServer(settings, tmp_path, cell, said.put)
+    cell.numbers = RUNNING
+    server = OpcuaServer(settings, tmp_path, cell, said.put)
+    cell.numbers = ((None, {}, 1.0),)  # type: ignore[assignment]
+    assert said.get(timeout=SOON_S).startswith("OPC UA is served no more: TypeError")
+    server.close()
+
+
 def test_a_port_that_is_taken_and_a_certificate_that_is_none_are_told(tmp_path: Path) -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
         pytest.raises(InputError, match=r"plant\.opcua\.at"),
     ):
-        OpcuaServer(OpcuaSettings(at=str(taken.getsockname()[1])), tmp_path, FakeCell())
+        OpcuaServer(OpcuaSettings(at=str(taken.getsockname()[1])), tmp_path, FakeCell(), print)
     (tmp_path / "plc.der").write_bytes(b"no")
     with pytest.raises(InputError, match=r"plc\.der is no certificate"):
-        OpcuaServer(OpcuaSettings(at="0", trusted=tmp_path), tmp_path, FakeCell())
+        OpcuaServer(OpcuaSettings(at="0", trusted=tmp_path), tmp_path, FakeCell(), print)
     with pytest.raises(InputError, match="No such file"):
-        OpcuaServer(OpcuaSettings(at="0", trusted=tmp_path / "none"), tmp_path, FakeCell())
+        OpcuaServer(OpcuaSettings(at="0", trusted=tmp_path / "none"), tmp_path, FakeCell(), print)

@@ -233,9 +233,11 @@ def test_an_inspection_makes_quality_known(served: Served) -> None:
     keeper.take(Moment(0.0, [("bracket", {"number": 1, "edge": "begin"})]))
     keeper.take(Moment(9.0, [("bracket", {"number": 1, "edge": "end", "finished": True, "goal": "g0"})]))
     assert "quality not known" in served.ask("/production")[1]
+    assert 'share="quality"' not in served.ask("/metrics")[1]
     inspection = {"kind": "inspected", "run": 1, "number": 1, "right": False}
     assert served.ask("/order", inspection)[0] == 204
     assert "quality 0 %" in served.ask("/production")[1]
+    assert 'cell_oee_ratio{share="quality"} 0' in served.ask("/metrics")[1]
     assert served.ask("/production.csv")[1].splitlines()[1].split(",")[10] == "wrong"
     assert served.ask("/order", {**inspection, "number": 2})[0] == 409
     assert served.ask("/order", {**inspection, "number": "2"})[0] == 400

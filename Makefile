@@ -23,7 +23,7 @@ index = $(or $(UV_DEFAULT_INDEX),$(PIP_INDEX_URL),$(call pip_setting,global.inde
 certificates = $(or $(PIP_CERT),$(call pip_setting,global.cert))
 uv_setting = $(if $(2),$(1)="$(2)")
 uv_settings = $(call uv_setting,UV_DEFAULT_INDEX,$(index)) $(call uv_setting,SSL_CERT_FILE,$(certificates)) \
-  $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180 UV_LINK_MODE=copy
+  $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180
 UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python --compile-bytecode \
   --constraints constraints-hashed.txt --build-constraints constraints-hashed.txt
 # What breaks an installation off leaves this file, and the next call makes .venv anew; a failure that is told does not.
@@ -63,7 +63,10 @@ doctor: .venv/runtime
 	$(BIN)/cell doctor
 
 test: .venv/tests .venv/system .venv/browser
-	.ci/test $(BIN)/python test "not slow" auto $(TEST_ARGS)
+	.ci/test $(BIN)/python test "not slow and not long" auto $(TEST_ARGS)
+
+test-long: .venv/tests .venv/system .venv/browser
+	.ci/test $(BIN)/python test-long "long and not slow" auto $(TEST_ARGS)
 
 test-contracts: .venv/tests .venv/system
 	.ci/test $(BIN)/python test-contracts contract auto $(TEST_ARGS)

@@ -59,6 +59,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return built
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("folder", DISTRIBUTIONS)
 def test_a_wheel_holds_every_file_of_its_package_and_no_other_name(folder: str, wheels: dict[str, Path]) -> None:
     names = {name for name in zipfile.ZipFile(wheels[folder]).namelist() if ".dist-info/" not in name}
@@ -109,6 +110,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "cell"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "status"),
     [
@@ -146,6 +148,7 @@ def test_the_engine_and_the_ground_start_without_each_other_and_the_cell() -> No
         assert told.returncode == 0, told.stderr
 
 
+@pytest.mark.long
 def test_names_of_a_users_folder_hide_nothing(tmp_path: Path) -> None:
     """Modules and folders of general names beside a user's script, which stand first where Python looks."""
     for name in ("sim", "config", "skills", "learned", "cell", "engine", "ground", "lab"):
@@ -293,6 +296,7 @@ def test_an_installation_that_was_broken_off_is_made_anew(tmp_path: Path) -> Non
     assert not (tmp_path / ".venv").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("environment", "words"),
     [

@@ -150,6 +150,7 @@ def test_a_driver_beside_the_configuration_is_found(tmp_path_factory: pytest.Tem
     assert set(find_drivers(load_configuration(path))) == set(ROLES)
 
 
+@pytest.mark.long
 def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
     path = configured(home, **all_real())
     sign(path, safety_from(path), "tests")
@@ -327,6 +328,7 @@ def run_in(folder: Path, *arguments: str) -> dict[str, Any]:
     return line
 
 
+@pytest.mark.long
 def test_an_arm_and_a_gripper_of_a_made_up_maker_move(tmp_path: Path) -> None:
     from_the_guide(tmp_path / "mine")
     tree = '<Sequence><ActivateGripper/><MoveTo pose="look"/></Sequence>'

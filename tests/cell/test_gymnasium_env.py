@@ -24,6 +24,7 @@ def test_a_fresh_process_makes_it_by_name() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_gymnasiums_checker_and_torch_take_it() -> None:
     env = CellTask("Reach")
     check_env(env, skip_render_check=True)

@@ -198,6 +198,7 @@ def test_an_answer_of_another_type_is_none(home: Path) -> None:
         planner.plan(AssemblyState({}))
 
 
+@pytest.mark.long
 def test_a_run_with_own_classes_is_logged_and_its_replay_loads_none_of_them(
     home: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -64,6 +64,7 @@ def day(tmp_path: Path) -> Reader:
     return reader
 
 
+@pytest.mark.long
 def test_a_first_day_typed_as_printed(day: Reader) -> None:
     assert "passed" in typed(day, 'pytest -m "not slow"')
     assert "AtMost" in typed(day, "cell nodes AtMost")
@@ -75,6 +76,7 @@ def test_a_first_day_typed_as_printed(day: Reader) -> None:
     assert "did you mean 'RetryUntilSuccessful'?" in told
 
 
+@pytest.mark.long
 def test_two_cells_share_a_library_of_nodes_and_trees(day: Reader) -> None:
     library = day.folder.parent / "library"
     (library / "trees").mkdir()

@@ -38,6 +38,7 @@ def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return page, reader.folder, printed
 
 
+@pytest.mark.long
 def test_the_files_that_a_guide_makes_fit_together(done: tuple[str, Path, dict[str, str]]) -> None:
     path = done[1] / "config" / "cell.yaml"
     configuration = load_configuration(path)

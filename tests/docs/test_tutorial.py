@@ -17,6 +17,7 @@ ANSWERS = {  # of a command, in words of the page
 }
 
 
+@pytest.mark.long
 def test_edits_and_checks_of_the_tutorial_are_right(tmp_path: Path) -> None:
     reader = Reader(tmp_path)
     for step in steps("tutorial.md"):

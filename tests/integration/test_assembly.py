@@ -48,6 +48,7 @@ def fill(cell: SimCell, goal: str, count: int) -> None:
         cell.world.place(body, hole_pose(PRODUCT, BENCH, position))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("goal", "seed", "filled"), [("g1", 2, 3), *WHOLE])
 def test_a_bracket_is_assembled_together(goal: str, seed: int, filled: int) -> None:
     with with_person(goal, seed) as cell:
@@ -76,6 +77,7 @@ def test_the_same_seed_decides_the_same_in_two_processes() -> None:
     assert first["ticks"] > 500
 
 
+@pytest.mark.long
 def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
     spots = [("o2", (0.55, -0.40), 0.0), ("o3", (0.55, -0.356), 0.0), ("o3", (0.61, -0.43), math.pi / 2)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:
@@ -88,6 +90,7 @@ def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
     assert any(solution.startswith("move") for solution in solutions)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("part", "width_m", "position"), [("o1", 0.028, "p2"), pytest.param("o2", 0.034, "p6", marks=pytest.mark.slow)]
 )
@@ -119,6 +122,7 @@ def test_a_part_lying_where_the_fingers_go_is_avoided() -> None:
     assert not any("met something" in reason for reason in recorded.reasons())
 
 
+@pytest.mark.long
 def test_where_parts_lie_on_all_sides_one_of_them_is_set_upright_first() -> None:
     with robot_alone(lying_beside((0.0, 0.05), (0.0, -0.075), (0.065, 0.0), (-0.065, 0.0)), seed=1) as cell:
         outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})

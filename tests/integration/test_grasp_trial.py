@@ -11,6 +11,7 @@ DESCENT = Descent(clearance_m=0.004, depth_m=0.022)
 SIDE_BY_SIDE = [("o1", (0.55, -0.40), 0.0), ("o1", (0.55, -0.366), 0.0)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", [0, 1])
 def test_of_two_parts_side_by_side_each_is_taken_by_its_ends_alone(target: int, request: pytest.FixtureRequest) -> None:
     across = try_grasp(SIDE_BY_SIDE, target, Hold(Grip.WIDTH), DESCENT, f"{request.node.name} width")

@@ -65,6 +65,7 @@ GRIPPERS: dict[str, Callable[[RobotAlone], Gripper]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.contract
 @pytest.mark.parametrize("kind", GRIPPERS)
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)

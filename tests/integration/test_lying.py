@@ -44,6 +44,7 @@ def laid(bench: Bench, number: int, up: str) -> tuple[WorldPart, PartDetection]:
     return part, seen
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "up"), [(0, "+y"), (0, "-x"), (1, "-y"), (1, "+x"), (2, "-y"), (2, "+x")])
 def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up: str) -> None:
     robot = bench.robot
@@ -114,6 +115,7 @@ def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
     assert side_up(there) in (UPRIGHT, "+x")
 
 
+@pytest.mark.long
 def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:
     side = laid_out(PRODUCT.parts["o3"], "-y")
     assert side is not None

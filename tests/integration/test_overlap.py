@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import pytest
 
 from bracket_cell.watching.observer import TickRecord
 from bracket_cell.wiring.detectors import detectors_of
@@ -30,6 +31,7 @@ class Killer(Recorded):
             os.kill(self.process_id, signal.SIGKILL)
 
 
+@pytest.mark.long
 def test_a_render_process_that_dies_is_a_fault_of_a_device() -> None:
     detect = partial(detectors_of, BENCH, PRODUCT, CONFIGURATION.perception)
     with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True, detect=detect)) as cell:

@@ -132,6 +132,7 @@ def test_60_parts_between_others_are_picked_and_placed(robot: RobotAlone) -> Non
     assert len(failures) <= 0.03 * 60, failures
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "grip"), BESIDE)
 def test_each_type_is_taken_beside_its_middle_and_placed(
     robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, number: int, grip: Grip
@@ -199,6 +200,7 @@ def test_a_part_that_is_not_there_is_not_held(robot: RobotAlone) -> None:
     assert "nothing between the fingers" in progress.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_part_held_by_its_ends_is_placed_between_filled_holes(robot: RobotAlone, number: int) -> None:
     part = robot.parts[number]

@@ -116,6 +116,7 @@ def stop(pid: int, number: signal.Signals = signal.SIGSTOP) -> None:
     os.kill(pid, number)
 
 
+@pytest.mark.long
 def test_whichever_process_does_not_answer_is_named_and_the_cell_holds_or_ends(
     configuration: Path, tmp_path: Path
 ) -> None:
@@ -148,6 +149,7 @@ def test_a_process_that_answers_again_lets_the_cell_go_on(configuration: Path, t
         assert one.ended() == 1
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_a_run_whose_detector_is_stopped_while_it_loads(configuration: Path, tmp_path: Path) -> None:
     with cell(configuration, tmp_path) as one:
         pid = one.pid("part detector")

@@ -76,10 +76,12 @@ def watched_run(folder: Path, *options: str) -> tuple[Set[str], list[str]]:
     return seen, files_of(home) + files_of(scratch)
 
 
+@pytest.mark.long
 def test_a_run_opens_no_socket_and_leaves_no_file_outside_its_folder(tmp_path: Path) -> None:
     assert watched_run(tmp_path) == (set(), [])
 
 
+@pytest.mark.long
 def test_a_run_with_doors_opens_those_alone(tmp_path: Path) -> None:
     ports = [free_port() for _ in range(2)]
     seen, left = watched_run(tmp_path, "--page", str(ports[0]), "--open", f"monitor={ports[1]}")
@@ -98,6 +100,7 @@ def test_the_watch_sees_a_grandchilds_socket() -> None:
             assert time.monotonic() < until_s
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("module", IMPORTS)
 def test_whatever_is_imported_first_onnx_runtime_keeps_quiet(tmp_path: Path, module: str) -> None:
     code = f"import {module}, onnxruntime, time; time.sleep(0.5)"

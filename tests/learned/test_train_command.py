@@ -45,6 +45,7 @@ def lines(told: str) -> Any:
     return yaml.safe_load(told[told.index("planners:") :])
 
 
+@pytest.mark.long
 @pytest.mark.torch
 @pytest.mark.usefixtures("short")
 def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
@@ -96,6 +97,7 @@ def test_a_plan_trains_nothing(config: Path, capsys: pytest.CaptureFixture[str])
     assert "go with --all or --only" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.torch
 def test_training_leaves_the_shipped_weights_alone_and_nothing_that_torch_says_reaches_the_user(config: Path) -> None:
     words = ["lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--seed", "3", "--json"]

@@ -91,6 +91,7 @@ def worlds(product: Product, bench: Bench) -> list[World]:
     return [rested(product, bench, seed) for seed in range(8)]
 
 
+@pytest.mark.long
 def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(
     worlds: list[World], product: Product, bench: Bench
 ) -> None:
@@ -121,6 +122,7 @@ def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(
         )
 
 
+@pytest.mark.long
 def test_what_is_set_down_on_others_stays_there_and_in_the_tray(product: Product, bench: Bench) -> None:
     settings = ClutterSettings(stacked_share=0.8)
     middle, half = np.array(bench.tray.centre_m[:2]), np.array(bench.tray.size_m) / 2

@@ -163,6 +163,7 @@ class SeesEverySecond:
         return sample if frame.sequence % 2 else None
 
 
+@pytest.mark.long
 def test_segments_tell_the_hand_as_a_given_tracker_sees_it(tmp_path: Path) -> None:
     tracker = SeesEverySecond()
     write_segments(source(), DataFolder(tmp_path / "new", "test"), thin=True, gaps=True, tracker=tracker)
@@ -309,6 +310,7 @@ def test_boxes_of_parts_lie_around_them(tmp_path: Path) -> None:
             assert part["visible_px"] <= (right - left) * (bottom - top)
 
 
+@pytest.mark.long
 def test_mixed_trays_have_things_that_lie_and_unknown_ones_where_the_true_camera_sees_them(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "new", "test")
     varied = settings_of(simulated(load_configuration(), "varied").devices.simulation)

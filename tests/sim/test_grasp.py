@@ -15,6 +15,7 @@ from tests.sim.rig import downwards
 ABOVE_M = 0.14
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("part", "grip_m"), [("o1", 0.011), ("o2", 0.023), ("o3", 0.053)])
 def test_a_part_goes_from_the_tray_into_its_hole(
     make_rig: MakeRig, product: Product, bench: Bench, part: str, grip_m: float

@@ -34,6 +34,7 @@ def equal(first: Recording, second: Recording) -> bool:
     return np.array_equal(first.fingertips_m, second.fingertips_m) and first.acts == second.acts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(9))
 def test_every_goal_is_assembled(varied: KinematicBench, seed: int) -> None:
     goal = sorted(product().goals)[seed % 3]

@@ -46,6 +46,7 @@ def test_bins_are_permuted_by_the_generator_alone() -> None:
     assert first != other
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_an_ordinary_person_assembles(seed: int) -> None:
     person = PERSONS["ordinary"]

@@ -56,6 +56,7 @@ def test_parts_stand_where_the_bench_file_fills_places() -> None:
     assert places["pallet"] == ["empty"] * 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("filled", [("o2", "empty", "o1"), ("empty", "o3", "o3"), ("empty", "empty", "empty")])
 @pytest.mark.parametrize("turn_rad", [0.0, 0.5])
 def test_the_camera_sees_what_stands_at_a_place(filled: tuple[str, ...], turn_rad: float) -> None:

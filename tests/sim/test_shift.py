@@ -179,6 +179,7 @@ def test_a_wrong_part_of_the_robot_is_taken_out_where_it_is_noticed(
     assert taken == ([] if inattentive else [{"act": "take away", "part": "o3", "position": "p2"}])
 
 
+@pytest.mark.long
 def test_a_trouble_that_waits_for_somebody_is_acknowledged_again_and_again_until_it_is_gone(cell: SimCell) -> None:
     person(cell).alarm("protective stop; acknowledge it when it may go on")
     for _ in range(2):

@@ -31,6 +31,7 @@ def with_robot_part(part: str, pose: Pose) -> Shift:
     return Shift("g0", settings=BRISK, world=world_with_hand(scene))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("goal", GOALS[:1])
 def test_person_alone_assembles(goal: str) -> None:
     shift = Shift(goal, seed=1)

@@ -55,6 +55,7 @@ def test_arms_of_any_count_reach_a_bench(name: str, tmp_path: Path) -> None:
     assert reached(robot) >= 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", MOUNTS)
 def test_an_arm_reaches_from_where_it_is_mounted(where: str, tmp_path: Path) -> None:
     text = (FOLDER / "ur10.yaml").read_text()

@@ -101,6 +101,7 @@ def film(folder: Path, count: int = 20) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("role", ["overhead", "wrist"])

@@ -65,6 +65,7 @@ def pieces(planner: MotionPlanner, start: Array, goal: Array, load: Load = LOAD)
     return settled(iter(told)), len(told)
 
 
+@pytest.mark.long
 def test_a_post_between_tray_and_bracket_is_gone_around(behind_a_post: MotionPlanner) -> None:
     planner, asked = behind_a_post, 0
     scene, settings = planner.scene(Load(LOAD.opening_m, close=True)), planner.settings

@@ -114,6 +114,7 @@ def adapter(tmp_path: Path) -> Iterator[Rig]:
     yield from opened(modbus, tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.contract
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
 def test_contract(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
@@ -168,6 +169,7 @@ def test_an_active_gripper_is_adopted_with_what_it_holds(rig: Rig) -> None:
     assert state.opening_m == pytest.approx(0.034, abs=0.001)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("holding", [True, False])
 def test_one_that_lost_its_power_is_left_alone(rig: Rig, holding: bool) -> None:
     rig.bench.activated()

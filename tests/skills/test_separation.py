@@ -313,6 +313,7 @@ def test_a_hand_of_any_height_is_within_the_wall_that_its_image_makes(height: fl
     assert coal.distance(coal.Sphere(0.001), dot, wall, coal.Transform3s(), request, result) <= 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gone", [0.2, 0.45, 0.65, 0.85])
 @pytest.mark.parametrize("goal", [LOOK, LOWERING_RAD], ids=["look", "over the bracket"])
 @pytest.mark.parametrize("x_m", [0.75, 0.95, 1.15])

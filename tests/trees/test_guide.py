@@ -54,6 +54,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_the_examples_run_as_printed_in_the_folder_of_cell_init(tmp_path: Path) -> None:
     write_new(tmp_path, new_cell())
     for name, text in FILES.items():

@@ -36,6 +36,7 @@ def with_rules(folder: Path, name: str, broken: bool = False) -> Path:
     return tree
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["assemble", "ahead"])
 def test_check_finds_no_way_to_break_them(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(with_rules(tmp_path, name)), "--config", "config/cell.yaml"]) == 0, (

@@ -150,6 +150,7 @@ def refused(config: Path, capsys: pytest.CaptureFixture[str]) -> str:
     return captured.err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("path", "value"), CELL, ids=[f"{path}={value}" for path, value in CELL])
 def test_a_bad_value_of_the_cell(path: str, value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = write_cell(tmp_path, cell=(path, value))

@@ -66,11 +66,13 @@ def tending(folder: Path, change: tuple[str, str]) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_example_trees_fit_their_bench() -> None:
     trees = [str(TENDING / name) for name in ("tend.xml", "sort.xml")]
     assert main(["check", *trees, "--config", str(TENDING / "cell.yaml"), "--strict"]) == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -92,6 +94,7 @@ def test_a_place_that_can_never_be_reached_is_a_mistake(
         refuse_blocked(MotionPlanner(load_product(configuration, path), configuration.bench, configuration.motion))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("node", "words"),
     [

@@ -18,6 +18,7 @@ from bracket_ground.interfaces.bench import Calibration, CameraCalibration
 BENCH = load_configuration().bench
 
 
+@pytest.mark.long
 def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -43,6 +44,7 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     assert bench.wrist == BENCH.wrist
 
 
+@pytest.mark.long
 def test_the_overhead_camera_alone_leaves_the_wrist_camera_in_the_file(tmp_path: Path) -> None:
     out = tmp_path / "calibration.yaml"
     mount = BENCH.wrist.mount

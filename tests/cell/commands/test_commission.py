@@ -232,6 +232,7 @@ def test_a_tray_that_is_cut_off_is_told_and_drawn(
     assert "does not see bin o1" in BenchView(far, PRODUCT, motion).problems[0]
 
 
+@pytest.mark.long
 def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pressed(monkeypatch)
     assert main(["setup", "move", "look", "--share", "1"]) == 0

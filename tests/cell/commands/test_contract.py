@@ -49,6 +49,7 @@ def cell(folder: Path, driver: str) -> str:
     return str(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("driver", "status"), [(DRIVER, 0), (DEAF, 1)], ids=["sound", "that never stops"])
 def test_an_own_arm_is_tried_in_words(
     driver: str, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -76,6 +77,7 @@ def test_nobody_there_to_press_enter_moves_nothing(
     assert "nobody pressed Enter" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("role", ["gripper", "overhead"])
 def test_a_simulated_device_needs_nobody(role: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "--contract", role]) == 0

@@ -82,6 +82,7 @@ def test_a_file_where_a_folder_should_be_is_told(name: str, tmp_path: Path, caps
     assert files_of(tmp_path) == {name: b"mine"}
 
 
+@pytest.mark.long
 def test_its_tests_pass_and_can_fail(folder: Path) -> None:
     whole = in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider")
     assert whole.returncode == 0, whole.stdout

@@ -202,6 +202,7 @@ def talk(folder: Path) -> Talk:
     return run
 
 
+@pytest.mark.long
 def test_an_editor_is_served(folder: Path, talk: Talk) -> None:
     async def conversation(editor: Editor) -> None:
         assert editor.marks == {"tree.xml": []}
@@ -264,6 +265,7 @@ async def places(editor: Editor, folder: Path) -> None:
         assert (found.uri, found.range.start.line) == ((folder / file).as_uri(), line)
 
 
+@pytest.mark.long
 def test_trees_and_entries_are_found_and_renamed_wherever_they_are_named(folder: Path, talk: Talk) -> None:
     caller = (
         '<root BTCPP_format="4"><include path="tree.xml"/><BehaviorTree ID="Top"><SubTree ID="Own" part="o1" what="1"/>'
@@ -297,6 +299,7 @@ def test_trees_and_entries_are_found_and_renamed_wherever_they_are_named(folder:
     talk(conversation)
 
 
+@pytest.mark.long
 def test_the_outline_links_hovers_and_offers_of_a_file(folder: Path, talk: Talk) -> None:
     async def conversation(editor: Editor) -> None:
         await editor.type(DEEP)
@@ -319,6 +322,7 @@ def test_the_outline_links_hovers_and_offers_of_a_file(folder: Path, talk: Talk)
     talk(conversation)
 
 
+@pytest.mark.long
 def test_what_is_wrong_is_mended_by_a_click(talk: Talk) -> None:
     async def conversation(editor: Editor) -> None:
         text = DEEP.replace("<Greet who", "<Great who").replace(" whom=", " whmo=")
@@ -336,6 +340,7 @@ def test_what_is_wrong_is_mended_by_a_click(talk: Talk) -> None:
     talk(conversation)
 
 
+@pytest.mark.long
 def test_ten_keystrokes_cost_little(talk: Talk) -> None:
     """Each one makes the one before it needless, so that a large file is checked once or twice."""
     large = TREE.replace('<MoveTo pose="park"/>', '<MoveTo pose="park"/>' * 1000)

@@ -22,6 +22,7 @@ from bracket_lab.drawing.recording import Assembly, record
 from bracket_sim.scene.settings import SimSettings
 
 
+@pytest.mark.long
 def test_data_are_made_once_what_was_interrupted_anew_and_of_other_options_or_another_product_not(
     tmp_path: Path,
 ) -> None:
@@ -50,6 +51,7 @@ def test_data_are_made_once_what_was_interrupted_anew_and_of_other_options_or_an
         make_data("actions", folder, options, "--thin")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_path: Path, number: int) -> None:
     """The signal goes to the training alone; its output ends when nobody writes to it any more."""
@@ -74,6 +76,7 @@ make_data("hands", Path({str(tmp_path / "some")!r}), {{}})
         assert "went on" not in training.communicate()[0]
 
 
+@pytest.mark.long
 def test_recordings_whose_physics_diverged_are_left_out_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -105,6 +108,7 @@ def test_what_the_command_said_is_told(tmp_path: Path) -> None:
         make_data("hands", tmp_path / "some", {"--look": "moonlight"})
 
 
+@pytest.mark.long
 def test_a_folder_without_hands_is_told_before_any_frames_are_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -123,6 +127,7 @@ def test_a_share_of_lying_parts_without_mixed_trays_is_refused_instead_of_passed
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("training", "folder"),
     [

@@ -151,6 +151,7 @@ def test_a_missing_font_is_told_instead_of_drawing_empty_boxes(
     assert [finding["what"] for finding in findings if "fonts-dejavu-core" in finding["remedy"]]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not draws_text(), reason="no font is installed")
 def test_trees_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     svg, png = tmp_path / "tree.svg", tmp_path / "tree.png"

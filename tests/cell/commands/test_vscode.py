@@ -84,6 +84,7 @@ def assert_served(found: dict[str, Any], cell: Path) -> None:
     assert found["errors"][0].count("parc") == 1, "a tree with a mistake has no page, and the editor says why"
 
 
+@pytest.mark.long
 def test_the_extension_serves_an_editor(cell: Path, tmp_path: Path) -> None:
     assert_served(hosted(EXTENSION, cell, tmp_path / "cell folder"), cell)
 

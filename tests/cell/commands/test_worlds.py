@@ -15,6 +15,7 @@ from bracket_lab.commands.run import world
 from bracket_sim.worker.worker import Worker
 
 
+@pytest.mark.long
 def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
     call = ["lab", "data", "hands", "--look", "nominal", "--seeds", "0:3", "--out", str(tmp_path / "new")]
     gc.collect()

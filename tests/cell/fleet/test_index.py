@@ -34,6 +34,7 @@ def failed(path: Path, seed: int, failure: str) -> None:
     recorder.close(Outcome("failed", "the tree failed", 1, 0, 12.5, 0.5, why=why))
 
 
+@pytest.mark.long
 def test_a_row_says_who_when_and_what_came_of_it(commission_log: Log) -> None:
     row = run_row(commission_log.path)
     assert row["run_id"] == commission_log.metadata["run_id"]

@@ -26,6 +26,7 @@ def test_one_worker_is_this_process_and_takes_what_is_wanted() -> None:
     assert taken == [0, 1, 2]
 
 
+@pytest.mark.long
 def test_workers_answer_in_order_though_one_is_killed_and_an_error_is_what_the_call_raised(tmp_path: Path) -> None:
     marks = [(number, str(tmp_path / "killed") if number == 2 else "") for number in range(8)]
     found: list[int] = []
@@ -36,6 +37,7 @@ def test_workers_answer_in_order_though_one_is_killed_and_an_error_is_what_the_c
     assert (tmp_path / "killed").exists()
 
 
+@pytest.mark.long
 def test_a_call_that_kills_is_told_and_answers_count_though_workers_do_not_end_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -44,12 +44,14 @@ def test_an_error_that_cannot_be_made_again_is_told_in_words_and_the_next_call_i
     assert next_call_is_answered()
 
 
+@pytest.mark.long
 def test_a_call_that_never_ends_is_ended_and_the_next_call_is_answered() -> None:
     with pytest.raises(ChildDied, match="ended for using the processor without end"):
         in_child(working.spin)
     assert next_call_is_answered()
 
 
+@pytest.mark.long
 def test_a_process_that_is_stopped_is_known_named_and_its_worker_freed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(one_run, "IDLE_S", 1.0)
     stopped: list[int] = []
@@ -67,6 +69,7 @@ def test_a_process_that_is_stopped_is_known_named_and_its_worker_freed(monkeypat
         assert one_run._child._process.pid != stopped[-1]  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 def test_one_that_waits_for_ever_is_a_row_that_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(one_run, "IDLE_S", 0.5)
     with pytest.raises(ChildDied, match=r"the run's process \(pid \d+\) did nothing for 0\.5 s and was ended"):
@@ -74,6 +77,7 @@ def test_one_that_waits_for_ever_is_a_row_that_names_it(monkeypatch: pytest.Monk
     assert next_call_is_answered()
 
 
+@pytest.mark.long
 def test_one_that_works_is_not_ended_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(one_run, "IDLE_S", 1.5)
     assert in_child(working.busy, 4.0) >= 4.0

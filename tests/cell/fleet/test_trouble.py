@@ -24,6 +24,7 @@ from tests.cell.fleet.test_cluster import started, task
 NAMES = ("runs.jsonl", "runs.parquet")
 
 
+@pytest.mark.long
 def test_a_worker_with_a_full_disk_is_named_and_left_out(capfd: pytest.CaptureFixture[str]) -> None:
     with cluster(2) as client:
         rows = list(results(client, map(task, range(12)), working.row_of_the_sound))

@@ -42,6 +42,7 @@ def test_narrower_limits_of_the_file_count_for_each_side(tmp_path: Path) -> None
     np.testing.assert_allclose(limits[:, 2], [-np.pi, 1.5])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_no_answer_of_the_inverse_is_beyond_a_limit(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)

@@ -183,6 +183,7 @@ def test_more_combinations_than_a_plan_can_weigh_are_refused_before_they_are_mad
         family(brackets={f"b{number}": [0.0, 0.3 * number] for number in range(12)})
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 @given(sound=st.sampled_from([*EXAMPLES, ROOT / "config" / "products.yaml"]), edits=EDITS)
 def test_whatever_a_product_file_holds_it_is_taken_or_refused_with_places(

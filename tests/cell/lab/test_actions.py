@@ -192,6 +192,7 @@ def test_an_evaluation_goes_on_where_it_stopped(
     assert main([*words, "--look", "varied"]) == 2
 
 
+@pytest.mark.long
 def test_detectors_watch_with_the_camera_where_its_calibration_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """As for hands, holes, parts and whole assemblies; crops of `varied` were cut where the camera did not hang."""
     seen: list[object] = []

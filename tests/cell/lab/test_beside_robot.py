@@ -66,6 +66,7 @@ def test_person_and_robot_build_the_bracket_together() -> None:
     assert {label.position for label in placed} < set(PRODUCT.positions)
 
 
+@pytest.mark.long
 def test_the_arm_is_where_the_controller_moved_it(assembly: Assembly) -> None:
     moved = [
         np.abs(pads(assembly, after) - pads(assembly, before)).max() > 1e-3

@@ -41,6 +41,7 @@ def rows() -> dict[str, Row]:
     return {str(row["fault"]): row for row in told}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", TRIED)
 def test_a_fault_is_judged_from_the_truth(rows: dict[str, Row], fault: str) -> None:
     name = fault if fault == NONE else SignalFault.parse(fault).name
@@ -62,6 +63,7 @@ def beside() -> dict[str, Row]:
     return {str(row["fault"]): row for row in told}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ANSWERS)
 def test_a_fault_in_an_answer_is_judged_beside_a_person(beside: dict[str, Row], fault: str) -> None:
     row = next(row for name, row in beside.items() if name.startswith(fault))

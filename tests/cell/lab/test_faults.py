@@ -43,6 +43,7 @@ def rows() -> dict[tuple[str, str], dict[str, Any]]:
     return {(row["fault"], row["state"]): row for row in told}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "state"), [(fault, state) for state, faults in SAMPLE.items() for fault in faults])
 def test_a_fault_ends_as_promised(rows: dict[tuple[str, str], dict[str, Any]], fault: str, state: str) -> None:
     row = rows[fault, state]

@@ -90,6 +90,7 @@ def try_files(folder: Folder, examples: int) -> None:
     assert statuses[1] + statuses[2] > 0, statuses  # a replay of a log that was cut differs, or is refused
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: "-".join(command[:2]))
 def test_the_sound_beginning_is_taken(folder: Folder, command: tuple[str, ...]) -> None:
     """Else the tests below would try nothing. A replay differs at the end, as the log was cut; a case has no why."""
@@ -110,6 +111,7 @@ def test_an_attachment_of_any_name_ends_in_a_line(
     assert last.startswith(("cell: ", "identical", "differs"))
 
 
+@pytest.mark.long
 def test_files_that_lie_are_refused_or_harmless(folder: Folder) -> None:
     try_files(folder, 2 * len(COMMANDS))
 

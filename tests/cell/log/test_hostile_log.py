@@ -106,6 +106,7 @@ def try_states(kept: Kept, examples: int) -> None:
     assert sum(outcomes.values()) >= examples, f"not all refusals are one line with the log's name: {outcomes}"
 
 
+@pytest.mark.long
 def test_a_state_that_lies_is_refused_or_harmless(kept: Kept) -> None:
     try_states(kept, 60)
 

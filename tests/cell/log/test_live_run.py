@@ -61,6 +61,7 @@ def free_port() -> int:
         return port
 
 
+@pytest.mark.long
 def test_a_watched_run_decides_as_one_that_is_not(assembly_log: Log, tmp_path: Path) -> None:
     port = free_port()
     watching = Watching(port)

@@ -39,6 +39,7 @@ def rows(folder: Path, episode: int) -> dict[str, list[Any]]:
     return table
 
 
+@pytest.mark.long
 def test_an_episode_has_a_row_for_each_frame_time(data_set: Path, assembly_log: Log) -> None:
     info = json.loads((data_set / "meta/info.json").read_text())
     assert (info["codebase_version"], info["total_episodes"], info["fps"]) == ("v3.0", 2, 15)

@@ -135,6 +135,7 @@ def labelled(browser: Any, folder: Path, plates: int, trays: int) -> tuple[list[
     return of_plates, of_trays
 
 
+@pytest.mark.long
 def test_what_a_person_says_on_the_page_is_what_the_rows_say(browser: Any, tmp_path: Path) -> None:
     labelled(browser, tmp_path, 2, 1)
 

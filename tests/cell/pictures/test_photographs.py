@@ -96,6 +96,7 @@ def test_points_lie_on_the_hand_that_is_seen(seed: int) -> None:
     assert 0 <= top < bottom <= SETUP.height_px
 
 
+@pytest.mark.long
 def test_a_hand_is_as_large_as_hands_at_the_bench_are() -> None:
     lengths = []
     for seed in range(40):

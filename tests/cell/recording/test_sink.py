@@ -117,6 +117,7 @@ def test_the_writer_may_go_back_before_the_hand_over(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_bytes() == b"abc1234ef"
 
 
+@pytest.mark.long
 def test_the_person_at_the_bench_sees_the_alarm_and_the_cell_goes_on(
     disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

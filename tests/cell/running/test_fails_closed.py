@@ -203,6 +203,7 @@ def arms_that_cannot_be(draw: st.DrawFn) -> tuple[str, Any]:
     return name, (*legal[:place], value, *legal[place + 1 :])
 
 
+@pytest.mark.long
 @given(arms_that_cannot_be())
 @settings(max_examples=300, deadline=None)
 @example(("moving", False))
@@ -244,6 +245,7 @@ def test_nobody_is_given_way_to_where_it_is_not_known_where_the_hand_is() -> Non
     assert isinstance(way_out(PLANNER, seen, joints, PATH.positions_rad[-1], Load(0.05)), str)
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(numbers, st.lists(numbers, min_size=6, max_size=6)), max_size=4), numbers)
 @settings(max_examples=200, deadline=None)
 def test_the_robots_own_body_is_where_it_was_measured_or_unknown(states: list[Any], asked_s: float) -> None:

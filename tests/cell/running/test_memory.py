@@ -6,6 +6,8 @@ import gc
 import tracemalloc
 from collections.abc import Callable
 
+import pytest
+
 from bracket_cell.viewing.moments import Moments
 from bracket_cell.watching.lateness import Lateness
 from bracket_cell.watching.observer import Observer, SentCommand, TickRecord
@@ -53,6 +55,7 @@ def record(number: int) -> TickRecord:
     return TickRecord(seen, "RUNNING", (change,), notes, command, SentCommand(), 0.001, False)
 
 
+@pytest.mark.long
 def test_observers_that_count_stay_small() -> None:
     observers: list[Observer] = [RunStatistics(), Lateness(0.04), Fluency(lambda _: (0.0, 0.0)), Moments()]
 

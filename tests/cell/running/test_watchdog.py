@@ -201,6 +201,7 @@ rig.run(act)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("where", "signals", "status", "words"),
     [

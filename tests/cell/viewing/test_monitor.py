@@ -481,6 +481,7 @@ def test_a_monitor_tells_why_in_the_words_of_the_tree(make: Callable[..., Bench]
         client.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("begun", [b"", b"\xff", b"\xff\0\0\0\0\0\0\0\x01\x7f", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"])
 def test_half_greetings_take_no_more_than_their_places(make: Callable[..., Bench], begun: bytes) -> None:
     bench = make()

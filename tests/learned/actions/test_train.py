@@ -52,6 +52,7 @@ def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
 SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("paper", "hand", "cnn_lstm", "lrcn")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["slim", "track", *SLOW])
 def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
     from bracket_cell.learned.actions.model import load_actions
@@ -90,6 +91,7 @@ def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
         train_actions(Task(BENCH, PRODUCT), learned, learned, tmp_path / "net.onnx", "guess")
 
 
+@pytest.mark.long
 def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(tmp_path: Path) -> None:
     from bracket_cell.learned.actions.settings import ActionTraining
     from bracket_lab.experiments.paper.actions import KINDS, measure_folds, page, summary

@@ -97,6 +97,7 @@ def test_five_of_six_holes_are_not_taken_for_their_neighbours() -> None:
     assert holes_off_m(found, true, BENCH, PRODUCT) < 0.0015
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seeds",  # the last one was lost
     [(830_800, 811_012), pytest.param((830_800, 830_801, 830_802, 830_803, 811_012), marks=pytest.mark.slow)],

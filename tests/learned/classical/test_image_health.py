@@ -149,6 +149,7 @@ LATER: dict[str, Odd] = {  # what shows only by a comparison with before
 HEALTHY_S, COMPARED_S = 2.0, 3.0  # for so long an odd image may be taken for a sound one
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(SPOILS))
 def test_a_spoiled_image_is_found_and_named(frames: list[Frame], name: str) -> None:
     spoil, words = SPOILS[name]
@@ -159,11 +160,13 @@ def test_a_spoiled_image_is_found_and_named(frames: list[Frame], name: str) -> N
     assert all(told)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(ODD))
 def test_an_odd_image_is_told_from_the_start(seen: list[Seen], name: str) -> None:
     assert longest_healthy_s(seen, ODD[name], 0) <= HEALTHY_S
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(ODD))
 def test_an_odd_image_is_told_after_sound_ones(seen: list[Seen], name: str) -> None:
     assert longest_healthy_s(seen, ODD[name], SOUND) <= HEALTHY_S

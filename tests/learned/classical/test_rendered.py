@@ -25,6 +25,7 @@ def test_parts_in_clutter_are_found_in_a_rendered_view() -> None:
     assert max(turn for one in errors.values() for turn in one.yaw_rad) < np.radians(2.0)
 
 
+@pytest.mark.long
 def test_what_lies_or_is_of_no_type_is_not_taken_for_a_standing_part() -> None:
     settings = ClutterSettings(lying_share=0.6, stacked_share=0.4, foreign_objects=1)
     lying = standing = 0

@@ -38,6 +38,7 @@ def test_damaged_scenes_are_named_before_training(
     assert not out.exists()
 
 
+@pytest.mark.long
 @pytest.mark.torch
 def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
     from bracket_cell.learned.grasp.settings import PairwiseSettings

@@ -141,6 +141,7 @@ def test_weights_reach_their_score_on_fresh_scenes(kind: str, scenes: int) -> No
     assert scores["iterative_success_3"] >= solved
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", FEW_AND_MANY)
 @pytest.mark.parametrize(
     "clutter",

@@ -117,6 +117,7 @@ def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: T
         assert np.abs(pairwise.model.run({"pairs": pairs})["logits"] - expected).max() < TOLERANCE
 
 
+@pytest.mark.long
 def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Scene]) -> None:
     import torch
 
@@ -269,6 +270,7 @@ def test_the_papers_planner_wants_a_camera(tmp_path: Path) -> None:
         train_grasp(PRODUCT, tmp_path / "paper.onnx", 0, "paper", settings=SHORT_PAPER, quiet=True)
 
 
+@pytest.mark.long
 def test_little_training_beats_guessing(pairwise: Trained) -> None:
     assert pairwise.scores["graspability_accuracy"] > 0.7
     plan = load_grasp_planner("pairwise", pairwise.path, PRODUCT).plan(walled("o3", "o3"), 0)

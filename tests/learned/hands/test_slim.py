@@ -31,6 +31,7 @@ BOX_M = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (
 LOOKS = [pytest.param("nominal", marks=pytest.mark.slow), "varied"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("look", LOOKS)
 def test_hands_are_found_read_and_told_apart(look: str) -> None:
     configuration = simulated(load_configuration(), look, "varied")
@@ -67,6 +68,7 @@ def test_dark_hands_over_their_own_shadows_are_found() -> None:
     assert scores["found"] > 0.8
 
 
+@pytest.mark.long
 def test_the_other_hand_is_not_the_one_that_works() -> None:
     configuration = simulated(load_configuration(), "nominal", "varied")
     product = load_product(configuration)
@@ -76,6 +78,7 @@ def test_the_other_hand_is_not_the_one_that_works() -> None:
     assert scores["second_found"] > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("turn_rad", [-1.6, 1.0, *(pytest.param(one, marks=pytest.mark.slow) for one in (-1.0, 1.6))])
 def test_hands_that_point_to_any_side_are_found_and_read(
@@ -108,6 +111,7 @@ def test_hands_that_point_to_any_side_are_found_and_read(
     assert np.mean(np.array(away_px) < 8) >= 0.85
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("look", "share"), [("nominal", 1.0), ("varied", 0.8)])
 def test_a_true_hand_is_seen_also_where_the_robot_is_said_to_be(look: str, share: float) -> None:
     """The worst case: from the first frame on, the robot is believed to be over all of the hand."""

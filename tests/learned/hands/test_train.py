@@ -185,6 +185,7 @@ def test_varied_images_keep_their_shape_and_the_same_seed_gives_the_same() -> No
     assert not torch.equal(one, images)
 
 
+@pytest.mark.long
 def test_the_reader_learns_a_batch(data: HandData) -> None:
     torch.manual_seed(0)
     network, rng = Reader(len(TYPES)), np.random.default_rng(1)
@@ -228,6 +229,7 @@ def test_the_refiner_learns_how_much_larger_a_hand_is_than_was_thought(data: Han
     assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.5
 
 
+@pytest.mark.long
 def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "hands_slim.onnx"
     scores = train_hands(

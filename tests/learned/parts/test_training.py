@@ -51,6 +51,7 @@ def drawn(seed: int) -> Scene:
 SCENES = [drawn(seed) for seed in range(6)]
 
 
+@pytest.mark.long
 def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
     from bracket_lab.learned.parts.train import train_parts
 
@@ -168,6 +169,7 @@ def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path:
         train_rcnn(SCENES, PRODUCT, out / "below a file.onnx", settings, Task(out=out / "below a file.onnx"))
 
 
+@pytest.mark.long
 def test_a_training_whose_file_is_refused_goes_on_from_its_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,6 +102,7 @@ def test_a_layer_is_the_graphsage_layer_of_a_library(aggregation: str) -> None:
         assert torch.allclose(ours(nodes[None], adjacency[None])[0], expected, atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["paper", "factored"])
 def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: Path) -> None:
     from bracket_cell.learned.inference.onnx_model import ModelCard
@@ -124,6 +125,7 @@ def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: 
             assert np.allclose(found[name], value, rtol=1e-4, atol=1e-30), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [pytest.param("paper", marks=pytest.mark.slow), "factored"])
 def test_training_on_another_product(kind: str, tmp_path: Path) -> None:
     from bracket_lab.learned.semantic.train import train_semantic
@@ -191,6 +193,7 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
         assert np.allclose(found.placements, exact(edges).placements, atol=1e-9)
 
 
+@pytest.mark.long
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from bracket_cell.learned.semantic.records import save_demonstrations
     from bracket_lab.learned.semantic.scenarios import demonstrations_of

@@ -92,6 +92,7 @@ def test_padding_changes_nothing() -> None:
 SLOW = [pytest.param(kind, 12, marks=pytest.mark.slow) for kind in ("vmrn", "gvmrn_rf")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "epochs"), [("default", 6), *SLOW])
 def test_each_kind_learns_who_lies_on_whom(kind: Kind, epochs: int) -> None:
     settings = StackTraining(share=0.05, heads=Schedule(epochs=epochs, batch=8, peak_rate=3e-3))

@@ -55,6 +55,7 @@ def work(cell: RemoteCell, duration_s: float) -> ArmState:
     return arm.state()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pace", ["fast", "real"])
 def test_an_arm_whose_controller_is_gone_stands_when_the_next_one_comes(tmp_path: Path, pace: Pace) -> None:
     with world(tmp_path) as address:

@@ -40,6 +40,7 @@ def alone(configuration: Path) -> Recorded:
     )
 
 
+@pytest.mark.long
 def test_the_log_is_the_same_whichever_processes_simulate_draw_and_detect(alone: Recorded, tmp_path: Path) -> None:
     """Nothing hangs on the order of sets either, which is another one in each process."""
     address, beside = tmp_path / "world.sock", shortened(tmp_path / "cell.yaml", overlap=True)

@@ -46,6 +46,7 @@ def bench(served: tuple[int, float, TcpController]) -> Iterator[Bench]:
     controller.cell.fault("mended")
 
 
+@pytest.mark.long
 @pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 def test_a_driver_of_few_lines_does_what_every_arm_must(bench: Bench, check: Callable[[Bench], None]) -> None:

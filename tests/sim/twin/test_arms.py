@@ -56,6 +56,7 @@ def test_the_simulated_arm(simulated: Bench, check: Callable[[Bench], None]) -> 
     check(simulated)
 
 
+@pytest.mark.long
 @pytest.mark.contract
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 def test_the_arm_behind_its_wires(ur: Bench, check: Callable[[Bench], None]) -> None:

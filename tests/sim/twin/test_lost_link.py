@@ -43,6 +43,7 @@ def opened(twin: Twin) -> Bench:
     return Bench(arm, clock, lambda: None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("under_way", [True, False], ids=["under way", "at rest"])
 def test_a_process_that_streams_and_loses_its_link_says_so_in_words(tmp_path: Path, under_way: bool) -> None:
     with running_twin(tmp_path, TWIN + under_way) as twin, terminal() as told:
@@ -60,6 +61,7 @@ def test_a_process_that_streams_and_loses_its_link_says_so_in_words(tmp_path: Pa
     assert told == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("under_way", [True, False], ids=["under way", "at rest"])
 def test_a_link_that_is_silent_for_seconds_is_an_old_state_with_a_reason_and_comes_back(
     tmp_path: Path, under_way: bool

@@ -39,6 +39,7 @@ def opened(twin: Twin) -> Bench:
     return Bench(arm, clock, lambda: None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("begins", "mode", "mends"),
     [
@@ -58,6 +59,7 @@ def test_a_person_brings_it_back(ur: Bench, twin: Twin, begins: list[str], mode:
     bring_back(ur, twin, mode, mends)
 
 
+@pytest.mark.long
 def test_a_connection_that_is_cut_is_mended_in_time_or_by_a_person(ur: Bench, twin: Twin) -> None:
     path = ur.half_way()
     twin.fault("rtde_cut")
@@ -86,6 +88,7 @@ def bring_back(ur: Bench, twin: Twin, mode: ArmMode, mends: list[str]) -> None:
     assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006
 
 
+@pytest.mark.long
 def test_an_acknowledgement_that_comes_too_early_says_what_to_do(ur: Bench, twin: Twin) -> None:
     twin.fault("emergency_stop")
     ur.until(lambda state: state.mode == "emergency_stop")
@@ -96,6 +99,7 @@ def test_an_acknowledgement_that_comes_too_early_says_what_to_do(ur: Bench, twin
     ur.until(lambda state: state.mode == "normal", 20.0)
 
 
+@pytest.mark.long
 def test_a_safeguard_that_closed_lets_the_arm_go_on_along_its_path_once_somebody_said_so(ur: Bench, twin: Twin) -> None:
     path = ur.half_way()
     twin.fault("safeguard")
@@ -118,6 +122,7 @@ def test_a_safeguard_that_closed_lets_the_arm_go_on_along_its_path_once_somebody
     assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006
 
 
+@pytest.mark.long
 def test_the_slider_slows_the_arm_down_on_its_path(ur: Bench, twin: Twin) -> None:
     path = ur.arm.follow(ur.way())
     twin.fault("slider")
@@ -160,6 +165,7 @@ def test_a_fieldbus_on_the_lower_registers_leaves_the_upper_ones(twin: Twin) -> 
         twin.fault("fieldbus_gone")
 
 
+@pytest.mark.long
 def test_a_payload_that_is_wrong_stops_the_arm(ur: Bench, twin: Twin) -> None:
     twin.fault("payload_wrong")
     ur.arm.follow(ur.way())

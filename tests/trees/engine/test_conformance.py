@@ -83,6 +83,7 @@ def assert_agrees(version: str, mode: str, seeds: range, request: pytest.Fixture
     assert counts["refused by both"] <= most, "trees that both sides refuse prove nothing"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", MODES)
 def test_random_trees_run_as_in_behaviortree_cpp(mode: str, version: str, request: pytest.FixtureRequest) -> None:
     assert_agrees(version, mode, PUSHED, request)

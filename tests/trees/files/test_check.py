@@ -532,6 +532,7 @@ def test_the_work_of_a_check_grows_with_the_children_not_with_their_square(tmp_p
     assert calls(1_200) <= 3 * calls(600)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_are_refused_quickly(write: Write, name: str, good_file_s: float) -> None:
     assert checked_s(write(HOSTILE[name]), bad=True) < TIMES_A_GOOD_FILE * good_file_s

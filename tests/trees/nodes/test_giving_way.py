@@ -167,6 +167,7 @@ def test_without_it_person_and_arm_wait_for_each_other_for_ever(tmp_path: Path) 
     assert world.away_m < 0.001
 
 
+@pytest.mark.long
 def test_the_arm_goes_out_of_the_way_of_a_hand_that_waits_and_goes_on_when_it_has_left(tmp_path: Path) -> None:
     world = World(waits_until_the_arm_has_left(0.045))
     assert run(world, "<GiveWay/>", tmp_path, 60.0) is Status.SUCCESS
@@ -212,6 +213,7 @@ def test_an_arm_that_waits_before_a_hand_at_work_stays(tmp_path: Path) -> None:
     assert world.away_m < 0.001
 
 
+@pytest.mark.long
 def test_a_hand_that_stays_for_ever_keeps_the_arm_away(tmp_path: Path) -> None:
     """It comes again after a while to see, and never nearer than it was."""
     rests = resting(0.045)
@@ -220,6 +222,7 @@ def test_a_hand_that_stays_for_ever_keeps_the_arm_away(tmp_path: Path) -> None:
     assert min(room for room, _ in world.rooms) > world.rooms[0][0] - 0.002
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["touches", "speed not known", "blind"])
 def test_where_too_little_is_known_nothing_moves(what: str, tmp_path: Path) -> None:
     rests = resting(0.01 if what == "touches" else 0.045)

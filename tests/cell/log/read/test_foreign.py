@@ -160,6 +160,7 @@ def test_there_are_four_hundred_of_them() -> None:
     assert len({write(*file) for file in FILES}) >= 400
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("style", "content"), FILES, ids=lambda value: value.name)
 def test_a_file_that_the_specification_allows_is_whole(style: Style, content: Content, tmp_path: Path) -> None:
     path, mended = tmp_path / "foreign.mcap", tmp_path / "mended.mcap"

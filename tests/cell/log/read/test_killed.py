@@ -10,6 +10,7 @@ from rich.console import Console
 from tests.benchmarks.sigkill import kill_once
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_killed_run_loses_at_most_one_tick(seed: int) -> None:
     after_s = random.Random(seed).uniform(0.0, 2.0)

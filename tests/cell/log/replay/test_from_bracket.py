@@ -94,6 +94,7 @@ def changes(shift: Path, old: str = "", new: str = "") -> Changes:
     return Changes(tree=shift.parent / "mended.xml", nodes=nodes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bracket", [None, 9, 10])
 def test_each_bracket_that_is_left_is_replayed_identical(shift: Path, bracket: int | None) -> None:
     log = read_log(shift)

@@ -221,6 +221,7 @@ def test_a_node_that_ends_the_program_when_halted_does_not_end_the_safe_stop(
     assert comparison.identical, comparison.first
 
 
+@pytest.mark.long
 def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bracket_cell.viewing.monitor.Monitor", MeddlingMonitor)
     configuration = changed_configuration(tmp_path, "max_duration_s: 300.0", "max_duration_s: 4.5")
@@ -310,6 +311,7 @@ def test_a_product_that_no_weights_know_is_replayed_as_it_was_run(assembly_log: 
     assert planners.confusions is None  # those on the card of trained detectors say nothing about colours
 
 
+@pytest.mark.long
 def test_other_detectors_see_the_recorded_images(assembly_log: Log) -> None:
     replay = Replay(assembly_log, Changes(perception="learned"))
     comparison = replay.run()

@@ -172,6 +172,7 @@ def test_browser_shows_it_without_an_error(page: str, tmp_path: Path) -> None:
     assert len(np.unique(image[::4, ::4].reshape(-1, 3), axis=0)) > 500, "key frames and charts have many colours"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("whole", "broken"),
     [

@@ -78,6 +78,7 @@ def large(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_large_tree_is_folded_searched_and_scrolled_smoothly(opened: Callable[..., Reader], large: Path) -> None:
     reader = opened(large)
     assert reader.asks("shown.length") == MANY + 1
@@ -112,6 +113,7 @@ def test_each_subtree_stands_in_its_place(opened: Callable[..., Reader]) -> None
     assert reader.asks("parts[0].nodes.filter((n) => n[TAG] === 'TidyUp')[0][FILE]") == "assemble.xml"
 
 
+@pytest.mark.long
 def test_a_log_has_statuses_blackboard_and_reason_at_each_tick(
     opened: Callable[..., Reader], assembly_log: Log
 ) -> None:

@@ -44,6 +44,7 @@ def rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()][1:]
 
 
+@pytest.mark.long
 def test_segments_hold_the_track_and_the_label_of_the_log(tray_log: Log, folder: Path) -> None:
     by_frame = {view.sequence: view for view in bench_views(tray_log)}
     found = rows(folder / "segments.jsonl")

@@ -123,6 +123,7 @@ BUTTONS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("visitor", SIZES, indirect=True)
 def test_every_button_says_its_order_by_mouse_or_by_key_and_none_that_would_change_nothing(visitor: Visitor) -> None:
     page, rig = visitor.page, visitor.rig
@@ -318,6 +319,7 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
     assert page.evaluate("document.querySelectorAll('#history polyline').length") == 4
 
 
+@pytest.mark.long
 def test_the_cell_is_drawn_in_three_dimensions_and_only_where_something_moved(chromium: Callable[..., Any]) -> None:
     rig = PageRig()
     opened = chromium(args=GL)
@@ -349,6 +351,7 @@ PLACES = """() => [...document.querySelectorAll('footer button')].map((one) => o
   .map(({ x, y, width, height }) => [x, y, width, height].map(Math.round).join())"""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("language", ["en", "de"])
 @pytest.mark.parametrize("moment", ["sure", "question", "alarm"])
 def test_every_size_is_one_screen_with_words_of_20_arc_minutes(browser: Any, moment: str, language: str) -> None:
@@ -374,6 +377,7 @@ def test_every_size_is_one_screen_with_words_of_20_arc_minutes(browser: Any, mom
     rig.page.abandon()
 
 
+@pytest.mark.long
 def test_no_button_moves_whatever_it_says_or_the_page_shows(browser: Any) -> None:
     rig = PageRig()
     made = Visitor(browser, rig, EVERY_SIZE[0])
@@ -389,6 +393,7 @@ def test_no_button_moves_whatever_it_says_or_the_page_shows(browser: Any) -> Non
     rig.page.abandon()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("language", ["en", "de"])
 def test_a_phone_shows_one_column_and_scrolls_down_alone(browser: Any, language: str) -> None:
     rig = PageRig()
@@ -417,6 +422,7 @@ COLOURS = """() => {
     .map((one) => [one.id || one.className || one.tagName, getComputedStyle(one).color, behind(one)]); }"""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("moment", ["sure", "question"])
 def test_every_word_has_contrast(browser: Any, scheme: str, moment: str) -> None:
@@ -521,6 +527,7 @@ def quick(browser: Any) -> Iterator[Visitor]:
     rig.page.abandon()
 
 
+@pytest.mark.long
 def test_old_news_look_old_and_nothing_can_be_pressed_that_would_be_lost(quick: Visitor) -> None:
     page, told = quick.page, quick.page.evaluate(WORDS)
     quick.until(SILENT)
@@ -549,6 +556,7 @@ def test_old_news_look_old_and_nothing_can_be_pressed_that_would_be_lost(quick: 
     quick.says(OperatorOrder("pause", "now"))
 
 
+@pytest.mark.long
 def test_a_press_that_does_not_arrive_says_so_at_the_button(visitor: Visitor) -> None:
     visitor.page.route("**/order", lambda _: None)
     visitor.page.click("#pauseNow")
@@ -559,6 +567,7 @@ def test_a_press_that_does_not_arrive_says_so_at_the_button(visitor: Visitor) ->
     visitor.says(OperatorOrder("pause", "now"))
 
 
+@pytest.mark.long
 def test_behind_a_relay_that_goes_silent_news_are_old_and_come_back_by_themselves(chromium: Callable[..., Any]) -> None:
     """As a wireless network that is gone: no end of the connection, no bytes."""
     rig = PageRig(slower=1.0)
@@ -663,6 +672,7 @@ def command_line(process: int) -> bytes:
     return b""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("goes_on", [True, False])
 def test_after_a_closed_lid_nothing_old_is_shown_as_new(chromium: Callable[..., Any], goes_on: bool) -> None:
     """A tablet that sleeps finds what was sent until then, and takes it for no news where the run hung meanwhile."""
@@ -699,6 +709,7 @@ def test_after_a_closed_lid_nothing_old_is_shown_as_new(chromium: Callable[..., 
     rig.page.abandon()
 
 
+@pytest.mark.long
 def test_a_slow_phone_says_what_is_so_now(browser: Any) -> None:
     """A sixth of this processor, a network of the third generation, and much on the page that stays as it is."""
     rig = PageRig(slower=1.0)

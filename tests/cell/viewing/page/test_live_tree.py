@@ -107,6 +107,7 @@ def looks(chromium: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[[st
     assert [line for one in made for line in one.complaints] == []
 
 
+@pytest.mark.long
 def test_statuses_blackboard_and_reason_of_each_tick_are_there_live_and_again(looks: Callable[[str], Looks]) -> None:
     looking = looks(SMALL)
     past: dict[int, tuple[dict[str, str], dict[int, int]]] = {}
@@ -126,6 +127,7 @@ def test_statuses_blackboard_and_reason_of_each_tick_are_there_live_and_again(lo
     assert looking.asks("line.ticks[now][1]") == max(past), "who looks at the past is left there"
 
 
+@pytest.mark.long
 def test_an_edited_tree_takes_over_and_a_page_that_was_left_asks_no_more(looks: Callable[[str], Looks]) -> None:
     looking = looks(SMALL)
     looking.runs(of_groups(2))
@@ -136,6 +138,7 @@ def test_an_edited_tree_takes_over_and_a_page_that_was_left_asks_no_more(looks: 
     assert looking.page.query_selector("#tree iframe") is None
 
 
+@pytest.mark.long
 def test_a_run_that_says_nothing_is_told(looks: Callable[[str], Looks]) -> None:
     looking = looks(SMALL)
     looking.page.wait_for_timeout(2500)
@@ -156,6 +159,7 @@ def test_what_is_kept_has_an_end_and_stays_right(looks: Callable[[str], Looks]) 
     assert looking.asks(f"[line.ticks[now][1], {SHOWN}, [...state.codes]]") == before
 
 
+@pytest.mark.long
 def test_a_tree_of_2500_nodes_is_followed_within_a_frame(looks: Callable[[str], Looks]) -> None:
     looking = looks(of_groups(250))
     assert len(looking.tree.nodes) > 2500

@@ -10,6 +10,7 @@ import time
 from io import StringIO
 from pathlib import Path
 
+import pytest
 from mcap.reader import make_reader
 from rich.console import Console
 
@@ -83,6 +84,7 @@ def short_run(log: Path, page: bool) -> tuple[dict[str, str], list[Client]]:
     return decided(parts_of(log)[0]), clients
 
 
+@pytest.mark.long
 def test_five_clients_of_which_one_is_slow_change_no_tick(tmp_path: Path) -> None:
     alone, _ = short_run(tmp_path / "alone.mcap", page=False)
     watched, clients = short_run(tmp_path / "watched.mcap", page=True)

@@ -42,6 +42,7 @@ def test_an_order_with_the_token_reaches_the_cell(rig: PageRig) -> None:
     assert rig.channel.take(1.0).pause == "now"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("body", "headers", "status"),
     [

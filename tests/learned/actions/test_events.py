@@ -309,3 +309,22 @@ def test_classes_are_as_likely_as_they_are_met_with_and_not_as_they_were_trained
     doubtful = np.zeros(len(CLASSES.names), np.float32)
     doubtful[0], doubtful[-2] = 5.0, 4.5
     assert int(posterior_of(doubtful).argmax()) == len(CLASSES.names) - 2
+
+
+def leaving(released: float, frames: int = 6) -> list[tuple[Floats, float]]:
+    """The hand on its way from a hole, with fingers that seem open, or not."""
+    return [(posterior(), released)] * frames
+
+
+def test_fingers_that_are_seen_open_only_as_the_hand_leaves_have_opened_there() -> None:
+    fast = [(posterior(o1_at_p2=0.5), 0.3)] * 8
+    assert [(one.part, one.position) for one in told(fast + leaving(0.95))] == [(0, 1)]
+    assert told(fast + leaving(0.1)) == []  # it leaves with the part
+    assert told(fast + leaving(0.95), holds=dict.fromkeys(range(8, 14), 0)) == []  # it is seen to hold it
+    assert told([(posterior(o1_at_p2=0.5), 0.3)] * 2 + leaving(0.95)) == []  # it passed by
+    assert told(fast + leaving(0.1, frames=8) + leaving(0.95)) == []  # they opened somewhere else
+
+
+def test_a_hand_that_leaves_placed_one_part_in_the_hole_that_it_was_seen_at_most() -> None:
+    between = [(posterior(o1_at_p2=0.35, o1_at_p3=0.5), 0.3)] * 10
+    assert [(one.part, one.position) for one in told(between + leaving(0.95))] == [(0, 2)]

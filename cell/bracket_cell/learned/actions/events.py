@@ -43,6 +43,11 @@ class EventSettings(Model):
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.
         stays_s: so long after the fingers opened, or the hole was filled, it is told though the hand is still there.
+        leaves_s: fingers that are seen open so soon after the hand left a hole have opened there: fast ones are not
+            seen open over it. 0: only those that are seen open over it count.
+        leaves_open: mean probability over the frames that they are; networks answer it for assemblies alone, so that .5
+            says nothing.
+        leaves_evidence: sum over the frames of the probability of an assembly at that hole; less was passing by.
     """
 
     frames: int = 3
@@ -56,6 +61,9 @@ class EventSettings(Model):
     shown_confidence: float = 0.9
     shown_evidence: float = 1.2
     stays_s: float = 2.0
+    leaves_s: float = 0.35
+    leaves_open: float = 0.65
+    leaves_evidence: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +89,7 @@ class PlacementEvents:
         self._classes, self._settings = classes, settings
         self._shape = (len(classes.parts), len(classes.positions))
         self._recent: deque[Floats] = deque(maxlen=settings.frames)
+        self._released: deque[float] = deque(maxlen=settings.frames)
         self._opened_s = np.full(self._shape[1], np.inf)  # since when the fingers seem open there; inf: they do not
         self._evidence = np.zeros(self._shape)
         self._last_s = np.full(self._shape[1], -np.inf)
@@ -116,6 +125,7 @@ class PlacementEvents:
         here = at_hole > self._settings.begins
         self._evidence[:, here] += pairs[:, here]
         self._open(time_s, here, at_hole * released)
+        self._leave(time_s, here, released if holds is None else 0.0)
         for one in filled:
             self._wait(time_s, one)
         for position in unfilled:
@@ -132,6 +142,19 @@ class PlacementEvents:
         seems = mean >= self._settings.threshold
         self._opened_s[here & ~seems] = np.inf
         self._opened_s[here & seems] = np.minimum(self._opened_s, time_s)[here & seems]
+
+    def _leave(self, time_s: float, here: Bools, released: float) -> None:
+        """Note the hole that the hand has just left with open fingers: one a visit, that with the most evidence."""
+        self._released.append(released)
+        seen = self._evidence.sum(axis=0)
+        left = ~here & (time_s - self._last_s <= self._settings.leaves_s) & (seen >= self._settings.leaves_evidence)
+        if not left.any() or np.mean(self._released) < self._settings.leaves_open:
+            return
+        most = int(np.where(left | here, seen, 0.0).argmax())
+        if left[most]:
+            self._opened_s[most] = min(self._opened_s[most], time_s)
+            left[most] = False
+            self._evidence[:, left] = 0.0
 
     def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled]) -> Placement | None:
         """The placement that a hand tells whose fingers have opened, once it leaves or a new look shows the part."""

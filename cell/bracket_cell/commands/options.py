@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bracket_ground.errors import InputError, Problem
-from bracket_ground.files.files import shipped, user_or_packaged
+from bracket_ground.files.files import read_text, shipped, user_or_packaged
 
 if TYPE_CHECKING:
     from btxml.engine.tree import Tree
@@ -296,9 +296,10 @@ def _plain(value: object, given: str) -> object:
 def _file(path: Path) -> Mapping[Any, Any]:
     import yaml
 
+    text = read_text(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
         raise InputError(f"--set {path}: neither NAME=VALUE nor a YAML file that can be read: {error}") from None
     if not isinstance(content, dict):
         raise InputError(f"--set {path}: the file must hold names and values, like part: o2")

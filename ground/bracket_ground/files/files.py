@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import resources
@@ -65,6 +67,17 @@ def user_or_packaged(package: str, *names: str) -> Path:
     return next((file for file in own if file.is_file()), shipped(package, names[0]))
 
 
+def regular(path: Path) -> Path:
+    """The path of a file that can be read to its end: a pipe waits for its writer, a device may have no end.
+
+    Raises:
+        OSError: there is none, or it is something else.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "this is not a file")
+    return path
+
+
 def read_text(path: Path, how_to_make: str = "") -> str:
     """The text of a file.
 
@@ -75,7 +88,7 @@ def read_text(path: Path, how_to_make: str = "") -> str:
         InputError: it cannot be read, or is no text.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return regular(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(Problem(Place(path), f"cannot be read: {error.strerror or error}", how_to_make)) from None
     except UnicodeDecodeError as error:

@@ -15,7 +15,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 from pydantic import Field, JsonValue, ValidationError
 
 from bracket_ground.errors import ModelError
-from bracket_ground.files.files import write_whole
+from bracket_ground.files.files import regular, write_whole
 from bracket_ground.files.model import Model
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ class _Opened(NamedTuple):
 def _opened(path: Path) -> _Opened:
     """The file's network; opened once, as checks before a run, the run and its log all ask for it."""
     try:
-        return _opened_once(path.read_bytes())
+        return _opened_once(regular(path).read_bytes())
     except OSError as error:
         raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
     except LOAD_ERRORS as error:

@@ -22,6 +22,7 @@ import onnxruntime
 
 from bracket_cell.learned.inference.onnx_model import LOAD_ERRORS
 from bracket_ground.errors import ModelError
+from bracket_ground.files.files import regular
 from bracket_ground.interfaces.observation import ArmState, GripperState
 from bracket_ground.interfaces.pose import Array
 
@@ -53,7 +54,7 @@ class Policy:
     def __init__(self, path: Path, joints: int) -> None:
         """For an arm of so many joints. Raises ModelError: it cannot be read, or sees or answers something else."""
         try:
-            content = path.read_bytes()
+            content = regular(path).read_bytes()
             self._session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
         except OSError as error:
             raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from None

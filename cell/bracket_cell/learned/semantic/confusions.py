@@ -20,7 +20,7 @@ from bracket_cell.learned.records import EXPORT, DetectedAction, SegmentRow, rea
 from bracket_cell.learned.semantic.graph import Bools, Floats, Ints, Layout, action_pairs
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR
 from bracket_ground.errors import InputError, Place, Problem
-from bracket_ground.files.files import write_whole
+from bracket_ground.files.files import regular, write_whole
 from bracket_ground.files.model import Model
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
@@ -133,7 +133,7 @@ class Confusions:
             InputError: it is missing, damaged, or of another product.
         """
         try:
-            read = ConfusionFile.model_validate(json.loads(path.read_text(encoding="utf-8")))
+            read = ConfusionFile.model_validate(json.loads(regular(path).read_text(encoding="utf-8")))
         except (OSError, ValueError, ValidationError) as error:
             raise InputError(Problem(Place(path), f"no confusions of actions: {str(error).splitlines()[0]}")) from error
         if (read.parts, read.positions) != (layout.parts, layout.positions):

@@ -20,6 +20,7 @@ from mcap.summary import Summary
 from bracket_cell.log.read.mcap_file import Message, read_mcap, statistics
 from bracket_cell.log.read.reader import files_of
 from bracket_ground.errors import LogError
+from bracket_ground.files.files import regular
 
 FOREVER_S = 1e9
 
@@ -65,7 +66,7 @@ class IndexedLog:
         self, path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool
     ) -> Iterator[Message]:
         try:
-            with path.open("rb") as stream:
+            with regular(path).open("rb") as stream:
                 found = self._reader(path, stream).iter_messages(
                     topics, starting_at=span[0], ending_before=span[1], reverse=reverse
                 )

@@ -20,6 +20,7 @@ from mcap.opcode import Opcode
 from bracket_cell.log.read.records import FOOTER_BYTES, HEAD, MAGIC, Damage, TooLarge, parse
 from bracket_cell.log.read.walk import PROFILE, McapScanner, profile_in
 from bracket_ground.errors import LogError
+from bracket_ground.files.files import regular
 
 SALVAGE = "`cell log export --to recovered` brings back what is right in it"
 HEAD_BYTES = 64 * 1024
@@ -32,7 +33,7 @@ NO_INDEX = (McapError, Damage, struct.error, ValueError, OSError)
 def statistics(path: Path) -> records.Statistics | None:
     """How many messages a file has, and from when to when; None where it does not say."""
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             return next(
                 (parse(Opcode.STATISTICS, memoryview(body)) for body in _group(stream, Opcode.STATISTICS)), None
             )
@@ -47,7 +48,7 @@ def metadata_of(path: Path) -> dict[str, dict[str, str]]:
     """
     found = {}
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             for index in _group(stream, Opcode.METADATA_INDEX):
                 at, size = PLACE.unpack_from(index)
                 [body] = _bodies(_read(stream, at, size), Opcode.METADATA)
@@ -170,7 +171,7 @@ def profile_of(path: Path) -> str | None:
 def _begin(path: Path, size: int) -> bytes:
     """So many bytes of a file, or all of it; read and not mapped, as a file that is cut meanwhile ends the process."""
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             return stream.read(size)
     except OSError as error:
         raise LogError(path, f"cannot be read: {error.strerror or error}") from None

@@ -22,6 +22,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from bracket_ground.errors import LogError
+from bracket_ground.files.files import regular
 
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_CHUNK_BYTES = 64 * 1024 * 1024
@@ -65,7 +66,7 @@ def opened(path: Path) -> Iterator[mmap.mmap | bytes]:
         LogError: it cannot be read.
     """
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size
             whole: mmap.mmap | bytes = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
     except (OSError, ValueError) as error:

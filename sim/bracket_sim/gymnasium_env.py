@@ -9,7 +9,7 @@ Observation, a dict:
     target     (3,) where it goes: above the part, up from the tray, a hole, or the place where a person takes it
     overhead, wrist   (height, width, 3) images, where asked for
 Action: five numbers from -1 to 1: the tool by that share of STEP_M along x, y and z, turned by that share of STEP_RAD
-about the vertical, and the fingers: open above 0, else closed.
+about the vertical, and the fingers: open above 0, else closed; for Reach they stay open.
 Reward: how much nearer tool, part and target came in this step in [m], REFUSED less for a step that is not made, DONE
 at the end of the task. A protective stop of the arm, as where it pushes something, ends the episode, too.
 """
@@ -67,11 +67,13 @@ class Task:
         target: from where the part stands, and the first hole, to where it goes.
         left_m: how far it is from its end.
         done: whether it is at its end.
+        fingers: it needs them; else they stay open, whatever an action says.
     """
 
     target: Callable[[Array, Array], Array]
     left_m: Callable[[Moment], float]
     done: Callable[[Moment], bool]
+    fingers: bool = True
 
 
 def _carried_m(now: Moment) -> float:
@@ -90,6 +92,7 @@ TASKS = {
         lambda part, _: part + ABOVE_M * UP,
         lambda now: now.far_m(now.tool_m, now.target_m),
         lambda now: now.far_m(now.tool_m, now.target_m) < NEAR_M,
+        fingers=False,
     ),
     "Grasp": Task(
         lambda part, _: part + LIFTED_M * UP,
@@ -185,7 +188,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         """One small motion to its end, or until it is held for MOST_S."""
         assert self._cell is not None, "reset comes first"
         devices, wanted = self._cell.devices, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
-        opening_m = self._motion.open_m if wanted[-1] > 0 else 0.0
+        opening_m = self._motion.open_m if wanted[-1] > 0 or not self._task.fingers else 0.0
         same = opening_m == self._opening_m and not devices.gripper.state().holding
         if opening_m != self._opening_m:
             self._opening_m = opening_m
@@ -210,7 +213,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
             float(reward),
             done or stopped,
             False,
-            {"left_m": left_m, "refused": refused, "holding": now.holding},
+            {"left_m": left_m, "refused": refused, "holding": now.holding, "is_success": done},
         )
 
     def close(self) -> None:

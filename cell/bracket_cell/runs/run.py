@@ -32,6 +32,7 @@ from bracket_cell.remote import priority
 from bracket_cell.running.controller import Controller
 from bracket_cell.running.device_reader import RobotPoseHistory
 from bracket_cell.running.operator import OperatorChannel
+from bracket_cell.running.policy_device import PolicyDevice
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.running.watchdog import TICK_S, Watchdog
 from bracket_cell.runs.assembled import RunParts
@@ -247,11 +248,15 @@ def run_controller(
         own_body = RobotPoseHistory(motion.separation.outline, motion.kinematics.forward)
         watchdog = watchdog or Watchdog()
         watchdog.limit_s = TICK_S * slower if pace == "real" else None
+        policies = PolicyDevice(devices, motion.kinematics.count, beside=pace == "real")
+        observers = (*observers, policies)
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog
         )
         journal, seen = controller.journal, controller.observe()
-        services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
+        services = make_services(
+            configuration, files.planners, motion, journal, seen, files.left_off, policies=policies
+        )
         ruled = RuledTree(tree, files.rules.rules, motion.kinematics)
         ruled.setup(services, TickClock(services))
         begun(services, supervisor)

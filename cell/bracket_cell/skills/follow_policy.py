@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from bracket_cell.skills.grasping.handling import joints_of
-from bracket_cell.skills.grasping.phases import failed
+from bracket_cell.skills.grasping.phases import done, failed
 from bracket_cell.skills.motion.planner import Load, MotionPlanner, Plan
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_cell.skills.move_to import FreeMove
@@ -28,24 +28,32 @@ Zone = tuple[float, float, float, float, float, float]  # least and largest x, y
 
 @dataclass(eq=False)
 class FollowPolicy(FreeMove):
-    """Ask the policy, move there by a free way, and ask again, until it wants the arm where it stands.
+    """Move where the policy wants the arm by a free way, and ask again, until it wants it where it stands.
 
     Attributes:
-        wants: the policy's answer to what is seen, the joints in [rad]; raises ModelError.
         zone: the tool never goes out of it.
         steps: motions at most.
     """
 
     to: str = field(default="where the policy wants it", init=False)
-    wants: Callable[[Observation], Array] = field(kw_only=True)
     zone: Zone = field(kw_only=True)
     steps: int = field(kw_only=True)
+    _rows: list[Array] = field(default_factory=list, init=False)
+    _goal_rad: Array | None = field(default=None, init=False)
+    _moved: bool = field(default=True, init=False)
+
+    def asks(self, observation: Observation) -> bool:
+        """Whether it needs the policy's answer, and the arm stands for it."""
+        arm = observation.arm
+        return self._end is None and self._goal_rad is None and not self._rows and arm.stands and not arm.moving
+
+    def feed(self, rows: Sequence[Array]) -> None:
+        """What the policy wants: joints (n,) in [rad] or steps (4,), one after the other."""
+        self._rows, self._moved = list(rows), False
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
-        try:
-            joints = self.wants(observation)
-        except ModelError as error:
-            return str(error)
+        joints = self._goal_rad
+        assert joints is not None, "nothing is planned without"
         robot = self.planner.settings.robot
         if not robot.within(joints).all():
             legal = " to ".join(str(np.round(side, 3).tolist()) for side in robot.limits_rad)
@@ -57,19 +65,30 @@ class FollowPolicy(FreeMove):
         return joints
 
     def poll(self, observation: Observation, command: Command) -> Progress:
+        asking = Progress(SkillStatus.RUNNING, "asking the policy")
+        if self._end is None and self._goal_rad is None:
+            try:
+                self._choose(joints_of(observation))
+            except ModelError as error:
+                return self._finish(failed(str(error)))
+            if self._goal_rad is None:
+                return asking if self._moved else self._finish(done(self.done))
+            self.steps -= 1
+            if self.steps < 0:
+                return self._finish(failed("the policy did not come to rest in the motions that it may make"))
         progress = super().poll(observation, command)
         if progress.status is not SkillStatus.SUCCESS:
             return progress
-        wanted = self.goal(observation, Load(0.0))
-        if isinstance(wanted, str):
-            return self._finish(failed(wanted))
-        if np.abs(wanted - joints_of(observation)).max() <= SETTLED_RAD:
-            return progress
-        self.steps -= 1
-        if self.steps <= 0:
-            return self._finish(failed("the policy did not come to rest in the motions that it may make"))
-        self._phases = self._end = None
-        return Progress(SkillStatus.RUNNING, "asking the policy again")
+        self._phases = self._end = self._goal_rad = None
+        return asking
+
+    def _choose(self, arm_rad: Array) -> None:
+        """The next goal that is not where the arm stands, as long as the policy's last answer has some."""
+        while self._rows and self._goal_rad is None:
+            row = self._rows.pop(0)
+            joints = joints_after(self.planner, arm_rad, row) if len(row) == len(STEPS) else row
+            if np.abs(joints - arm_rad).max() > SETTLED_RAD:
+                self._goal_rad, self._moved = joints, True
 
 
 def step_goal(motion: MotionPlanner, start_rad: Array, step: Array) -> Pose:

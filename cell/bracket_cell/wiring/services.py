@@ -19,7 +19,7 @@ from bracket_cell.settings import Perception
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.guard import Guard
 from bracket_cell.trees.nodes.files import Files, WorkingFolder
-from bracket_cell.trees.nodes.services import Services, Tick, Tools
+from bracket_cell.trees.nodes.services import Policies, Services, Tick, Tools
 from bracket_cell.wiring.detectors import card_of
 from bracket_ground.errors import InputError, ModelError, SettingError
 from bracket_ground.interfaces.memory import Memory
@@ -120,12 +120,14 @@ def make_services(
     left_off: ResumeState = ResumeState(),  # noqa: B008 - frozen
     files: Files | None = None,
     answers: LoggedAnswers | None = None,
+    policies: Policies | None = None,
 ) -> Services:
     """What the nodes of a tree work with.
 
     Args:
         left_off: of a run that was broken off and that this one goes on with; empty for a new beginning.
         files: what nodes read and write; the working folder unless given.
+        policies: who asks trained policies.
         answers: of a log, in the place of what nodes would ask beyond the cell.
     """
     tools = Tools(
@@ -139,6 +141,7 @@ def make_services(
         guard=Guard(planners.known, configuration.guard),
         journal=journal,
         files=files or WorkingFolder(),
+        policies=policies,
         answers=answers,
         teach=_teacher(configuration, planners.known, writes=files is None),
         learn=learner(configuration, planners),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from btxml.engine.errors import NodeError
-from btxml.engine.node import SUCCESS, Node
+from btxml.engine.node import SUCCESS, Node, TreeNode
 from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 
@@ -127,6 +127,39 @@ class _Logged:
         pass
 
 
+class Question:
+    """What a node asked of somebody beyond the cell, or in a replay of the log; how it ended is noted."""
+
+    def __init__(self, node: TreeNode, question: Any, ask: Callable[[], Asked]) -> None:
+        self._runtime, self._node, self._text, self._polls = node.runtime, node.full_path, as_text(question), 0
+        log = self._runtime.answers
+        self._asked = ask() if log is None else log.next(self._node, self._text)
+
+    def poll(self) -> Answer | None:
+        """The answer in the tick in which it is there, else None."""
+        self._polls += 1
+        answer = self._asked.poll(self._polls)
+        if answer is not None:
+            self._note(**({"error": answer.error} if answer.error else {"answer": answer.text}))
+        return answer
+
+    def give_up(self, why: Callable[[bool], str]) -> Answer:
+        """Wait no longer; `why` says it by whether the question was asked at all."""
+        self._asked.cancel()
+        answer = Answer(error=why(self._asked.begun))
+        self._note(error=answer.error)
+        return answer
+
+    def cancel(self) -> None:
+        """Nobody wants the answer any more."""
+        self._asked.cancel()
+        self._note(cancelled=True)
+
+    def _note(self, **came: object) -> None:
+        if self._runtime.journal is not None:
+            self._runtime.journal.note("outside", node=self._node, question=self._text, polls=self._polls, **came)
+
+
 class Outside(Node):
     """Base of leaves that ask something beyond the cell: a server, a database, a slow computation.
 
@@ -141,7 +174,7 @@ class Outside(Node):
     result: Any = OutputPort(Any, "what was answered")
     error = OutputPort(str, "why there is no answer; empty where there is one")
 
-    _asked: Asked | None = None
+    _asked: Question | None = None
 
     def question(self) -> Any:
         """What to ask: plain data, made of the ports."""
@@ -157,10 +190,8 @@ class Outside(Node):
         return SUCCESS
 
     def initialise(self) -> None:
-        self._polls, self._until_s = 0, time.monotonic() + self.limit_s.get()
-        question, log = self.question(), self.runtime.answers
-        self._question = as_text(question)
-        self._asked = self.call(question) if log is None else log.next(self.full_path, self._question)
+        self._until_s, question = time.monotonic() + self.limit_s.get(), self.question()
+        self._asked = Question(self, question, lambda: self.call(question))
 
     def call(self, question: Any) -> Asked:
         """Begin to ask."""
@@ -168,15 +199,12 @@ class Outside(Node):
 
     def update(self) -> Status:
         assert self._asked is not None, "initialise comes first"
-        self._polls += 1
-        answer = self._asked.poll(self._polls)
+        answer = self._asked.poll()
         if answer is None and self.runtime.answers is None and time.monotonic() >= self._until_s:
-            self._asked.cancel()
-            answer = Answer(error=self._late(self._asked.begun))
+            answer = self._asked.give_up(self._late)
         if answer is None:
             return Status.RUNNING
         self._asked = None
-        self._note(**({"error": answer.error} if answer.error else {"answer": answer.text}))
         self.error.set(answer.error)
         if answer.error:
             raise NodeError(answer.error)
@@ -192,12 +220,6 @@ class Outside(Node):
         if self._asked is not None:
             self._asked.cancel()
             self._asked = None
-            self._note(cancelled=True)
-
-    def _note(self, **came: object) -> None:
-        journal = self.runtime.journal
-        if journal is not None:
-            journal.note("outside", node=self.full_path, question=self._question, polls=self._polls, **came)
 
 
 def as_text(value: Any) -> str:

@@ -188,6 +188,7 @@ class Devices:
 
     Attributes:
         signals: None where the cell has none.
+        images: frames show what the cameras see; without, detectors answer from a simulator's truth.
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
         gone: whether a simulation is gone for good: nobody need wait for its arm.
         lost_s: how far a simulation that goes with the wall's time fell behind it for good.
@@ -212,6 +213,7 @@ class Devices:
     truth: Callable[[], Sequence[TruthEvent]] = tuple
     pressed: Callable[[], Sequence[OperatorOrder]] = tuple
     finished: Callable[[], Sequence[dict[str, object]]] = tuple
+    images: bool = True
     host: DetectorHost | None = None
     free_running: Callable[[bool], None] = lambda _: None
     lost_s: Callable[[], float] = lambda: 0.0

@@ -43,4 +43,4 @@ def without_pixels(cell: SimCell, configuration: Configuration, product: Product
     """The devices of a cell that was opened with `rendered=False`, for a controller with this configuration."""
     assert cell.sight is not None
     host = NoRenderHost(cell.sight, configuration.bench, product, configuration.perception)
-    return replace(cell.devices, host=host)
+    return replace(cell.devices, host=host, images=False)

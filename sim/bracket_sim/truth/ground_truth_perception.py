@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -42,26 +44,34 @@ class GroundTruthPerception:
 
     Args:
         hand: a person is at the bench.
-        still: the frame whose depths and, but for noise, whose image all frames have.
+        still: makes the frame whose depths and, but for noise, whose image all frames have; called when the first one
+            is made.
 
     Attributes:
         others: no other hands are seen.
         spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
-    def __init__(self, world: World, *, hand: bool, still: Frame) -> None:
+    def __init__(self, world: World, *, hand: bool, still: Callable[[], Frame]) -> None:
         self._world = world
         self._hand_body = int(world.model.body("hand").id) if hand else -1
-        height, width, channels = still.image.shape
-        noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
-        self._noise, self._still = np.rint(noise).astype(np.int16), still.image.astype(np.int16)
-        self._depth_mm = still.depth_mm
+        self._make_still = still
         self._holes: dict[str, HoleView] = {}
         self._spots: dict[str, HoleView] = {}
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView], Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
         self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand
+
+    @cached_property
+    def _still(self) -> Frame:
+        return self._make_still()
+
+    @cached_property
+    def _noise(self) -> NDArray[np.int16]:
+        height, width, channels = self._still.image.shape
+        noise = np.random.default_rng(0).normal(0.0, NOISE, (height + SHIFTS_PX, width + SHIFTS_PX, channels))
+        return np.rint(noise).astype(np.int16)
 
     def take(self, exposure: Exposure) -> Frame:
         """Look at the world now, as the shutter closes."""
@@ -76,16 +86,16 @@ class GroundTruthPerception:
         if exposure.camera == "wrist":
             _mark(image, self._parts[exposure.sequence])
         told = exposure.camera, exposure.sequence, exposure.time_s
-        depth_mm = self._depth_mm if exposure.camera == "overhead" else None
+        depth_mm = self._still.depth_mm if exposure.camera == "overhead" else None
         return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
 
     def _image(self, sequence: int) -> NDArray[np.uint8]:
         """The still one, with other noise in each frame."""
-        height, width = self._still.shape[:2]
+        height, width = self._still.image.shape[:2]
         turn, shift = divmod(sequence, SHIFTS_PX**2)
         down, right = divmod(shift, SHIFTS_PX)
         noise = self._noise[down : down + height, right : right + width] * (-1) ** turn
-        image: NDArray[np.uint8] = np.clip(self._still + noise, 0, 255).astype(np.uint8)
+        image: NDArray[np.uint8] = np.clip(self._still.image + noise, 0, 255).astype(np.uint8)
         return image
 
     def close(self) -> None:
@@ -212,11 +222,13 @@ class GroundTruthPerception:
 
 
 def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> GroundTruthPerception:
-    """One that shows the bench as it is at the beginning in every frame; renders once."""
-    photographer = Photographer(world.model, sensors)
+    """One that shows the bench as it is at the beginning in every frame; renders once, for the first."""
     exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
-    still = photographer.take(exposure)
-    photographer.close()
+
+    def still() -> Frame:
+        with closing(Photographer(world.model, sensors)) as photographer:
+            return photographer.take(exposure)
+
     return GroundTruthPerception(world, hand=hand, still=still)
 
 

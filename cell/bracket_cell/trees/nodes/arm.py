@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -21,21 +21,17 @@ from bracket_cell.trees.nodes.poses import (
 )
 from bracket_cell.trees.nodes.services import CellNode, Services
 from bracket_cell.trees.nodes.skill_node import HELD, STATUSES, SkillNode
-from bracket_ground.errors import ModelError
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import GripperCommand
-from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartsView
-from bracket_ground.interfaces.pose import FINGERS_DOWN, Array
-from bracket_ground.interfaces.skill import Skill
+from bracket_ground.interfaces.pose import FINGERS_DOWN
+from bracket_ground.interfaces.skill import Progress, Skill
 from btxml.engine.errors import NodeError
 from btxml.engine.node import SUCCESS
+from btxml.engine.outside import Asked, Question
 from btxml.engine.ports import InputPort, OutputPort
 from btxml.engine.status import Status
 from btxml.engine.traits import Traits
-
-if TYPE_CHECKING:
-    from bracket_cell.learned.inference.policy import Policy
 
 FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 
@@ -58,7 +54,8 @@ class MoveToPose(SkillNode):
 class RunPolicy(SkillNode):
     """Let a trained policy (ONNX) lead the arm to a seen part, within a zone, by collision-free motions.
 
-    A guard must agree in every tick. What a policy sees stands in `bracket_cell.learned.inference.policy`, by name.
+    A guard must agree in every tick. What a policy sees stands in `bracket_cell.learned.inference.policy`, by name:
+    images are taken when it is asked. The log holds its answers; a replay asks nobody.
     """
 
     traits = replace(SkillNode.traits, claims=("arm",), needs_guard=True)
@@ -70,40 +67,64 @@ class RunPolicy(SkillNode):
     motions = InputPort(int, "motions that it may make", default=10)
     above_m = InputPort(float, "how far over the part its target is in [m]", default=0.16)
 
-    _policy: Policy | None = None
+    _question: Question | None = None
 
     def make_skill(self) -> Skill:
-        from bracket_cell.learned.inference.policy import Policy
         from bracket_cell.skills.follow_policy import FollowPolicy
 
         zone, services = self.zone_m.get(), self.services
         if len(zone) != 6 or any(most <= least for least, most in zip(zone[::2], zone[1::2], strict=True)):
             raise NodeError(f"zone_m {zone} is not least;largest x;y;z like 0.3;0.8;-0.6;0.3;0.1;0.6")
         part, others = part_and_others(self.parts.get(), self.index.get())
-        try:
-            self._policy = Policy(Path(self.file.get()), services.tools.motion.kinematics.count)
-        except ModelError as error:
-            raise NodeError(str(error)) from None
-        services.journal.note("message", text=f"policy {self.file.get()}, sha256 {self._policy.sha256}")
         x, y, z = self._part_m = part.world_from_part.position_m
-        self._target_m, self._chunk = (x, y, z + self.above_m.get()), list[Array]()
+        self._target_m, self._noted = (x, y, z + self.above_m.get()), False
         motion, (_, held), motions = services.tools.motion, self.surroundings, self.motions.get()
         box = (zone[0], zone[1], zone[2], zone[3], zone[4], zone[5])
-        return FollowPolicy(motion, (part, *others), held, wants=self.wants, zone=box, steps=motions)
+        return FollowPolicy(motion, (part, *others), held, zone=box, steps=motions)
 
-    def wants(self, seen: Observation) -> Array:
-        """Raises: ModelError: the policy has no answer."""
+    def poll(self) -> Progress:
+        skill: Any = self._skill
+        if skill.asks(self.now.observation) and (told := self._answer()) is not None:
+            if not self._noted:
+                self.tools.journal.note("message", text=f"policy {self.file.get()}, sha256 {told['sha256']}")
+            self._noted = True
+            skill.feed([np.array(row) for row in told["actions"]])
+        return super().poll()
+
+    def _answer(self) -> Any:
+        """What the policy answered, see `PolicyDevice.ask`; None as long as it did not.
+
+        Raises:
+            NodeError: it has no answer.
+        """
+        if self._question is None:
+            self._question = self._asked()
+        answer = self._question.poll()
+        if answer is None:
+            return None
+        self._question = None
+        if answer.error:
+            raise NodeError(answer.error)
+        return json.loads(answer.text)
+
+    def _asked(self) -> Question:
         from bracket_cell.learned.inference.policy import observed
-        from bracket_cell.skills.follow_policy import STEPS, joints_after
 
-        assert self._policy is not None, "make_skill comes first"
-        if not self._chunk:
-            told = self._policy.actions(observed(seen.arm, seen.gripper, self._part_m, self._target_m))
-            self._chunk = list(told)
-        wanted = self._chunk.pop(0)
-        if len(wanted) > len(STEPS):
-            return wanted
-        return joints_after(self.services.tools.motion, np.array(seen.arm.positions_rad), wanted)
+        seen, file, policies = self.now.observation, self.file.get(), self.tools.policies
+        sees = observed(seen.arm, seen.gripper, self._part_m, self._target_m)
+        told = {name: sees[name].tolist() for name in ("state", "part", "target")}
+
+        def ask() -> Asked:
+            assert policies is not None, "a run has them"
+            return policies.ask(file, sees)
+
+        return Question(self, {"policy": file, **told}, ask)
+
+    def terminate(self, new_status: Status) -> None:
+        if self._question is not None:
+            self._question.cancel()
+            self._question = None
+        super().terminate(new_status)
 
 
 class MoveToJoints(SkillNode):

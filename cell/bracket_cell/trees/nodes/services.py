@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -21,11 +21,12 @@ from bracket_ground.interfaces.operator import Question, QuestionKind, WorkOrder
 from bracket_ground.interfaces.perception import PartDetection, PartsView
 from bracket_ground.interfaces.places import EMPTY, spot_name
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
+from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from btxml.engine.blackboard import Scope
 from btxml.engine.causes import compared
 from btxml.engine.node import Node
-from btxml.engine.outside import LoggedAnswers
+from btxml.engine.outside import Asked, LoggedAnswers
 
 # Skills load kinematics and collision checking; who only checks or shows a tree file does not wait for them.
 if TYPE_CHECKING:
@@ -61,6 +62,14 @@ class Tick:
         self.show(questions=tuple(one for one in self.display.questions if one.number != question.number))
 
 
+class Policies(Protocol):
+    """Who asks trained policies, see `bracket_cell.running.policy_device`."""
+
+    def ask(self, file: str, seen: Mapping[str, Array]) -> Asked:
+        """Begin to ask the policy of a file, with what it sees beside images."""
+        ...
+
+
 @dataclass(frozen=True)
 class Tools:
     """What nodes work with; other tools take their place where a goal was learned.
@@ -70,6 +79,7 @@ class Tools:
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
         journal: takes notes for the log.
         files: tables and saved values of the user.
+        policies: who asks trained policies; None in a replay.
         answers: what leaves were answered from beyond the cell in the run that is replayed; None in a run.
         teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
             None where they are kept nowhere.
@@ -86,6 +96,7 @@ class Tools:
     guard: Guard
     journal: Journal
     files: Files = field(default_factory=WorkingFolder)
+    policies: Policies | None = None
     answers: LoggedAnswers | None = None
     teach: Callable[[str, tuple[str, ...]], str] | None = None
     learn: Callable[[Tools, tuple[str, ...]], tuple[Tools, str | None]] = lambda tools, _: (tools, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from rich.console import Console
 
 from bracket_cell.learned.inference.policy import ACTION, ENVIRONMENT, STATE, Policy
+from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.replay.loading import Changes
 from bracket_cell.log.replay.replay import Replay
@@ -86,7 +88,7 @@ LED = """<ReactiveSequence><GripperIsEmpty/>
   <RunPolicy file="FILE" parts="{parts}" index="{index}" zone_m="0.2;1.0;-0.8;0.5;0.05;0.8"/></ReactiveSequence>"""
 
 
-def recorded(folder: Path, move: str, seed: int) -> Log:
+def recorded(folder: Path, move: str, seed: int, *, pixels: bool = False) -> Log:
     """A run that goes above all parts that it sees."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "above.py").write_text(NODES)
@@ -94,7 +96,7 @@ def recorded(folder: Path, move: str, seed: int) -> Log:
     configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", "max_duration_s: 90.0")
     options = RunOptions(
         folder / "above.xml", configuration, "g0", seed, log=folder / "log.mcap", nodes=(str(folder / "above.py"),),
-        images=False, pixels=False, one_process=True,
+        images=pixels, pixels=pixels, one_process=True,
     )  # fmt: skip
     outcome = run(options, Console(quiet=True)).outcome
     assert outcome.end == "finished", outcome.reason
@@ -170,6 +172,69 @@ def test_a_policy_of_our_own_export_moves_above_parts(tmp_path: Path) -> None:
         seed += 1
     assert sum(error < 0.010 for error in found[:TRIED]) >= 18, sorted(found[:TRIED])
     again = Replay(log, Changes(nodes=(str(tmp_path / f"led{seed - 1}" / "above.py"),))).run()
+    assert again.identical, again.first
+
+
+OVERHEAD, WRIST = "observation.images.overhead", "wrist"
+
+
+def brightness(path: Path) -> None:
+    """It turns the last joint to as many rad as the overhead image is bright, and a little as the wrist's."""
+    nodes = [
+        helper.make_node("ReduceMean", [OVERHEAD], ["bright"], keepdims=0),
+        helper.make_node("ReduceMean", [WRIST], ["tray"], keepdims=0),
+        helper.make_node("Mul", ["tray", "little"], ["more"]),
+        helper.make_node("Add", ["bright", "more"], ["turn"]),
+        helper.make_node("Reshape", ["turn", "one"], ["last"]),
+        helper.make_node("Slice", [STATE, "from", "to", "along"], ["others"]),
+        helper.make_node("Concat", ["others", "last"], [ACTION], axis=1),
+    ]
+    floats = {"little": np.full(1, 1e-5, np.float32)}
+    integers = {"one": [1, 1], "from": [0], "to": [5], "along": [1]}
+    constants = floats | {name: np.array(value, np.int64) for name, value in integers.items()}
+    graph = helper.make_graph(
+        nodes, "brightness",
+        [
+            helper.make_tensor_value_info(STATE, TensorProto.FLOAT, [1, 7]),
+            helper.make_tensor_value_info(OVERHEAD, TensorProto.FLOAT, [1, 3, 48, 64]),
+            helper.make_tensor_value_info(WRIST, TensorProto.FLOAT, [1, "height", "width", 3]),
+        ],
+        [helper.make_tensor_value_info(ACTION, TensorProto.FLOAT, [1, 6])],
+        [numpy_helper.from_array(value, name) for name, value in constants.items()],
+    )  # fmt: skip
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=9), str(path))
+
+
+def answers_of(log: Log) -> list[dict[str, Any]]:
+    """What the policies of a run answered, or why they did not."""
+    return [fields for tick in log.ticks for topic, fields in tick.notes if topic == "outside"]
+
+
+@pytest.mark.slow  # a rendered run and its replay
+def test_a_policy_sees_images_and_its_replay_needs_neither_them_nor_its_file(tmp_path: Path) -> None:
+    brightness(tmp_path / "bright.onnx")
+    log = recorded(tmp_path / "led", LED.replace("FILE", str(tmp_path / "bright.onnx")), 3, pixels=True)
+    told = [json.loads(one["answer"]) for one in answers_of(log)]
+    assert len(told) >= 2, "it is asked again until the arm stands where it wants it"
+    assert set(told[0]["frames"]) == {"overhead", "wrist"}
+    assert told[1]["frames"]["overhead"] > told[0]["frames"]["overhead"]
+    assert told[1]["frames"]["wrist"] > told[0]["frames"]["wrist"], "the wrist camera was asked for a new image"
+    stands = log.ticks[-1].observation.arm.positions_rad
+    assert stands[5] == pytest.approx(told[-1]["actions"][0][5], abs=0.02)
+    shown = Frames(log).newest_of("overhead", 1e6)
+    assert shown is not None
+    assert stands[5] == pytest.approx(shown.image().mean() / 255, abs=0.05)
+    (tmp_path / "bright.onnx").unlink()
+    again = Replay(log, Changes(nodes=(str(tmp_path / "led" / "above.py"),))).run()
+    assert again.identical, again.first
+
+
+def test_without_images_a_policy_that_wants_some_has_no_answer(tmp_path: Path) -> None:
+    brightness(tmp_path / "bright.onnx")
+    log = recorded(tmp_path / "led", LED.replace("FILE", str(tmp_path / "bright.onnx")), 3)
+    [told] = answers_of(log)
+    assert "wants images of overhead and wrist, and this run makes none" in told["error"]
+    again = Replay(log, Changes(nodes=(str(tmp_path / "led" / "above.py"),))).run()
     assert again.identical, again.first
 
 

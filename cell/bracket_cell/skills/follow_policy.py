@@ -49,7 +49,7 @@ class FollowPolicy(FreeMove):
 
     def feed(self, rows: Sequence[Array]) -> None:
         """What the policy wants: joints (n,) in [rad] or steps (4,), one after the other."""
-        self._rows, self._moved = list(rows), False
+        self._rows, self._moved, self._waits_since_s = list(rows), False, None
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
         joints = self._goal_rad
@@ -71,8 +71,10 @@ class FollowPolicy(FreeMove):
                 self._choose(joints_of(observation))
             except ModelError as error:
                 return self._finish(failed(str(error)))
+            if self._goal_rad is None and self._moved:
+                return asking if observation.arm.stands and not observation.arm.moving else self._wait(observation)
             if self._goal_rad is None:
-                return asking if self._moved else self._finish(done(self.done))
+                return self._finish(done(self.done))
             self.steps -= 1
             if self.steps < 0:
                 return self._finish(failed("the policy did not come to rest in the motions that it may make"))

@@ -2,16 +2,17 @@
 
     python from_lerobot.py outputs/train/…/pretrained_model policy.onnx --every 5
 
-It runs where LeRobot is installed, and needs nothing else of this project. Normalisation goes into the file, so it takes
-what `bracket_cell.learned.inference.policy` names and answers rows of joints in [rad] and the opening in [m]. A policy
-that looks back sees the present as its past, as LeRobot's do after a reset. A diffusion policy gets the steps of DDIM
-(Song et al. 2021, arXiv:2010.02502) from one drawn noise, so that it answers the same every time.
+It runs where LeRobot is installed, and needs nothing else of this project. Normalisation goes into the file, so that it
+takes what `bracket_cell.learned.inference.policy` names, and answers rows of joints in [rad] and the opening in [m].
+A policy that looks back sees the present as its past, as LeRobot's do after a reset. A diffusion policy gets the steps
+of DDIM (Song et al. 2021, arXiv:2010.02502) from one drawn noise, so that it answers the same every time.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,11 @@ class Exported(nn.Module):
         super().__init__()
         self.policy, self.before, self.after, self.rows = policy, before, after, rows
         self.names = list(policy.config.input_features)
-        noise = torch.Generator().manual_seed(0)
         if policy.config.type == "diffusion":
             shape = (1, policy.config.horizon, policy.config.action_feature.shape[0])
-            self.register_buffer("noise", torch.randn(shape, generator=noise))
+            self.register_buffer("noise", torch.randn(shape, generator=torch.Generator().manual_seed(0)))
+            self.times, self.tells_noise = self._steps(), policy.config.prediction_type == "epsilon"
+            self.most = policy.config.clip_sample_range if policy.config.clip_sample else math.inf
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """Rows (1, k, n) for inputs in the order of `names`."""
@@ -61,8 +63,23 @@ class Exported(nn.Module):
         past = {name: torch.stack([value] * times, dim=1) for name, value in seen.items()}
         if self.policy.config.image_features:
             past[IMAGES] = torch.stack([past[name] for name in self.policy.config.image_features], dim=-4)
-        chunk: Tensor = self.policy.diffusion.generate_actions(past, noise=self.noise)
-        return chunk
+        model, sample, start = self.policy.diffusion, self.noise, times - 1
+        seen_all = model._prepare_global_conditioning(past)
+        for at, share, share_after in self.times:
+            told = model.unet(sample, torch.full((1,), at, dtype=torch.long), global_cond=seen_all)
+            clean = (sample - math.sqrt(1 - share) * told) / math.sqrt(share) if self.tells_noise else told
+            noise = (sample - math.sqrt(share) * clean) / math.sqrt(1 - share)
+            clean = clean.clamp(-self.most, self.most)
+            sample = math.sqrt(share_after) * clean + math.sqrt(1 - share_after) * noise
+        return sample[:, start : start + self.policy.config.n_action_steps]
+
+    def _steps(self) -> list[tuple[int, float, float]]:
+        """Of DDIM: number of the noise's step, and the signal's share of the variance at it and behind it."""
+        scheduler, trained = self.policy.diffusion.noise_scheduler, self.policy.config.num_train_timesteps
+        shares = [float(one) for one in scheduler.alphas_cumprod]
+        stride = trained // min(DENOISED, trained)
+        numbers = list(range(0, trained, stride))[::-1]
+        return [(at, shares[at], shares[at - stride] if at >= stride else 1.0) for at in numbers]
 
 
 def exported(checkpoint: Path, every: int) -> Exported:
@@ -82,8 +99,6 @@ def exported(checkpoint: Path, every: int) -> Exported:
         raise SystemExit(f"{checkpoint}: is a {kind!r} policy; legal: act, diffusion")
     policy = get_policy_class(kind).from_pretrained(str(checkpoint))
     policy.to("cpu").eval()
-    if kind == "diffusion":
-        _without_chance(policy)
     before, after = make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
     [normalise] = [step for step in before.steps if isinstance(step, NormalizerProcessorStep)]
     [undo] = [step for step in after.steps if isinstance(step, UnnormalizerProcessorStep)]
@@ -91,15 +106,6 @@ def exported(checkpoint: Path, every: int) -> Exported:
     if not rows:
         raise SystemExit(f"{checkpoint}: answers {policy.config.n_action_steps} rows; --every {every} keeps none")
     return Exported(policy, normalise, undo, rows)
-
-
-def _without_chance(policy: Any) -> None:
-    """Let a diffusion policy denoise by DDIM, which draws nothing on the way."""
-    from diffusers.schedulers.scheduling_ddim import DDIMScheduler  # type: ignore[import-not-found]
-
-    inner = policy.diffusion
-    inner.noise_scheduler = DDIMScheduler.from_config(inner.noise_scheduler.config)
-    inner.num_inference_steps = min(DENOISED, policy.config.num_train_timesteps)
 
 
 def write(module: Exported, target: Path) -> None:

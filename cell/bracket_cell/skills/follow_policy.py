@@ -68,13 +68,14 @@ class FollowPolicy(FreeMove):
         asking = Progress(SkillStatus.RUNNING, "asking the policy")
         if self._end is None and self._goal_rad is None:
             try:
-                self._choose(joints_of(observation))
+                goal = self._next(joints_of(observation))
             except ModelError as error:
                 return self._finish(failed(str(error)))
-            if self._goal_rad is None and self._moved:
+            if goal is None and self._moved:
                 return asking if observation.arm.stands and not observation.arm.moving else self._wait(observation)
-            if self._goal_rad is None:
+            if goal is None:
                 return self._finish(done(self.done))
+            self._goal_rad, self._moved = goal, True
             self.steps -= 1
             if self.steps < 0:
                 return self._finish(failed("the policy did not come to rest in the motions that it may make"))
@@ -84,13 +85,14 @@ class FollowPolicy(FreeMove):
         self._phases = self._end = self._goal_rad = None
         return asking
 
-    def _choose(self, arm_rad: Array) -> None:
-        """The next goal that is not where the arm stands, as long as the policy's last answer has some."""
-        while self._rows and self._goal_rad is None:
+    def _next(self, arm_rad: Array) -> Array | None:
+        """The next goal that is not where the arm stands; None where the policy's last answer has none left."""
+        while self._rows:
             row = self._rows.pop(0)
             joints = joints_after(self.planner, arm_rad, row) if len(row) == len(STEPS) else row
             if np.abs(joints - arm_rad).max() > SETTLED_RAD:
-                self._goal_rad, self._moved = joints, True
+                return joints
+        return None
 
 
 def step_goal(motion: MotionPlanner, start_rad: Array, step: Array) -> Pose:

@@ -31,6 +31,8 @@ class Exported(nn.Module):
         rows: of a chunk that are kept, as numbers.
     """
 
+    noise: Tensor
+
     def __init__(self, policy: Any, before: Any, after: Any, rows: list[int]) -> None:
         super().__init__()
         self.policy, self.before, self.after, self.rows = policy, before, after, rows

@@ -8,7 +8,16 @@ import numpy as np
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.inference.exposure import levelled
-from bracket_cell.learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, network_input, overlap, peaks
+from bracket_cell.learned.parts.maps import (
+    CELLS,
+    FURTHER,
+    HEIGHT_UNIT_M,
+    MOST_PEAKS,
+    UPRIGHT,
+    network_input,
+    overlap,
+    peaks,
+)
 from bracket_ground.interfaces.camera_model import CameraModel
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.learned.parts.augment import sample
@@ -98,3 +107,13 @@ def test_a_thing_of_doubtful_type_is_told_once_for_each() -> None:
                    FLOOR_M, None)  # fmt: skip
     found = peaks(drawn.heat, drawn.further, 0.5)
     assert sorted(peak.kind for peak in found) == [0, 2]
+
+
+def test_a_network_that_sees_something_everywhere_gives_no_more_than_the_surest() -> None:
+    rng = np.random.default_rng(1)
+    heat = rng.uniform(0.2, 0.9, (4, *reversed(CELLS))).astype(np.float32)
+    found = peaks(heat, np.zeros((FURTHER, *reversed(CELLS)), np.float32), 0.1)
+    assert len(found) == MOST_PEAKS
+    scores = [peak.score for peak in found]
+    assert scores == sorted(scores, reverse=True)
+    assert scores[0] == heat.max()

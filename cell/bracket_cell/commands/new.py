@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +31,8 @@ from btxml.views.picture import to_png
 DENSITY_KG_M3 = 2700.0  # of aluminium, where nobody says what the part weighs
 APART = 1e-4  # by which pieces that touch are shrunk: a shell is what hangs together by common points
 LARGEST_M = 1.0  # of a part; what is larger is in millimetres
+REAL_PX = (640, 480)  # a mode of every RealSense D400 and of nearly every USB camera; the drawn cameras have another
+REALSENSE_FOCAL_PX = 613.0  # of a D435's colours at that size; cell setup calibrate finds the camera's own
 
 
 def part(
@@ -224,6 +227,7 @@ def cell(
     files = new_cell()
     text = files["config/cell.yaml"].decode()
     text = re.sub(r"(?m)^robot: \S+", f"robot: {arm}", text)
+    text = re.sub(r"(?m)width_px: (\d+)\n( *)height_px: \d+\n *focal_px: (\S+)", partial(_camera, cameras), text)
     devices = "".join(_device(role, kind) for role, kind in chosen.items())
     head = "devices: # `cell doctor` tries each without motion, and says what to do (`cell docs real_cell`)\n"
     text = re.sub(r"(?ms)^devices:.*?(?=^\S)", f"{head}{devices}  panel: {{kind: none}}\n\n", text)
@@ -238,6 +242,13 @@ def cell(
         highlight=False,
         soft_wrap=True,
     )
+
+
+def _camera(kind: str, drawn: re.Match[str]) -> str:
+    """Size and focal length of a real camera, in place of a drawn one's."""
+    width, height = REAL_PX
+    focal_px = REALSENSE_FOCAL_PX if kind == "realsense" else round(float(drawn[3]) * width / int(drawn[1]), 1)
+    return f"width_px: {width}\n{drawn[2]}height_px: {height}\n{drawn[2]}focal_px: {focal_px}"
 
 
 def _device(role: str, kind: str) -> str:

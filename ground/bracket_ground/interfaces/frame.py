@@ -49,9 +49,12 @@ class Frame:
     @property
     def pixels(self) -> NDArray[np.uint8]:
         """Image and depth as one array (height, width, 5), or the image alone: how processes hand them on."""
-        if self.depth_mm is None:
-            return self.image
-        return np.dstack([self.image, self.depth_mm.astype("<u2")[..., np.newaxis].view(np.uint8)])
+        return self.image if self.depth_mm is None else together(self.image, self.depth_mm)
+
+
+def together(image: NDArray[np.uint8], depth_mm: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Image (height, width, 3) and depth (height, width) as `Frame.pixels`."""
+    return np.dstack([image, depth_mm.astype("<u2")[..., np.newaxis].view(np.uint8)])
 
 
 def apart(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:

@@ -52,6 +52,18 @@ def test_a_new_cell_is_a_commented_configuration_that_can_be_read(tmp_path: Path
     assert main(["new", "cell", str(folder), "--arm", "ur10e", "--gripper", "robotiq_modbus"]) == 2
 
 
+@pytest.mark.parametrize(("cameras", "focals_px"), [("realsense", (613.0, 613.0)), ("v4l2", (706.7, 560.0))])
+def test_cameras_of_a_new_cell_have_a_size_that_they_can_send(
+    tmp_path: Path, cameras: str, focals_px: tuple[float, float]
+) -> None:
+    words = ["new", "cell", str(tmp_path), "--arm", "ur10", "--gripper", "can", "--cameras", cameras]
+    assert main(words) == 0
+    bench = load_configuration(tmp_path / "config" / "cell.yaml").bench
+    setups = bench.overhead, bench.wrist
+    assert {(one.width_px, one.height_px) for one in setups} == {(640, 480)}
+    assert tuple(one.focal_px for one in setups) == focals_px
+
+
 def test_what_a_new_cell_cannot_have_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = {"--arm": "ur10", "--gripper": "can"}
     for option, value in (("--arm", "ur9"), ("--gripper", "glue"), ("--cameras", "eye")):

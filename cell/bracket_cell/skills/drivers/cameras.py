@@ -25,13 +25,14 @@ from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
-from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.frame import Frame, apart
 
 OPEN_MS, READ_MS = 3000, 500  # after which a stream that is silent is given up; OpenCV waits 30 s by itself
 RETRY_S = 0.2  # after which a camera that is gone is opened again
 CLOSES_S = 2.0  # in which a camera that is let go of has done so; a driver may wait for an image that never comes
 AT_ONCE_SHARE = 0.25  # of a period: a frame that comes sooner after the one before waited in a buffer
 LOOKED_S, OLD_S, SLOW, DARK = 2.0, 0.2, 0.8, 8.0  # of `examine`: how long; share of the rate; mean grey level
+LEAST_DEPTH = 0.8  # of `examine`: share of a standing bench's pixels that a stereo camera knows the depth of
 GRANTED = 0.02  # share by which a granted setting may differ from what was asked for
 FIXED = 1.0  # V4L2: exposure by hand
 Image = NDArray[np.uint8]
@@ -46,7 +47,8 @@ class Source(Protocol):
         """Wait for the next image, in RGB.
 
         Returns:
-            the image, and how long ago the driver stamped it [s]; None where it does not stamp.
+            the image, with depth as in `Frame.pixels` where the source has it, and how long ago the driver stamped it
+            [s]; None where it does not stamp.
 
         Raises:
             OSError: none came.
@@ -137,19 +139,22 @@ class GrabbingCamera:
         if self._source is None:
             self._source, self._sequence = self._open_source(self._setup), -1
         asked_s = time.monotonic()
-        image, ago_s = self._source.grab()
+        pixels, ago_s = self._source.grab()
         waited_s = time.monotonic() - asked_s
         self._sequence += 1
         if ago_s is None and waited_s < AT_ONCE_SHARE / self._setup.rate_hz:
             return  # nobody knows how long it waited in a buffer
+        image, depth_mm = apart(pixels)
         wanted = self._setup.height_px, self._setup.width_px
         if image.shape[:2] != wanted:
             told = f"{image.shape[1]} x {image.shape[0]} pixels, the bench file says {wanted[1]} x {wanted[0]}"
             raise OSError(f"its images have {told}")
+        if self._setup.depth and depth_mm is None:
+            raise OSError(f"it sends no depths, and bench.{self._name}.depth is true; legal: a RealSense, or false")
         now_s = self._clock.now_s()
         taken_s = now_s - (ago_s or 0.0) - (self._settings.delay_s or 0.0)
         mount, at_tool = self._setup.mount.pose, self._name == "wrist"
-        frame = Frame(self._name, self._sequence, taken_s, image, mount, at_tool=at_tool)
+        frame = Frame(self._name, self._sequence, taken_s, image, mount, at_tool=at_tool, depth_mm=depth_mm)
         with self._lock:
             if self._newest is None or taken_s > self._newest.time_s:
                 self._newest = frame
@@ -321,6 +326,10 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     finally:
         camera.close()
     yield _of_frames(what, frames, rate_hz, age_s)
+    if frames and (depth_mm := frames[-1].depth_mm) is not None:
+        share = float((depth_mm > 0).mean())
+        told = f"{what}: depth of {share:.0%} of the image"
+        yield DeviceCheck(told, "" if share >= LEAST_DEPTH else "too little: glare, bare steel, or a camera too near")
     told = f"{what}: stamps {1e3 * (settings.delay_s or 0.0):.0f} ms after the exposure"
     yield DeviceCheck(
         told if settings.delay_s is not None else f"{what}: how late its stamps are",

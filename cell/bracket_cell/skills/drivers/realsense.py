@@ -1,4 +1,4 @@
-"""The colour camera of an Intel RealSense. Never tried on hardware; needs the package pyrealsense2 and libusb-1.0."""
+"""An Intel RealSense, depths aligned to its colours. Never tried on hardware; needs pyrealsense2 and libusb-1.0."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 import pyrealsense2
+from numpy.typing import NDArray
 
 from bracket_cell.skills.drivers.cameras import GrabbingCamera, Image
 from bracket_cell.skills.drivers.settings import RealsenseSettings
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.frame import together
 
 FRAME_MS = 1000  # in which a frame must come
+MOST_MM = np.iinfo(np.uint16).max
+Mode = tuple[int, int, int]  # width, height, images a second
 
 
 class _Pipeline:
@@ -29,12 +33,19 @@ class _Pipeline:
         config = pyrealsense2.config()
         if settings.serial is not None:
             config.enable_device(settings.serial)
-        size = setup.width_px, setup.height_px
-        config.enable_stream(pyrealsense2.stream.color, *size, pyrealsense2.format.rgb8, round(setup.rate_hz))
+        mode = setup.width_px, setup.height_px, round(setup.rate_hz)
+        stream, pixel = pyrealsense2.stream, pyrealsense2.format
+        config.enable_stream(stream.color, *mode[:2], pixel.rgb8, mode[2])
+        if setup.depth:
+            config.enable_stream(stream.depth, *mode[:2], pixel.z16, mode[2])
+        self._align = pyrealsense2.align(stream.color) if setup.depth else None
         try:
-            profile = self._pipeline.start(config)
-            sensor = profile.get_device().first_color_sensor()
-            option = pyrealsense2.option
+            device = self._pipeline.start(config).get_device()
+        except RuntimeError as error:
+            raise OSError(f"RealSense: {error}{_legal(mode, setup.depth)}") from error
+        try:
+            self._mm = 1e3 * device.first_depth_sensor().get_depth_scale() if setup.depth else 0.0
+            sensor, option = device.first_color_sensor(), pyrealsense2.option
             for name, value in (
                 (option.enable_auto_exposure, 0.0),
                 (option.enable_auto_white_balance, 0.0),
@@ -43,29 +54,57 @@ class _Pipeline:
             ):
                 sensor.set_option(name, value)
         except RuntimeError as error:
+            self.close()
             raise OSError(f"RealSense: {error}") from error
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`; a frame that comes twice is taken once, and stamps of the camera's own clock for none."""
         while True:
             try:
-                frame: Any = self._pipeline.wait_for_frames(FRAME_MS).get_color_frame()
+                frames: Any = self._pipeline.wait_for_frames(FRAME_MS)
+                frames = frames if self._align is None else self._align.process(frames)
             except RuntimeError as error:
                 raise OSError(f"RealSense: {error}") from error
-            if frame.get_frame_number() != self._number:
+            frame = frames.get_color_frame()
+            if frame and frame.get_frame_number() != self._number:
                 break
         self._number = frame.get_frame_number()
         of_host = frame.get_frame_timestamp_domain() == pyrealsense2.timestamp_domain.global_time
         ago_s = time.time() - frame.get_timestamp() / 1000 if of_host else None
-        return np.asanyarray(frame.get_data()).astype(np.uint8), ago_s
+        image = np.asanyarray(frame.get_data()).astype(np.uint8)
+        return image if self._align is None else together(image, self._depth_mm(frames)), ago_s
+
+    def _depth_mm(self, frames: Any) -> NDArray[np.uint16]:
+        """Depths by the pixels of the colour image; 0 where none is known."""
+        if not (depth := frames.get_depth_frame()):
+            raise OSError("RealSense: a colour image came without its depths")
+        told = np.rint(np.asanyarray(depth.get_data()) * self._mm)
+        return np.where(told <= MOST_MM, told, 0).astype(np.uint16)
 
     def close(self) -> None:
         """As in `Source`."""
         self._pipeline.stop()
 
 
+def _legal(asked: Mode, depth: bool) -> str:
+    """Which modes a connected camera has instead of one that it has not; empty where there is no camera."""
+    sensors = [sensor for device in pyrealsense2.context().query_devices() for sensor in device.query_sensors()]
+    wanted = {pyrealsense2.stream.color: pyrealsense2.format.rgb8}
+    wanted |= {pyrealsense2.stream.depth: pyrealsense2.format.z16} if depth else {}
+    modes: dict[Any, set[Mode]] = {stream: set() for stream in wanted}
+    for profile in (profile for sensor in sensors for profile in sensor.get_stream_profiles()):
+        if wanted.get(profile.stream_type()) == profile.format():
+            seen = profile.as_video_stream_profile()
+            modes[profile.stream_type()].add((seen.width(), seen.height(), seen.fps()))
+    both = set.intersection(*modes.values())
+    if not both or asked in both:
+        return ""
+    told = ", ".join(f"{width} x {height} at {rate}" for width, height, rate in sorted(both))
+    return f"; it has no {asked[0]} x {asked[1]} at {asked[2]} images a second; legal: {told}"
+
+
 class RealsenseCamera(GrabbingCamera):
-    """The colour camera of a RealSense."""
+    """A RealSense."""
 
     Settings = RealsenseSettings
 

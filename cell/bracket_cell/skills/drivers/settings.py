@@ -225,7 +225,7 @@ class FileSettings(CameraDriverSettings):
 
 
 class RealsenseSettings(CameraDriverSettings):
-    """The colour camera of an Intel RealSense.
+    """An Intel RealSense: colours, and depths aligned to them where the bench file says depth: true.
 
     Attributes:
         kind: this driver.

@@ -1,0 +1,159 @@
+"""The RealSense driver against a made-up pyrealsense2 with the modes of a D435: depth by pixels of the colour image."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bracket_cell.configuration import load_configuration
+from bracket_cell.skills.drivers import cameras
+from bracket_cell.skills.drivers.settings import RealsenseSettings
+from bracket_ground.errors import DeviceFault
+from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.clock import WallClock
+from bracket_ground.interfaces.frame import Frame
+
+SIZES = ((424, 240), (640, 360), (640, 480), (848, 480), (1280, 720))
+UNIT_M = 0.0001  # of a D405; a D435 has 1 mm
+COLOUR, DEPTH = "colour", "depth"
+PERIOD_S = 0.01
+
+
+class Made:
+    """Attributes by name, of anything that is asked for by a call without arguments."""
+
+    def __init__(self, **told: Any) -> None:
+        self.__dict__.update({name: (lambda *_, value=value: value) for name, value in told.items()})
+
+
+class Config:
+    def __init__(self) -> None:
+        self.streams: dict[str, tuple[int, int]] = {}
+
+    def enable_stream(self, stream: str, width: int, height: int, pixel: str, rate: int) -> None:
+        del pixel, rate
+        self.streams[stream] = width, height
+
+
+def profile(stream: str, size: tuple[int, int]) -> Made:
+    video = Made(width=size[0], height=size[1], fps=15)
+    kind = {COLOUR: "rgb8", DEPTH: "z16"}[stream]
+    return Made(stream_type=stream, format=kind, as_video_stream_profile=video)
+
+
+class Pipeline:
+    """Sends images; depths are of the depth sensor's own pixels until they are aligned."""
+
+    aligned: bool
+    number = 0
+
+    def start(self, config: Config) -> Made:
+        if any(size not in SIZES for size in config.streams.values()):
+            raise RuntimeError("Couldn't resolve requests")
+        self.streams = config.streams
+        options = SimpleNamespace(set_option=lambda *_: None)
+        device = Made(first_color_sensor=options, first_depth_sensor=Made(get_depth_scale=UNIT_M))
+        return Made(get_device=device)
+
+    def wait_for_frames(self, limit_ms: int) -> Made:
+        del limit_ms
+        time.sleep(PERIOD_S)
+        self.number += 1
+        width, height = self.streams[COLOUR]
+        image = np.full((height, width, 3), self.number % 250, np.uint8)
+        colour = Made(
+            get_frame_number=self.number,
+            get_frame_timestamp_domain="host",
+            get_timestamp=1000 * time.time(),
+            get_data=image,
+        )
+        return Made(get_color_frame=colour, get_depth_frame=None, size=(width, height))
+
+    def stop(self) -> None:
+        pass
+
+
+class Align:
+    def __init__(self, stream: str) -> None:
+        assert stream == COLOUR
+
+    def process(self, frames: Any) -> Made:
+        width, height = frames.size()
+        raw = np.full((height, width), 13000, np.uint16)
+        raw[:, : width // 2] = 0
+        return Made(get_color_frame=frames.get_color_frame(), get_depth_frame=Made(get_data=raw))
+
+
+@pytest.fixture
+def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    fake: Any = ModuleType("pyrealsense2")
+    fake.stream = SimpleNamespace(color=COLOUR, depth=DEPTH)
+    fake.format = SimpleNamespace(rgb8="rgb8", z16="z16")
+    names = ("enable_auto_exposure", "enable_auto_white_balance", "exposure", "global_time_enabled")
+    fake.option = SimpleNamespace(**{name: name for name in names})
+    fake.timestamp_domain = SimpleNamespace(global_time="host")
+    fake.pipeline, fake.config, fake.align = Pipeline, Config, Align
+    sensor = Made(get_stream_profiles=[profile(stream, size) for stream in (COLOUR, DEPTH) for size in SIZES])
+    fake.context = lambda: Made(query_devices=[Made(query_sensors=[sensor])])
+    monkeypatch.setitem(sys.modules, "pyrealsense2", fake)
+    monkeypatch.delitem(sys.modules, "bracket_cell.skills.drivers.realsense", raising=False)
+    yield importlib.import_module("bracket_cell.skills.drivers.realsense")
+    sys.modules.pop("bracket_cell.skills.drivers.realsense", None)
+
+
+def bench_of(width: int, height: int, depth: bool) -> Bench:
+    bench = load_configuration().bench
+    size = {"width_px": width, "height_px": height, "depth": depth}
+    return bench.model_copy(update={"overhead": bench.overhead.model_copy(update=size)})
+
+
+def first_frame(camera: Any) -> Frame:
+    until_s = time.monotonic() + 5
+    while (frame := camera.latest()) is None and time.monotonic() < until_s:
+        time.sleep(PERIOD_S)
+    assert frame is not None
+    camera.close()
+    return frame
+
+
+def test_depths_come_in_millimetres_by_the_pixels_of_the_colours(driver: Any) -> None:
+    frame = first_frame(driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(848, 480, True), "overhead"))
+    assert frame.image.shape == (480, 848, 3)
+    assert frame.depth_mm is not None
+    assert frame.depth_mm.shape == (480, 848)
+    assert not frame.depth_mm[:, :424].any()
+    assert (frame.depth_mm[:, 424:] == 1300).all()
+
+
+def test_a_bench_without_depth_gets_none(driver: Any) -> None:
+    frame = first_frame(driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead"))
+    assert frame.depth_mm is None
+
+
+def test_a_size_that_it_has_not_is_refused_with_those_that_it_has(driver: Any) -> None:
+    with pytest.raises(DeviceFault, match=r"it has no 480 x 360 at 15 .* legal: 424 x 240 at 15, .*640 x 480 at 15"):
+        driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(480, 360, True), "overhead")
+
+
+def test_a_camera_without_depths_says_so_where_the_bench_wants_them() -> None:
+    class Colours:
+        def grab(self) -> tuple[Any, None]:
+            time.sleep(PERIOD_S)
+            return np.zeros((48, 64, 3), np.uint8), None
+
+        def close(self) -> None:
+            pass
+
+    settings = RealsenseSettings(lost_s=0.2)
+    camera = cameras.GrabbingCamera(settings, WallClock(), bench_of(64, 48, True), "overhead", lambda _: Colours())
+    time.sleep(0.4)
+    with pytest.raises(DeviceFault, match="sends no depths"):
+        camera.latest()
+    camera.close()

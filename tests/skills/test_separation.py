@@ -23,7 +23,7 @@ from bracket_cell.skills.motion.separation import Following, Separation, Separat
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.interfaces.bench import Obstacle
 from bracket_ground.interfaces.command import JointTrajectory
-from bracket_ground.interfaces.perception import Action, BenchView, Edge, HandSample
+from bracket_ground.interfaces.perception import WITHIN, Action, BenchView, Edge, HandSample
 from bracket_ground.interfaces.pose import Pose
 from tests.integration.cell_rig import BENCH, PRODUCT, motion_planner, robot_alone
 
@@ -148,6 +148,20 @@ def test_a_hand_that_begins_to_come_counts_more_than_its_mean_speed_says() -> No
 )
 def test_each_term_counts_once(changes: dict[str, float], more_m: float) -> None:
     assert with_settings(**changes).protective_m(1.6, 0.1) == pytest.approx(MONITOR.protective_m(1.6, 0.1) + more_m)
+
+
+@pytest.mark.parametrize(("deviation_m", "more_m"), [(0.001, 0.0), (0.02, 0.02 * WITHIN - S.hand_error_m)])
+def test_a_hand_that_its_tracker_doubts_is_kept_farther_off(deviation_m: float, more_m: float) -> None:
+    """Z_d: 95 % of its errors where they are more than the settings say, and never less than those."""
+    sure = hand(0.9, -0.5)
+    doubted = replace(sure, deviation_m=(deviation_m, deviation_m / 2, 0.1))
+    tool = np.array(BENCH.arm_park_rad)
+    found, usual = judge(tool, doubted, 0.1, False), judge(tool, sure, 0.1, False)
+    assert found.distance_m == usual.distance_m
+    assert found.least_m == pytest.approx(usual.least_m + more_m)
+    ahead = joint_move(PARK, LOWERING_RAD, motion_planner().settings), 0.0
+    shares = [judge(PARK, one, 0.1, False, ahead).share for one in (doubted, sure)]
+    assert shares[0] <= shares[1]
 
 
 def test_the_arm_may_be_off_by_the_tolerance_of_its_joints_at_full_reach() -> None:

@@ -17,6 +17,7 @@ from bracket_cell.learned.classical.image_health import ImageHealth
 from bracket_cell.learned.classical.part_detector import ClassicalPartDetector
 from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.learned.classical.track_health import TrackHealth
+from bracket_cell.learned.hands.depth import DepthUnderHands
 from bracket_cell.learned.inference.prefetch import Image
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
@@ -52,7 +53,7 @@ class DetectorChain:
         self._tracker, self._reader, self._detector = tracker, reader, detector
         self._spots = spots
         self._health = ImageHealth(bench, product)
-        self._track = TrackHealth(bench)
+        self._track, self._depth = TrackHealth(bench), DepthUnderHands(bench)
         self._calibration = CalibrationCheck(bench, product)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
@@ -72,7 +73,8 @@ class DetectorChain:
         check_image(self._overhead.model, frame)
         frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
         hand = self._tracker.track(frame)
-        health = self._health.judge(frame, [one for one in (hand, *self._tracker.others) if one is not None])
+        hands = [one for one in (hand, *self._tracker.others) if one is not None]
+        health = self._health.judge(frame, hands)
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
         velocity, acceleration = self._track.motion
         hand = hand and replace(hand, velocity_m_s=velocity, acceleration_m_s2=acceleration)
@@ -92,6 +94,7 @@ class DetectorChain:
             calibration=self._calibration.judge(frame, hand),
             unseen=self._health.unseen,
             unexplained=self._health.unexplained,
+            depth_missing=self._depth.judge(frame, hands),
             spots=self._spots(frame, hand),
         )
 

@@ -429,6 +429,7 @@ CHECKS: Mapping[str, Check] = {
     "hand_unknown": _hand_unknown,
     "hand_detector_blind": _blind,
     "hand_cues_disagree": _of_view(lambda view: view.unexplained),
+    "hand_depth_missing": _of_view(lambda view: view.depth_missing),
     **{f"rule_{action}s": _rule(action) for action in ("warn", "hold", "stop")},
     "command_contested": _contested,
 }

@@ -52,6 +52,7 @@ ADVICE: Mapping[str, str] = {  # by signal
     "hand_unknown": _HAND,
     "hand_detector_blind": "Show your bare hand to the camera above",
     "hand_cues_disagree": _HAND,
+    "hand_depth_missing": "Take off the dark glove, or tell maintenance of the glare",
     "hand_near": _AWAY,
     "hand_too_near": _AWAY,
     "blind_area": _SLOWLY,

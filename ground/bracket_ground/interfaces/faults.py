@@ -137,6 +137,7 @@ SIGNALS: Mapping[str, Sign] = {
         "something large reaches into the view over the person's edge, and no hand is seen there",
         "hands are where the image differs from the empty bench",
     ),
+    "hand_depth_missing": Sign("the depth camera knows no depth under a hand for half a second", "depths under hands"),
     "hand_near": Sign(
         "the hand is nearer than the protective distance at full speed: the share of speed is computed", HAND
     ),

@@ -18,6 +18,7 @@ import numpy as np
 
 from bracket_cell.configuration import Configuration
 from bracket_cell.learned.classical.box_model import View
+from bracket_cell.learned.hands.deviation import WITHIN_HEIGHT
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import HandSample, HandTracker
 from bracket_ground.interfaces.pose import Array
@@ -33,6 +34,7 @@ FOUND_M = 0.06  # between the palm that a tracker tells and the true one
 LEAST_VISIBLE = 0.5  # of a hand that must be found
 EDGE_PX = 8.0  # and its palm and fingertips are so far inside the image
 GONE_VISIBLE = 0.1  # a hand that shows less must not be found
+OVER_MM = 20.0  # of a person's median, from which the person counts as one that is seen badly
 STRETCH_FRAMES = 24
 RESAMPLES, RESAMPLING_SEED = 400, 11
 GLOVES_HSV = tuple((hue / 12, 0.85, 0.8 if hue % 2 else 0.35) for hue in range(12))  # more vivid than any in training
@@ -153,6 +155,12 @@ def _measure(tally: Tally, view: View, hand: HandTruth, sample: HandSample) -> N
         if height_m is not None:
             same_height = view.on_plane(view.pixels(np.array([[*told, height_m]])), hand.points_m[point][2])[0]
             tally.add(f"{name}_plane_mm", 1e3 * math.dist(same_height, by_image[:2]))
+    if sample.deviation_m is not None:
+        tally.add("palm_covered", math.dist(sample.palm_m, hand.points_m["palm"][:2]) <= sample.off_m)
+        tally.add("palm_off_mm", 1e3 * sample.off_m)
+        if sample.height_m is not None:
+            height_m = WITHIN_HEIGHT * sample.deviation_m[2]
+            tally.add("height_covered", abs(sample.height_m - hand.points_m["palm"][2]) <= height_m)
     if sample.height_m is not None:
         tally.add("height_mm", 1e3 * abs(sample.height_m - hand.points_m["palm"][2]))
     if sample.side is not None:
@@ -173,6 +181,10 @@ def scores(tallies: Sequence[Tally]) -> dict[str, Any]:
         groups = [np.array(tally.values.get(name, [])) for tally in tallies]
         found[f"{name}_n"] = sum(len(group) for group in groups)
         figures = {"_p50": 50, "_p95": 95} if name.endswith(("_mm", "_ms", "_deg")) else {"": None}
+        if name == "palm_mm":
+            persons = [float(np.median(group)) for group in groups if len(group)]
+            found["persons_palm_mm"] = [round(value, 1) for value in persons]
+            found["persons_over"] = sum(value > OVER_MM for value in persons)
         for suffix, percent in figures.items():
             found[name + suffix] = round(_figure(np.concatenate(groups), percent), 4)
             drawn = [np.concatenate([groups[index] for index in draw]) for draw in draws]

@@ -104,6 +104,7 @@ SPOILS: dict[str, Spoil] = {
     "bench_not_seen": view(unseen="the bench is not seen"),
     "hand_unknown": view(hand_unknown="it vanished"),
     "hand_cues_disagree": view(unexplained="something reaches into the view"),
+    "hand_depth_missing": view(depth_missing="no depth under the hand"),
     "hand_not_plausible": view(hand=HandSample(0.0, (0, 0, 9, 9), (math.nan, 0.0), (1.2, 0.4))),
     "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,10 +11,11 @@ from numpy.typing import NDArray
 from bracket_cell.configuration import load_configuration
 from bracket_cell.learned.classical.box_model import View, check_image
 from bracket_cell.learned.classical.depth_evidence import DepthEvidence
+from bracket_cell.learned.hands.depth import MISSING, UNDER_NAIL_M, UNDER_SKIN_M, DepthUnderHands, heights_by_depth
 from bracket_cell.learned.hands.reading import Reading
-from bracket_cell.learned.hands.tracking import UNDER_NAIL_M, UNDER_SKIN_M, heights_by_depth
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
 
 BENCH = load_configuration().bench
 PALM, THUMB, INDEX = np.array([240.0, 200.0]), np.array([228.0, 150.0]), np.array([250.0, 150.0])
@@ -52,6 +55,23 @@ def test_the_guess_stays_where_depth_tells_nothing_or_of_something_else() -> Non
     for depth_mm in (None, blind, depths(0.45, 0.45)):  # the last: an arm over the hand
         frame, view = seen(depth_mm)
         assert heights_by_depth(frame, view, reading(), guess) == guess
+
+
+def test_no_depth_under_a_hand_is_told_after_half_a_second_and_no_longer_than_it_is_so() -> None:
+    known, hole = depths(0.15, 0.09), depths(0.15, 0.09)
+    hole[170:230, 215:265] = 0
+    under = DepthUnderHands(BENCH)
+    palm_m = View.of(BENCH.overhead.model, seen(None)[0]).on_plane(PALM[np.newaxis], 0.13)[0]
+    hand = HandSample(0.0, (200, 130, 280, 260), (0.9, 0.0), (float(palm_m[0]), float(palm_m[1])), height_m=0.13)
+
+    def told(time_s: float, depth_mm: NDArray[np.uint16] | None, hands: tuple[HandSample, ...] = (hand,)) -> str:
+        return under.judge(replace(seen(depth_mm)[0], time_s=time_s), hands)
+
+    assert [told(0.0, known), told(1.0, hole), told(1.3, hole)] == [""] * 3
+    assert told(1.6, hole) == MISSING
+    assert told(1.7, known) == ""
+    assert [told(time_s, None) for time_s in (2.0, 3.0)] == [""] * 2
+    assert [told(time_s, hole, ()) for time_s in (4.0, 5.0)] == [""] * 2
 
 
 def test_fingertips_that_are_hidden_follow_the_palm() -> None:

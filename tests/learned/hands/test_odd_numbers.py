@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.learned.bench_watcher import DetectorChain
+from bracket_cell.learned.hands.depth import BELIEVED_M, heights_by_depth
 from bracket_cell.learned.hands.height import PalmLength
 from bracket_cell.learned.hands.reading import ApparentSize, Reading, over_table
-from bracket_cell.learned.hands.tracking import BELIEVED_M, HandTracks, heights_by_depth
+from bracket_cell.learned.hands.tracking import HandTracks
 from bracket_cell.skills.motion.known_bench import Implausible, KnownBench, ViewRange
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, Segment

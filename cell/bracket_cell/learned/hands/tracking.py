@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from bracket_cell.learned.classical.box_model import View
 from bracket_cell.learned.classical.track_health import motion_of
+from bracket_cell.learned.hands.depth import ERROR_M, heights_by_depth
+from bracket_cell.learned.hands.deviation import deviation_m
 from bracket_cell.learned.hands.height import PalmLength, heights_m, learn_length
-from bracket_cell.learned.hands.reading import HandReader, Reading, over_table
+from bracket_cell.learned.hands.reading import HandReader, Reading
 from bracket_cell.learned.hands.regions import Regions
 from bracket_cell.learned.hands.robot_mask import RobotMask
 from bracket_cell.learned.inference.prefetch import Image
@@ -22,48 +23,6 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HandSample, Preparing
 from bracket_ground.interfaces.pose import Array
-
-PALM_PX, TIP_PX = 4, 2  # half the width of a window around a point
-LEAST_KNOWN = 0.25  # of a window's pixels
-UNDER_SKIN_M, UNDER_NAIL_M = 0.020, 0.008  # of the palm's middle and of a fingertip
-BELIEVED_M, TIPS_BELIEVED_M = 0.20, 0.05  # what is farther from what is guessed is the robot, a head or the table
-ERROR_M = 0.008  # standard deviation of a palm's height by depth
-
-
-def heights_by_depth(frame: Frame, view: View, reading: Reading, guess_m: tuple[float, float]) -> tuple[float, float]:
-    """Heights of palm and fingertips over the table; the guess where depth tells none, or tells of something else.
-
-    Args:
-        guess_m: both heights by the colours.
-    """
-    palm_m, tips_m = guess_m
-    if frame.depth_mm is None:
-        return guess_m
-    seen = height_at(frame.depth_mm, view, reading.points_px["palm"], PALM_PX)
-    if seen is None or not abs(seen - UNDER_SKIN_M - palm_m) <= BELIEVED_M:
-        return guess_m
-    palm = over_table(seen - UNDER_SKIN_M)
-    tips = palm + tips_m - palm_m
-    found = [height_at(frame.depth_mm, view, reading.points_px[name], TIP_PX) for name in ("thumb", "index")]
-    near = [one - UNDER_NAIL_M for one in found if one is not None and abs(one - UNDER_NAIL_M - tips) < TIPS_BELIEVED_M]
-    return palm, over_table(float(np.mean(near)) if near else tips)
-
-
-def height_at(depth_mm: NDArray[np.uint16], view: View, pixel: Array, half_px: int) -> float | None:
-    """Height over the table of what is seen around a pixel (column, row); None where too little is known."""
-    column, row = (round(float(value)) for value in pixel)
-    rows, columns = (slice(max(0, at - half_px), max(0, at + half_px + 1)) for at in (row, column))
-    window = depth_mm[rows, columns]
-    known = window[window > 0]
-    if known.size <= LEAST_KNOWN * (2 * half_px + 1) ** 2:
-        return None
-    away_m = float(np.median(known)) / 1e3
-    model = view.model
-    in_camera = (model.straightened(np.asarray(pixel, float)[np.newaxis])[0] - model.middle_px) / model.focal_px
-    ray = view.world_from_camera.rotation @ np.array([*in_camera, 1.0])
-    height = float(view.world_from_camera.position_m[2] + away_m * ray[2])
-    return height if math.isfinite(height) else None
-
 
 NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.5  # of a hand that was not seen before, and of one that was
 DOUBTFUL_N, DOUBTFUL_S = 3, 0.3  # readings of LEAST_CONFIDENCE at one place within this time begin a track
@@ -211,7 +170,8 @@ class HandTracks:
         samples = {}
         for one in seen:
             by_colour = heights_m(one.reading, view, self._palm_length)
-            samples[id(one)] = _sample(one, view, frame, heights_by_depth(frame, view, one.reading, by_colour))
+            heights = heights_by_depth(frame, view, one.reading, by_colour)
+            samples[id(one)] = _sample(one, view, frame, heights, by_depth=heights != by_colour)
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
         return samples.get(id(self._works))
 
@@ -278,7 +238,7 @@ class HandTracks:
         self._works = best
 
 
-def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float]) -> HandSample:
+def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float], *, by_depth: bool) -> HandSample:
     """A hand in the world, by the heights of palm and fingertips."""
     reading = track.reading
     world: dict[str, Array] = {}
@@ -290,6 +250,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
     back = smooth["wrist"][:2] - smooth["palm"][:2]
     velocity, acceleration = track.motion(smooth["palm"][:2].copy(), frame.time_s)
     height, width = frame.image.shape[:2]
+    along_x_m, along_y_m, tall_m = deviation_m(reading, frame.image)
     return HandSample(
         time_s=frame.time_s,
         box_px=_clipped(reading.box_px, width, height),
@@ -306,6 +267,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         held_m=_xy(smooth["held"]) if "held" in smooth else None,
         forearm_rad=math.atan2(back[1], back[0]),
         confidence=reading.confidence,
+        deviation_m=(along_x_m, along_y_m, ERROR_M if by_depth else tall_m),
     )
 
 

@@ -50,7 +50,7 @@ PLAUSIBLE = PlausibleLimits()
 
 
 EDGES: tuple[Edge, ...] = get_args(Edge)
-TEXTS = ("health", "unseen", "unexplained", "hand_unknown")
+TEXTS = ("health", "unseen", "unexplained", "hand_unknown", "depth_missing")
 
 Range = tuple[Array, Array]
 ALWAYS = ("fingertips_m", "palm_m", "box_px", "confidence")  # what every tracker tells
@@ -84,6 +84,7 @@ class ViewRange:
             "box_px": _range([0.0] * 4, [*size, *size]),
             "forearm_rad": _range(-2 * math.pi, 2 * math.pi),
             "confidence": _range(0.0, 1.0),
+            "deviation_m": _range([0.0] * 3, [1.0] * 3),
         }
 
     def doubt(self, view: BenchView, now_s: float) -> str:

@@ -53,6 +53,7 @@ class Person:
         velocity_m_s: (x, y) as measured, the mean of a while; None where that is unknown.
         acceleration_m_s2: (x, y) as measured; None where that is unknown: then it was even, from rest.
         waited_for: an arm that is too near waits for it to leave.
+        doubt_m: by how much more than Z_d of the settings it may be off, by the deviation that its tracker tells.
     """
 
     body: coal.Convex
@@ -61,6 +62,7 @@ class Person:
     velocity_m_s: tuple[float, float] | None = None
     acceleration_m_s2: tuple[float, float] | None = None
     waited_for: bool = True
+    doubt_m: float = 0.0
 
     def coming_m_s(self, ways: Array, next_s: float = 0.0, last_s: float = 0.0) -> Array:
         """How fast it comes nearer along each of the ways (..., 3): at least at half of its speed, as it may turn.
@@ -119,14 +121,14 @@ class PersonSpace:
         stay away for long: the arm is slow before it could arrive, but does not wait for it. All hands that are not
         seen may be there, whatever else is seen. And over an edge that the bench leaves open somebody else may come.
         """
-        speed_m_s = self._settings.hand_speed_m_s
-        persons = [
-            Person(self.wall(hand), known.age_of_s(hand), speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2)
-            for hand in known.hands
-        ]
+        persons = [self._seen(hand, known.age_of_s(hand)) for hand in known.hands]
         edges = {*known.left_by, *self._settings.open_edges, *[self.edge] * (known.count < HANDS)}
         left = {*known.left_by} - {self.edge}
         return persons + [self.behind(edge, known.age_s, left=edge in left) for edge in EDGES if edge in edges]
+
+    def _seen(self, hand: HandSample, age_s: float) -> Person:
+        doubt_m, speed_m_s = max(0.0, hand.off_m - self._settings.hand_error_m), self._settings.hand_speed_m_s
+        return Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2, doubt_m=doubt_m)
 
     def behind(self, edge: Edge, age_s: float, *, left: bool = False) -> Person:
         """Whoever may be beyond an edge of the view, of which so old a frame is known.

@@ -125,7 +125,7 @@ class SeparationMonitor:
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
         self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + SEPARATION.tool_length_m)
-        self._off_m = (self.settings.hand_error_m, self.arm_error_m)
+        self._off_m = self.settings.hand_error_m + self.arm_error_m
 
     def judge(
         self, joints_rad: Array, persons: Sequence[Person], holding: bool, ahead: Following | None = None
@@ -159,7 +159,7 @@ class SeparationMonitor:
             link = int(left_m.argmin())
             room_m, least_m = (
                 float(rooms.distances_m[0, link]),
-                self.protective_m(float(coming_m_s[link]), person.age_s),
+                self.protective_m(float(coming_m_s[link]), person.age_s, person.doubt_m),
             )
             clear_m = least_m + self.settings.hysteresis_m
             if not room_m >= clear_m:
@@ -168,19 +168,21 @@ class SeparationMonitor:
         share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
         return replace(min(found, key=lambda one: one.spare_m), share=share, leaving=leaving)
 
-    def protective_m(self, hand_m_s: float, age_s: float, *, leaves: bool = False) -> float:
+    def protective_m(self, hand_m_s: float, age_s: float, doubt_m: float = 0.0, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.
 
         Args:
             hand_m_s: v_h, towards the arm.
             age_s: of what is known of the hand: part of T_r.
+            doubt_m: part of Z_d: see `Person`.
             leaves: for an arm that moves away, as slowly as it may then: S_r and S_s are 0.
         """
         settings = self.settings
         arm_m_s = settings.leaving_m_s if leaves else settings.slow_m_s
         brakes_m = arm_m_s**2 / (2 * settings.braking_m_s2)
         arm_m = 0.0 if leaves else arm_m_s * settings.reaction_s + brakes_m
-        return hand_m_s * self._takes_s(age_s, arm_m_s) + arm_m + settings.hand_error_m + self.arm_error_m
+        off_m = settings.hand_error_m + doubt_m + self.arm_error_m
+        return hand_m_s * self._takes_s(age_s, arm_m_s) + arm_m + off_m
 
     def _takes_s(self, age_s: float, arm_m_s: float) -> float:
         """T_r + T_s: from the exposure of the frame until the arm stands."""
@@ -283,7 +285,7 @@ class SeparationMonitor:
             return 0.0
         leaving_m_s = self.settings.leaving_m_s
         hand_m_s = person.most_m_s(self._takes_s(person.age_s, leaving_m_s), self._mean_over_s)
-        if not room_m >= self.protective_m(hand_m_s, person.age_s, leaves=True):
+        if not room_m >= self.protective_m(hand_m_s, person.age_s, person.doubt_m, leaves=True):
             return 0.0
         return retreat_share(self.outline, joints_rad, ahead, person.body, clear_m, leaving_m_s, holding=holding)
 
@@ -321,11 +323,11 @@ class _Arrival:
 
     Args:
         rooms: of links; the last MARKS + 1 places are the ends of the pieces.
-        off_m: what rooms may be less than they look.
+        off_m: what rooms may be less than they look, besides the person's doubt.
     """
 
-    def __init__(self, person: Person, rooms: Rooms, off_m: tuple[float, float], settings: SeparationSettings) -> None:
-        self._person, self._rooms, self._off_m, self._settings = person, rooms, off_m, settings
+    def __init__(self, person: Person, rooms: Rooms, off_m: float, settings: SeparationSettings) -> None:
+        self._person, self._rooms, self._off_m, self._settings = person, rooms, off_m + person.doubt_m, settings
         self._least_s = self._of(rooms.least_m, np.array(person.most_m_s())) - TINY
         self._asked = np.zeros(self._least_s.shape, dtype=bool)
 
@@ -348,8 +350,7 @@ class _Arrival:
         return np.where(self._asked, found, np.inf)
 
     def _of(self, rooms_m: Array, coming_m_s: Array) -> Array:
-        hand_m, arm_m = self._off_m
-        rooms_m = np.minimum(rooms_m[-SEPARATION.marks - 1 : -1], rooms_m[-SEPARATION.marks :]) - hand_m - arm_m
+        rooms_m = np.minimum(rooms_m[-SEPARATION.marks - 1 : -1], rooms_m[-SEPARATION.marks :]) - self._off_m
         return arrival_s(rooms_m, coming_m_s, self._settings) - self._person.age_s
 
 

@@ -37,7 +37,7 @@ class SeparationSettings(Model):
         hand_height_m: how high over the bench hand and forearm may be, where a tracker does not tell.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
-            is more than this; of a tracker without a card, 0.06 m.
+            is more than this; of a tracker without a card, 0.06 m. A hand whose deviation is larger is farther off.
         intrusion_m: C, how far a hand may be over the edge of the view before the tracker finds it: half a hand, as the
             card counts a hand that shows less as one that need not be found. It is 0 for a hand that is seen.
         open_edges: of the overhead image, over which more people may come at any time, as nothing stands there; the

@@ -1,0 +1,60 @@
+"""The deviation of a palm grows with what hides it: badly told sizes, darkness; and it is never nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bracket_cell.learned.hands.depth import ERROR_M
+from bracket_cell.learned.hands.deviation import deviation_m
+from bracket_cell.learned.hands.reading import ApparentSize, Reading
+from bracket_cell.learned.hands.tracking import HandTracks
+from tests.learned.hands.test_tracking import BENCH, Script, frame, reading
+
+SIZED = replace(reading((0.8, 0.0)), size=ApparentSize(-3.0, 0.01, (0.02, 0.02)))
+LIGHT = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
+
+
+def gloved(level: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """A light bench with a hand of that grey level."""
+    image = LIGHT.copy()
+    column, row = (round(float(value)) for value in SIZED.points_px["palm"])
+    image[row - 12 : row + 13, column - 12 : column + 13] = level
+    return image
+
+
+@given(st.floats(0.003, 0.3), st.floats(1.0, 5.0), st.integers(1, 120), st.integers(1, 120))
+def test_it_grows_with_the_error_of_the_size_and_with_darkness(
+    error: float, times: float, one: int, other: int
+) -> None:
+    def of(error: float, level: int, seen: Reading = SIZED) -> tuple[float, float, float]:
+        assert seen.size is not None
+        return deviation_m(replace(seen, size=replace(seen.size, angle_error=error)), gloved(level))
+
+    assert of(error, one)[0] <= of(times * error, one)[0]
+    dark, light = sorted((one, other))
+    assert all(a >= b > 0 for a, b in zip(of(error, dark), of(error, light), strict=True))
+
+
+def test_a_hand_of_no_known_size_may_be_farthest_off() -> None:
+    assert all(
+        a > b for a, b in zip(deviation_m(replace(SIZED, size=None), LIGHT), deviation_m(SIZED, LIGHT), strict=True)
+    )
+
+
+def test_a_sample_has_it_and_depth_makes_the_height_sure() -> None:
+    seen = reading((0.8, 0.0))
+    known = HandTracks(BENCH, Script([[seen]] * 2))
+    guessed = known.track(frame(0))
+    high_m = BENCH.overhead.mount.position_m[2] - 0.15
+    depth_mm = np.full(LIGHT.shape[:2], round(1e3 * high_m), np.uint16)
+    measured = known.track(replace(frame(1), depth_mm=depth_mm))
+    assert guessed is not None
+    assert measured is not None
+    assert guessed.deviation_m is not None
+    assert measured.deviation_m is not None
+    assert guessed.deviation_m[2] > measured.deviation_m[2] == ERROR_M
+    assert guessed.off_m == measured.off_m > 0

@@ -56,6 +56,35 @@ def test_what_is_near_is_fattened_and_hides_a_strip_from_the_second_camera(bench
     assert lost[: 20 - int(strip_px) - 2].max() < 0.3
 
 
+def test_what_is_too_near_is_not_known(bench: Bench) -> None:
+    assert not spoilt(bench, flat(bench, 0.2)).any()
+
+
+def test_steel_and_black_things_lose_their_depth_and_others_keep_it(product: Product, bench: Bench) -> None:
+    """The table keeps its depth, so that only the chosen share of the things is lost."""
+    shares = []
+    for holes in (0.0, 0.6):
+        world = build_world(product, bench)
+        model = world.model
+        model.geom_matid[:], model.geom_rgba[:, :3] = -1, 0.6
+        plate = np.flatnonzero(np.linalg.norm(world.data.geom_xpos[:, :2] - bench.tray.centre_m[:2], axis=1) < 0.02)
+        model.geom_rgba[plate, :3] = 0.05
+        setup = bench.overhead.model_copy(update={"depth": True})
+        look = NOMINAL.camera.model_copy(update={"depth_holes": holes})
+        photographer = Photographer(model, {"overhead": SensorSetup(setup, look, np.random.default_rng(3))})
+        pose = world.camera_pose("overhead")
+        frame = photographer.take(Exposure("overhead", 0, 0.0, pose, (visible_poses(world.data),)))
+        photographer.close()
+        assert frame.depth_mm is not None
+        corners = np.array(bench.tray.centre_m) + np.array([[-0.08, -0.08, 0.0], [0.08, 0.08, 0.0]])
+        low, high = np.sort(bench.overhead.model.project(pose, corners), axis=0).astype(int)
+        of_tray = frame.depth_mm[low[1] : high[1], low[0] : high[0]]
+        shares.append((float((of_tray == 0).mean()), float((frame.depth_mm == 0).mean())))
+    assert shares[0][0] < 0.1
+    assert 0.45 < shares[1][0] < 0.75
+    assert shares[1][1] < 0.35
+
+
 def test_a_camera_with_depth_has_the_same_colours(product: Product, bench: Bench) -> None:
     world = build_world(product, bench)
     frames = []

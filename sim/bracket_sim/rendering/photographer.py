@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import cv2
 import mujoco
@@ -23,7 +24,8 @@ SCALE_SPREAD = 0.005  # of the calibration, drawn once
 WINDOW_PX, FATTENED_PX = 4.0, 2  # pixels that share an error; by so much the foreground is wider
 LOST_FROM, LOST_PX = 1.88, 3.0  # standard deviations: 3 % of pixels, in blobs of so many
 COARSE = 2  # pixels, along both axes, for which noise is drawn once
-FARTHEST_M = 10.0
+NEAREST_M, FARTHEST_M = 0.28, 10.0  # the least of a D435 at 848 x 480
+EDGE_M, GLARE = 0.03, 250  # step in a pixel from which it is an edge; grey level of light that outshines the pattern
 
 DepthImage = NDArray[np.uint16]
 
@@ -39,12 +41,20 @@ class Stereo:
         self._rng, self._lens = rng, Lens(setup, look)
         self._shift_px = setup.focal_px * BASELINE_M  # disparity at 1 m, in pixels of the colour image
         self._scale = 1 + float(rng.normal(0.0, SCALE_SPREAD))
+        self._holes = min(max(look.depth_holes, TINY), 1 - TINY)
 
-    def spoil(self, depths_m: NDArray[np.float32]) -> DepthImage:
+    @property
+    def loses_things(self) -> bool:
+        """Whether it has holes that belong to things."""
+        return self._holes > TINY
+
+    def spoil(self, depths_m: NDArray[np.float32], weak: NDArray[np.bool_] | None = None) -> DepthImage:
         """What the camera sends, in [mm], pixel by pixel as the colour image; 0 where it knows nothing.
 
         Args:
             depths_m: (height, width) true distances from the image plane, by a pinhole camera.
+            weak: (height, width) where stereo finds little to match; there and at edges `depth_holes` of the look are
+                lost, in blobs.
         """
         seen = self._lens.bend_nearest(depths_m)
         window = np.ones((2 * FATTENED_PX + 1,) * 2, np.uint8)
@@ -52,7 +62,11 @@ class Stereo:
         error = near**2 * DISPARITY_PX / (FOCAL_PX * BASELINE_M)
         told = near * self._scale + error * self._smooth(near.shape, WINDOW_PX / 2)
         blobs = self._smooth(near.shape, LOST_PX)
-        lost = (blobs > LOST_FROM) | self._one_eyed(seen) | (told > FARTHEST_M)
+        lost = (blobs > LOST_FROM) | self._one_eyed(seen) | (told > FARTHEST_M) | (told < NEAREST_M)
+        if weak is not None:
+            steps = cv2.morphologyEx(seen, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+            weak = self._lens.bend_nearest(weak.astype(np.float32)).astype(bool) | (steps > EDGE_M)
+            lost |= weak & (self._smooth(near.shape, LOST_PX) < NormalDist().inv_cdf(self._holes))
         millimetres = np.where(lost, 0.0, np.rint(1e3 * told)).astype(np.uint16)
         millimetres.setflags(write=False)
         return millimetres
@@ -75,6 +89,7 @@ class Stereo:
         return hidden
 
 
+TINY = 1e-9
 WHITE = 255
 BANK_FRAMES = 2  # length of the noise bank, in images
 STILL = 1e-4  # by which a place [m] or a direction may change while the shutter is open, so that nothing is blurred
@@ -193,10 +208,13 @@ class Photographer:
     def take(self, exposure: Exposure) -> Frame:
         """The frame of an exposure."""
         sensor = self._sensors[exposure.camera]
-        image = sensor.spoil(self._gathered(exposure, sensor))
+        clean = self._gathered(exposure, sensor)
+        image = sensor.spoil(clean)
         stereo, depth_mm = self._stereo.get(exposure.camera), None
         if stereo is not None:
-            depth_mm = stereo.spoil(self._studio.depths_m(exposure.camera, sensor.width_px, sensor.height_px))
+            seen = exposure.camera, sensor.width_px, sensor.height_px
+            weak = self._studio.unmatched(*seen) | (clean.min(axis=2) >= GLARE) if stereo.loses_things else None
+            depth_mm = stereo.spoil(self._studio.depths_m(*seen), weak)
         told = exposure.camera, exposure.sequence, exposure.time_s
         return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
 

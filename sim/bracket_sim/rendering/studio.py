@@ -20,6 +20,7 @@ from bracket_sim.scene.palette import FLOOR_GROUP
 VISIBLE = ("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 
 ScenePoses = tuple[Array, ...]
+SHINES, BLACK = 0.9, 0.15  # specular reflection of bare steel; largest colour share of what takes all light
 CORNERS = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]])  # of an image, as signs
 
 
@@ -77,6 +78,21 @@ class Studio:
         depths: NDArray[np.float32] = renderer.render()
         renderer.disable_depth_rendering()
         return depths
+
+    def unmatched(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> NDArray[np.bool_]:
+        """(height, width) where a thing is seen that gives stereo nothing to match: black, or shining as bare steel."""
+        renderer = self._ready(camera, width_px, height_px)
+        renderer.enable_segmentation_rendering()
+        seen = renderer.render()
+        renderer.disable_segmentation_rendering()
+        model = self._scene.model
+        own, shines = model.geom_rgba[:, :3].copy(), np.zeros(model.ngeom, bool)
+        made = model.geom_matid >= 0
+        own[made] = model.mat_rgba[model.geom_matid[made], :3]
+        shines[made] = model.mat_specular[model.geom_matid[made]] >= SHINES
+        weak = np.append(shines | (own.max(axis=1) < BLACK), False)  # the last: what is no geom
+        found: NDArray[np.bool_] = weak[np.where(seen[..., 1] == mujoco.mjtObj.mjOBJ_GEOM, seen[..., 0], -1)]
+        return found
 
     def _ready(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> mujoco.Renderer:
         renderer = self._renderers.get((width_px, height_px))

@@ -197,6 +197,7 @@ class Camera(Model):
         dropped_share: probability that a frame is lost.
         late_share: probability that a frame comes later than the others.
         late_s: how much later.
+        depth_holes: share of bare steel, of black things, of glare and of edges that a depth camera knows nothing of.
     """
 
     exposure_s: float = knob(0, 0, 0.06, "s")
@@ -214,6 +215,7 @@ class Camera(Model):
     dropped_share: float = knob(0, 0, 0.5, "share")
     late_share: float = knob(0, 0, 1, "share")
     late_s: float = knob(0, 0, 1, "s")
+    depth_holes: float = knob(0, 0, 1, "share")
 
 
 class MountError(Model):

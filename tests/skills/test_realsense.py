@@ -118,7 +118,7 @@ def first_frame(camera: Any) -> Frame:
     until_s = time.monotonic() + 5
     while (frame := camera.latest()) is None and time.monotonic() < until_s:
         time.sleep(PERIOD_S)
-    assert frame is not None
+    assert isinstance(frame, Frame)
     camera.close()
     return frame
 

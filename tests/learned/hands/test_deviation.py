@@ -12,7 +12,7 @@ from bracket_cell.learned.hands.depth import ERROR_M
 from bracket_cell.learned.hands.deviation import deviation_m
 from bracket_cell.learned.hands.reading import ApparentSize, Reading
 from bracket_cell.learned.hands.tracking import HandTracks
-from tests.learned.hands.test_tracking import BENCH, Script, frame, reading
+from tests.learned.hands.test_tracking import BENCH, VIEW, Script, frame, reading
 
 SIZED = replace(reading((0.8, 0.0)), size=ApparentSize(-3.0, 0.01, (0.02, 0.02)))
 LIGHT = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
@@ -32,7 +32,7 @@ def test_it_grows_with_the_error_of_the_size_and_with_darkness(
 ) -> None:
     def of(error: float, level: int, seen: Reading = SIZED) -> tuple[float, float, float]:
         assert seen.size is not None
-        return deviation_m(replace(seen, size=replace(seen.size, angle_error=error)), gloved(level))
+        return deviation_m(replace(seen, size=replace(seen.size, angle_error=error)), gloved(level), VIEW)
 
     assert of(error, one)[0] <= of(times * error, one)[0]
     dark, light = sorted((one, other))
@@ -41,7 +41,10 @@ def test_it_grows_with_the_error_of_the_size_and_with_darkness(
 
 def test_a_hand_of_no_known_size_may_be_farthest_off() -> None:
     assert all(
-        a > b for a, b in zip(deviation_m(replace(SIZED, size=None), LIGHT), deviation_m(SIZED, LIGHT), strict=True)
+        a > b
+        for a, b in zip(
+            deviation_m(replace(SIZED, size=None), LIGHT, VIEW), deviation_m(SIZED, LIGHT, VIEW), strict=True
+        )
     )
 
 
@@ -58,3 +61,13 @@ def test_a_sample_has_it_and_depth_makes_the_height_sure() -> None:
     assert measured.deviation_m is not None
     assert guessed.deviation_m[2] > measured.deviation_m[2] == ERROR_M
     assert guessed.off_m == measured.off_m > 0
+
+
+def test_a_hand_larger_than_trained_may_be_lower_and_elsewhere_than_it_looks() -> None:
+    """Twice as large looks half as far away: its height is not known, and its place the less, the farther aside."""
+    assert SIZED.size is not None
+    usual, larger, largest = (
+        deviation_m(replace(SIZED, size=replace(SIZED.size, log_angle=angle)), LIGHT, VIEW) for angle in (-3, -2.5, -2)
+    )
+    assert usual[0] < larger[0] < largest[0]
+    assert 0.1 < larger[2] < largest[2]

@@ -144,9 +144,9 @@ def test_a_size_that_it_has_not_is_refused_with_those_that_it_has(driver: Any) -
 
 def test_a_camera_without_depths_says_so_where_the_bench_wants_them() -> None:
     class Colours:
-        def grab(self) -> tuple[Any, None]:
+        def grab(self) -> tuple[Any, float]:
             time.sleep(PERIOD_S)
-            return np.zeros((48, 64, 3), np.uint8), None
+            return np.zeros((48, 64, 3), np.uint8), 0.0
 
         def close(self) -> None:
             pass

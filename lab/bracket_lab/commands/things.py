@@ -38,8 +38,8 @@ def evaluate_parts(
         float | None, Option(min=0, max=180, help="Score parts tilted by so many degrees, in the look nominal.")
     ] = None,
 ) -> None:
-    """Score a part detector on images of trays. Kinds: centre, classical, rcnn."""
-    kind = _kind(shared, ("centre", "classical", "rcnn"))
+    """Score a part detector on images of trays. Kinds: centre, classical, rcnn; with --data also onnx."""
+    kind = _kind(shared, ("centre", "classical", "rcnn", *["onnx"] * bool(shared.data)))
     if shared.data:
         shared.score_pictures("parts", kind, shared.data)
         return

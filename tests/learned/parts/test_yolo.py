@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.learned.parts.yolo import read_boxes
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.errors import ModelError, SettingError
@@ -67,6 +68,13 @@ def with_suppression() -> NDArray[np.float32]:
     return rows[np.newaxis]
 
 
+def as_shares() -> NDArray[np.float32]:
+    """Of RT-DETR, with as many columns as a file of two classes with its own suppression."""
+    rows = np.zeros((300, 6), np.float32)
+    rows[5] = [*(value / SIDE for value in by_middle()), 0.1, 0.9]
+    return rows[np.newaxis]
+
+
 def found(weights: Path) -> list[tuple[str, tuple[int, ...], bool, float]]:
     perception = Perception().with_detector("parts", "onnx", weights)
     image = np.full((BENCH.wrist.height_px, BENCH.wrist.width_px, 3), 90, np.uint8)
@@ -74,9 +82,24 @@ def found(weights: Path) -> list[tuple[str, tuple[int, ...], bool, float]]:
     return [(one.part, one.box_px, one.upright, round(one.confidence, 2)) for one in seen]
 
 
-@pytest.mark.parametrize("answer", [of_v8(), of_v5(), with_suppression()], ids=["v8", "v5", "suppressed"])
+ANSWERS = {"v8": of_v8(), "v5": of_v5(), "suppressed": with_suppression(), "rtdetr": as_shares()}
+
+
+@pytest.mark.parametrize("answer", ANSWERS.values(), ids=ANSWERS)
 def test_boxes_are_parts_that_nobody_knows_to_stand(tmp_path: Path, answer: NDArray[np.float32]) -> None:
     assert found(model(tmp_path / "own.onnx", answer)) == [("o2", tuple(map(int, BOX)), False, 0.9)]
+
+
+def test_logits_and_boxes_of_transformers_are_read_alike() -> None:
+    rows = as_shares()
+    odds = np.log(np.maximum(rows[..., 4:], 1e-6) / (1 - rows[..., 4:]))
+    size, path = (SIDE, SIDE), Path("own.onnx")
+    one = read_boxes({"logits": odds, "pred_boxes": rows[..., :4]}, 2, size, path)
+    other = read_boxes({"output0": rows}, 2, size, path)
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-3)
+    with pytest.raises(ModelError, match="shape"):
+        read_boxes({"logits": odds[..., :1], "pred_boxes": rows[..., :4]}, 2, size, path)
 
 
 def test_a_class_that_is_no_part_is_an_unknown_thing(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ class OnnxModel:
 
 
 class ForeignModel:
-    """An ONNX file of another program: one image in, and its first output.
+    """An ONNX file of another program: one image in.
 
     Attributes:
         metadata: what its exporter wrote, as text.
@@ -211,7 +211,7 @@ class ForeignModel:
     def __init__(self, path: Path, session: onnxruntime.InferenceSession) -> None:
         self.path, self._session = path, session
         self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
-        self._input, self._output = session.get_inputs()[0], session.get_outputs()[0].name
+        self._input, self._outputs = session.get_inputs()[0], [one.name for one in session.get_outputs()]
 
     @staticmethod
     def load(path: Path) -> ForeignModel:
@@ -231,19 +231,19 @@ class ForeignModel:
         height, width = (side if isinstance(side, int) else usual for side in self._input.shape[2:])
         return width, height
 
-    def run(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The first output.
+    def run(self, image: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+        """All outputs by name, in their order.
 
         Raises:
             ModelError: no answer follows from this image, or it is not finite.
         """
         try:
-            (answer,) = self._session.run([self._output], {self._input.name: image})
+            answers = self._session.run(self._outputs, {self._input.name: image})
         except (ValueError, *LOAD_ERRORS) as error:
             raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
-        found: NDArray[np.float32] = np.asarray(answer, np.float32)
-        if not np.isfinite(found).all():
-            raise ModelError(f"{self.path}: output {self._output!r} is not finite")
+        found = {name: np.asarray(one, np.float32) for name, one in zip(self._outputs, answers, strict=True)}
+        if wrong := [name for name, one in found.items() if not np.isfinite(one).all()]:
+            raise ModelError(f"{self.path}: output {wrong[0]!r} is not finite")
         return found
 
 

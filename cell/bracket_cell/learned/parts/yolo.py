@@ -1,8 +1,9 @@
-"""A user's own detector of boxes, as YOLO's exporters write it: an ONNX file without a card, and a pose net beside it.
+"""A user's own detector of boxes, YOLO or RT-DETR: an ONNX file without a card, and a pose net beside it.
 
 Its classes are the metadata's `names`, as Ultralytics writes them, or else the product's types in their order. Outputs
 are read as (1, 4 + classes, n) of YOLOv8 and later, (1, n, 5 + classes) of YOLOv5, or (1, n, 6) where the file has its
-own suppression: left, top, right, bottom, score, class.
+own suppression: left, top, right, bottom, score, class. RT-DETR tells boxes as shares of the picture: as (1, n, 4 +
+classes) where Ultralytics wrote it, or as `logits` (1, n, classes) and `pred_boxes` (1, n, 4), of Transformers.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ USUAL_PX = 640  # side of the input where the file leaves it open
 LEAST_SCORE, APART, MOST = 0.25, 0.5, 60  # YOLO's usual score; intersection over union of two kept boxes; their number
 GREY = 114  # around a picture of another shape, as YOLO has it
 MOST_OF_ITS_OWN = 1000  # boxes of a file with its own suppression; one without it has thousands
+MOST_SHARE = 1.5  # of a box told as shares of the picture: it may reach over an edge
 TURNS = 8  # directions of an axis that the pose net tries, within half a turn
 
 Rows = NDArray[np.float32]
@@ -66,8 +68,9 @@ class YoloPartDetector(PosedPartDetector):
         return YoloPartDetector(bench, product, ForeignModel.load(weights), pose)
 
     def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
-        given, scale, shift = letterboxed(image, self._boxes.input_px(USUAL_PX))
-        boxes, scores, classes = read_boxes(self._boxes.run(given), len(self._kinds), self._boxes.path)
+        size_px = self._boxes.input_px(USUAL_PX)
+        given, scale, shift = letterboxed(image, size_px)
+        boxes, scores, classes = read_boxes(self._boxes.run(given), len(self._kinds), size_px, self._boxes.path)
         onto = np.tile(np.array(INPUT_PX) / image.shape[1::-1], 2)
         found = []
         for row in _surest(boxes, scores, classes):
@@ -114,14 +117,23 @@ def letterboxed(image: NDArray[np.uint8], size_px: tuple[int, int]) -> tuple[Row
     return planes, scale, np.array([left, top], np.float32)
 
 
-def read_boxes(answer: Rows, classes: int, path: Path) -> tuple[Rows, Rows, NDArray[np.int64]]:
+def read_boxes(
+    answers: Mapping[str, Rows], classes: int, size_px: tuple[int, int], path: Path
+) -> tuple[Rows, Rows, NDArray[np.int64]]:
     """Boxes (n, 4) left, top, right, bottom in pixels of the input, scores (n,) and classes (n,).
 
     Raises:
-        ModelError: the output has none of the known shapes.
+        ModelError: the outputs have none of the known shapes.
     """
+    answer = next(iter(answers.values()))
+    if {"logits", "pred_boxes"} <= set(answers):
+        told, odds = answers["pred_boxes"], answers["logits"].clip(-50, 50)
+        fits = told.shape == (1, odds.shape[1], 4) and odds.shape[2] == classes
+        answer = np.concatenate([told, 1 / (1 + np.exp(-odds))], axis=2) if fits else odds
     rows = answer[0] if answer.ndim == 3 and len(answer) == 1 else np.empty((0, 0), np.float32)
-    if rows.shape[1] == 6 and len(rows) <= MOST_OF_ITS_OWN:
+    if rows.shape[1] == 4 + classes and rows[:, :4].max(initial=0.0) <= MOST_SHARE:
+        rows = np.hstack([rows[:, :4] * np.tile(np.array(size_px, np.float32), 2), rows[:, 4:]])
+    elif rows.shape[1] == 6 and len(rows) <= MOST_OF_ITS_OWN:
         return rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64).clip(0, classes - 1)
     if rows.shape[0] == 4 + classes:
         rows = rows.T

@@ -45,7 +45,7 @@ class Perception(Model):
             drivers`), likewise below. With a real overhead camera both is the default, where MediaPipe was fetched.
         actions: what recognises the hand's action: classical, slim, paper.
         holes: what reads the holes: classical, plate, none (with `guard.holes: graph`).
-        parts: what finds parts in the wrist camera's view: classical, centre, rcnn, or onnx: a file of your own YOLO or RT-DETR.
+        parts: what finds parts in the wrist camera's view: classical, centre, rcnn, or onnx: your YOLO or RT-DETR.
         folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights

@@ -47,14 +47,16 @@ def label(
         list[str] | None,
         typer.Option(help="With --import: THEIRS=OURS, another name of a category; THEIRS= leaves its boxes out."),
     ] = None,
-    export_to: Annotated[Path | None, typer.Option("--export", help="Write all labels as a COCO file.")] = None,
+    export_to: Annotated[
+        Path | None, typer.Option("--export", help="Write all labels: FILE.json for COCO, a new folder for YOLO.")
+    ] = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Label pictures in a browser; detectors suggest, a person corrects.
 
     Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
     """
-    from bracket_cell.pictures.coco import read_labels, write_coco
+    from bracket_cell.pictures.coco import read_labels, write_coco, write_yolo
     from bracket_cell.pictures.server import LabelServer
     from bracket_cell.pictures.suggestions import Suggester
 
@@ -69,7 +71,8 @@ def label(
         for file, labels in read_labels(opened, import_from, places, _renamed(rename or ())).items():
             opened.save(file, labels)
     if export_to is not None:
-        console().print(f"{write_coco(opened, export_to, places)} pictures in {export_to}", highlight=False)
+        write = write_coco if export_to.suffix == ".json" else write_yolo
+        console().print(f"{write(opened, export_to, places)} pictures in {export_to}", highlight=False)
     if import_from is not None:
         console().print(f"{len(opened.labels)} pictures of {folder} have labels", highlight=False)
     if import_from is None and export_to is None:

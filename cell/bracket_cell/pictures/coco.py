@@ -8,14 +8,15 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+import yaml
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
 from bracket_cell.learned.records import MOST_PROBLEMS, UNKNOWN, Box, Hole, PartRow, mistakes
 from bracket_cell.pictures.foreign import SHARES, ForeignBox, read_foreign
-from bracket_cell.pictures.labels import LabelFolder, PictureLabels, Size, fit_of
+from bracket_cell.pictures.labels import IMAGES, LabelFolder, PictureLabels, Size, fit_of
 from bracket_ground.errors import InputError
-from bracket_ground.files.files import write_whole
+from bracket_ground.files.files import write_new, write_whole
 from bracket_ground.interfaces.product import Product
 
 SAME_SHAPE, OUTSIDE = 0.02, 0.005  # shares by which shapes of one picture may differ, and boxes reach over its edge
@@ -54,6 +55,23 @@ def write_coco(folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[s
     content = {"images": images, "categories": named, "annotations": found}
     write_whole(path, json.dumps(content).encode())
     return len(images)
+
+
+def write_yolo(folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[str, tuple[float, float]]]) -> int:
+    """Write data.yaml and labels/*.txt beside the pictures' names; returns how many pictures these are of."""
+    names, files = categories(folder.product), dict[str, bytes]()
+    for row in folder.pictures:
+        if (labels := folder.labels.get(row.file)) is None:
+            continue
+        width, height = folder.size_px(row)
+        lines = []
+        for name, (left, top, right, bottom), _ in _boxes(labels, holes_px.get(row.file, {})):
+            shares = ((left + right) / 2 / width, (top + bottom) / 2 / height, (right - left) / width)
+            lines.append(f"{names.index(name)} " + " ".join(f"{one:.6f}" for one in (*shares, (bottom - top) / height)))
+        files[f"labels/{Path(row.file).stem}.txt"] = "".join(f"{line}\n" for line in lines).encode()
+    told = {"path": str(folder.path.resolve()), "train": IMAGES, "val": IMAGES, "names": dict(enumerate(names))}
+    write_new(path, {"data.yaml": yaml.safe_dump(told, sort_keys=False).encode(), **files})
+    return len(files)
 
 
 def read_labels(

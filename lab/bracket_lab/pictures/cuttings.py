@@ -63,7 +63,7 @@ def cut(file: Path) -> Cutting:
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(
         cv2.morphologyEx(differs, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     )
-    areas = stats[1:, cv2.CC_STAT_AREA] if count > 1 else np.zeros(1)
+    areas = np.asarray(stats[1:, cv2.CC_STAT_AREA] if count > 1 else [0], np.float64)
     largest = (pieces == 1 + int(areas.argmax())) & (areas.max() > 0)
     if trouble := _trouble(areas, largest, edge):
         raise InputError(f"{file}: {trouble}")
@@ -74,7 +74,7 @@ def cut(file: Path) -> Cutting:
     return Cutting(np.ascontiguousarray(small[inside]), np.ascontiguousarray(soft[inside]))
 
 
-def _trouble(areas: NDArray[np.int32], largest: NDArray[np.bool_], edge: NDArray[np.bool_]) -> str:
+def _trouble(areas: NDArray[np.float64], largest: NDArray[np.bool_], edge: NDArray[np.bool_]) -> str:
     if not LEAST_SHARE <= float(areas.max()) / largest.size <= MOST_SHARE:
         return "no part stands out: lay it alone on a sheet of one colour that it has not, and keep the edges free"
     if float(areas.max()) < LEAST_SOLID * float(areas.sum()):

@@ -35,6 +35,8 @@ from bracket_lab.wiring.latency import note_scores
 Scores = dict[str, float]
 CLASSICAL, TRIVIAL, PICTURES = "_classical", "_trivial", "pictures_"
 LOOKS = 3  # at one picture by a tracker: a new hand must be sure
+POOR = {"right": 0.8, "map_50": 0.3, "found": 0.5, "accuracy": 0.5}  # chosen: of a lower figure a run gets nothing
+MORE = "label more pictures, of other days and light, look at the labels (cell label DIR), or take twice as many epochs"
 MEASURES = {"holes": "right", "parts": "map_50", "hands": "found", "actions": "accuracy"}
 
 
@@ -161,6 +163,8 @@ def objection(scores: Mapping[str, float]) -> str | None:
                 return f"{name.removesuffix(suffix)} is 0: they answer nothing right"
             if own < other:
                 return f"{name.removesuffix(suffix)} is {own:.3f}, and {whose} has {other:.3f} on the same pictures"
+            if own < POOR.get(name.removesuffix(suffix), 0.0):
+                return f"{name.removesuffix(suffix)} is {own:.3f} alone, which is poor: {MORE}"
     if scores.get("validation_said", 1.0) <= 0:
         return "they answer nothing"
     return None

@@ -123,3 +123,19 @@ def test_names_may_be_given_by_hand_and_others_left_out(folder: Path, capsys: py
     capsys.readouterr()
     assert main([*words, "--rename", "Hammer=o9"]) == 2
     assert "--rename: no category o9" in capsys.readouterr().err
+
+
+def test_boxes_come_back_from_a_folder_of_yolo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("photos").mkdir()
+    size = BENCH.wrist.width_px, BENCH.wrist.height_px
+    cv2.imwrite("photos/a.png", np.full((size[1], size[0], 3), 120, np.uint8))
+    for name in ("own", "other"):
+        assert main(["record", "photos", "--camera", "wrist", "--out", name]) == 0
+    assert main(["label", "own", "--import", str(coco(size=size, times=0.5))]) == 0
+    assert main(["label", "own", "--export", "out"]) == 0
+    assert main(["label", "other", "--import", "out"]) == 0
+    ((part,),) = [one.parts for one in LabelFolder(Path("other"), PRODUCT).labels.values()]
+    assert part.part == "o1"
+    assert part.whole_box_px == pytest.approx([0.5 * side for side in BOX], abs=0.01)
+    assert main(["label", "own", "--export", "out"]) == 2

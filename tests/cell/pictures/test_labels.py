@@ -153,6 +153,7 @@ def test_weights_that_are_worth_nothing_are_not_recommended() -> None:
     assert "the classical detector has 0.950" in str(objection({"right": 0.9, "right_classical": 0.95}))
     assert "the commonest answer has 0.600" in str(objection({"accuracy": 0.5, "accuracy_trivial": 0.6}))
     assert "answer nothing" in str(objection({"map_50": 0.0, "map_50_classical": 0.0}))
+    assert "which is poor: label more pictures" in str(objection({"map_50": 0.04, "map_50_classical": 0.0}))
     assert "answer nothing" in str(objection({"validation_said": 0.0}))
 
 

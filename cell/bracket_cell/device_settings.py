@@ -22,6 +22,7 @@ from bracket_cell.skills.drivers.settings import (
     CameraKind,
     CanSettings,
     GripperKind,
+    Ros2PanelSettings,
     SignalKind,
     SignalSettings,
     kinds_of,
@@ -35,7 +36,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "gripper": ("simulated", *kinds_of(GripperKind)),
     "overhead": ("simulated", *kinds_of(CameraKind)),
     "wrist": ("simulated", *kinds_of(CameraKind)),
-    "panel": ("simulated", "page", "none"),
+    "panel": ("simulated", "page", "none", "ros2"),
     "signals": kinds_of(SignalKind),
 }  # of the project, by role
 _OURS: list[Any] = sorted({kind for kinds in KINDS.values() for kind in kinds})
@@ -113,7 +114,12 @@ ArmDevice = Annotated[Simulated | ArmKind | Own, _kind("arm")]
 CameraDevice = Annotated[Simulated | CameraKind | Own, _kind("overhead")]
 GripperDevice = Annotated[Simulated | GripperKind | Own, _kind("gripper")]
 PanelDevice = Annotated[
-    Simulated | Annotated[PagePanel, Tag("page")] | Annotated[NoPanel, Tag("none")] | Own, _kind("panel")
+    Simulated
+    | Annotated[PagePanel, Tag("page")]
+    | Annotated[NoPanel, Tag("none")]
+    | Annotated[Ros2PanelSettings, Tag("ros2")]
+    | Own,
+    _kind("panel"),
 ]
 SignalsDevice = Annotated[SignalKind | Own, _kind("signals")]
 
@@ -149,7 +155,7 @@ class DeviceSettings(Model):
         gripper: likewise.
         overhead: the camera over the bench, likewise.
         wrist: the camera at the gripper, likewise.
-        panel: what the person at the bench sees: simulated, page, none, or your own driver.
+        panel: what the person at the bench sees: simulated, page, none, ros2, or your own driver.
         signals: digital signals: of an I/O module (can), a PLC (modbus), an arm (ur), or your own; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
             person.

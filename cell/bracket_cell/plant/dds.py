@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from bracket_cell.packages import needed
 from bracket_cell.plant.ros_types import PACKAGE_OF, message
-from bracket_cell.skills.drivers.settings import DdsSettings
 from bracket_ground.errors import InputError
 
 WRITE_S = 0.1  # [s] that a reliable topic may wait for a slow reader
-DOMAINS: dict[int, tuple[str, Any]] = {}  # of this process, each with its network; DDS knows each once
+DOMAINS: dict[int, tuple[str, Any, Any]] = {}  # of this process: network, domain and participant; DDS knows each once
 SETTINGS = """<CycloneDDS><Domain><General>
 <Interfaces><NetworkInterface {by}="{network}" multicast="default"/></Interfaces>
 <AllowMulticast>{multicast}</AllowMulticast></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex>{peers}</Discovery>
 <Tracing><Verbosity>none</Verbosity></Tracing></Domain></CycloneDDS>"""
+MOST_N = 256  # messages that are taken at a time
 LOCAL = "127.0.0.1"
 
 
@@ -35,47 +35,72 @@ class Quality:
     lasting: bool = False
 
 
+SENSOR = Quality(reliable=False, kept=5)  # rmw_qos_profile_sensor_data; it hears reliable publishers, too
+LAST = Quality(kept=1, lasting=True)
+
+
+class Network(Protocol):
+    """Where topics are: ROS_DOMAIN_ID, and name or address of the network's interface."""
+
+    @property
+    def domain(self) -> int: ...
+
+    @property
+    def network(self) -> str: ...
+
+
 class Node:
-    """A participant of a domain.
+    """The participant of this process in a domain, as a context of ROS 2 has one.
 
     Raises:
         InputError: the extra is not installed, the network is not there, or the domain has another one here.
     """
 
-    def __init__(self, settings: DdsSettings) -> None:
+    def __init__(self, settings: Network) -> None:
         self._dds = needed("cyclonedds.domain", PACKAGE_OF, "ros2")
-        self._open(settings)
-        self._participant = self._dds.DomainParticipant(settings.domain)
+        self._participant = self._opened(settings)
 
     def publisher(self, topic: str, kind: str, quality: Quality = Quality()) -> Any:
         """What writes messages of a kind, for example "std_msgs/msg/String"."""
-        made = needed("cyclonedds.pub", PACKAGE_OF, "ros2")
-        return made.DataWriter(self._participant, self._topic(topic, kind, quality), qos=_qos(quality))
+        return self.writer(f"rt{topic}", message(kind), quality)
 
     def subscription(self, topic: str, kind: str, quality: Quality) -> Any:
         """What takes them."""
+        return self.reader(f"rt{topic}", message(kind), quality)
+
+    def writer(self, name: str, kind: Any, quality: Quality) -> Any:
+        """The same of a name on the wire: ROS 2 has rt before topics, rq and rr before a service's two."""
+        made = needed("cyclonedds.pub", PACKAGE_OF, "ros2")
+        return made.DataWriter(self._participant, self._topic(name, kind), qos=_qos(quality))
+
+    def reader(self, name: str, kind: Any, quality: Quality) -> Any:
+        """What takes them, likewise."""
         made = needed("cyclonedds.sub", PACKAGE_OF, "ros2")
-        return made.DataReader(self._participant, self._topic(topic, kind, quality), qos=_qos(quality))
+        return made.DataReader(self._participant, self._topic(name, kind), qos=_qos(quality))
 
-    def _topic(self, topic: str, kind: str, quality: Quality) -> Any:
-        """ROS 2's topics have rt before their names on the wire."""
+    def _topic(self, name: str, kind: Any) -> Any:
+        """The topic alone has no quality: each who writes or reads it has one."""
         made = needed("cyclonedds.topic", PACKAGE_OF, "ros2")
-        return made.Topic(self._participant, f"rt{topic}", message(kind), qos=_qos(quality))
+        return made.Topic(self._participant, name, kind)
 
-    def _open(self, settings: DdsSettings) -> None:
+    def _opened(self, settings: Network) -> Any:
         if settings.domain in DOMAINS:
-            if DOMAINS[settings.domain][0] != settings.network:
-                raise InputError(f"ROS 2: domain {settings.domain} is on {DOMAINS[settings.domain][0]} already")
-            return
+            network, _, participant = DOMAINS[settings.domain]
+            if network != settings.network:
+                raise InputError(f"ROS 2: domain {settings.domain} is on {network} already")
+            return participant
         core = needed("cyclonedds.core", PACKAGE_OF, "ros2")
         local = settings.network == LOCAL
         by = "address" if settings.network[0].isdigit() or ":" in settings.network else "name"
         peers = f'<Peers><Peer address="{LOCAL}"/></Peers>' if local else ""
         text = SETTINGS.format(by=by, network=settings.network, multicast="false" if local else "default", peers=peers)
         try:
-            DOMAINS[settings.domain] = settings.network, self._dds.Domain(settings.domain, text)
+            domain = self._dds.Domain(settings.domain, text)
+            participant = self._dds.DomainParticipant(settings.domain)
         except core.DDSException as error:
             raise InputError(f"ROS 2: no network {settings.network!r} here ({type(error).__name__})") from None
+        DOMAINS[settings.domain] = settings.network, domain, participant
+        return participant
 
 
 def _qos(quality: Quality) -> Any:
@@ -87,3 +112,16 @@ def _qos(quality: Quality) -> Any:
         policy.Durability.TransientLocal if quality.lasting else policy.Durability.Volatile,
         policy.History.KeepLast(quality.kept),
     )
+
+
+def taken(reader: Any) -> list[Any]:
+    """What came since the last call, oldest first; a topic that ended is no message."""
+    core = needed("cyclonedds.internal", PACKAGE_OF, "ros2")
+    return [came for came in reader.take(MOST_N) if not isinstance(came, core.InvalidSample)]
+
+
+def waited(reader: Any, limit_s: float) -> Any:
+    """The next message, or None where none comes in time; raises what the reader raises."""
+    util, core = (needed(f"cyclonedds.{part}", PACKAGE_OF, "ros2") for part in ("util", "internal"))
+    came = next(reader.take_iter(timeout=util.duration(seconds=limit_s)), None)
+    return None if isinstance(came, core.InvalidSample) else came

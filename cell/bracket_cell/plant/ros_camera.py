@@ -1,24 +1,28 @@
-"""A camera that a node of ROS 2 publishes, as sensor_msgs/Image or CompressedImage."""
+"""A camera that a node of ROS 2 publishes: sensor_msgs/Image or CompressedImage, a depth image, and CameraInfo."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from bracket_cell.packages import needed
-from bracket_cell.plant.dds import Node, Quality
-from bracket_cell.plant.ros_types import PACKAGE_OF
+from bracket_cell.plant.dds import SENSOR, Node, taken, waited
+from bracket_cell.skills.drivers import cameras
 from bracket_cell.skills.drivers.cameras import GrabbingCamera, Image
 from bracket_cell.skills.drivers.settings import Ros2CameraSettings
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.devices import DeviceCheck
 
 FRAME_S = 1.0  # in which a frame must come
 OLDEST_S = 10.0  # a stamp that is farther from the wall clock is of another clock, as of a simulation
-SENSOR = Quality(reliable=False, kept=1)  # rmw_qos_profile_sensor_data; it hears reliable publishers, too
+DEPTH_S, DEPTHS_N = 0.1, 8  # that a depth image may come after its image; of those that are kept
+INFO_S, FOCAL_OFF, CENTRE_OFF_PX = 3.0, 0.02, 16.0  # of CameraInfo: to wait; what may differ from the bench file
 COMPRESSED = "/compressed"
 TO_RGB = {
     "rgb8": None,
@@ -29,27 +33,49 @@ TO_RGB = {
 
 
 class _Subscribed:
-    """Implements `Source`."""
+    """Implements `Source`.
 
-    def __init__(self, settings: Ros2CameraSettings) -> None:
+    Attributes:
+        depth_mm: of the last image; None where none came with its stamp.
+    """
+
+    def __init__(self, settings: Ros2CameraSettings, slower: float) -> None:
         kind = "CompressedImage" if settings.topic.endswith(COMPRESSED) else "Image"
-        self._topic = settings.topic
-        self._reader: Any = Node(settings).subscription(settings.topic, f"sensor_msgs/msg/{kind}", SENSOR)
-        self._util = needed("cyclonedds.util", PACKAGE_OF, "ros2")
+        self._topic, self._slower = settings.topic, slower
+        node = Node(settings)
+        self._reader: Any = node.subscription(settings.topic, f"sensor_msgs/msg/{kind}", SENSOR)
+        self._depths: Any = None
+        if settings.depth:
+            self._depths = node.subscription(settings.depth, "sensor_msgs/msg/Image", SENSOR)
+        self._kept: deque[Any] = deque(maxlen=DEPTHS_N)
+        self.depth_mm: NDArray[np.uint16] | None = None
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`."""
-        came = next(self._reader.take_iter(timeout=self._util.duration(seconds=FRAME_S)), None)
+        came = waited(self._reader, FRAME_S * self._slower)
         if came is None:
             raise OSError(f"nothing comes on {self._topic}")
         stamp_s = came.header.stamp.sec + came.header.stamp.nanosec * 1e-9
-        ago_s = time.time() - stamp_s
         image = _decoded(came) if self._topic.endswith(COMPRESSED) else _image(came)
+        self.depth_mm = self._depth(came.header.stamp)
+        ago_s = time.time() - stamp_s
         return image, ago_s if 0 <= ago_s <= OLDEST_S else None
 
     def close(self) -> None:
         """As in `Source`."""
-        self._reader = None
+        self._reader = self._depths = None
+
+    def _depth(self, stamp: Any) -> NDArray[np.uint16] | None:
+        until_s = time.monotonic() + DEPTH_S * self._slower
+        while self._depths is not None:
+            self._kept.extend(taken(self._depths))
+            if (found := next((one for one in self._kept if one.header.stamp == stamp), None)) is not None:
+                return _millimetres(found)
+            if time.monotonic() > until_s:
+                return None
+            if (came := waited(self._depths, 0.01)) is not None:
+                self._kept.append(came)
+        return None
 
 
 class Ros2Camera(GrabbingCamera):
@@ -58,7 +84,7 @@ class Ros2Camera(GrabbingCamera):
     Settings = Ros2CameraSettings
 
     def __init__(self, settings: Ros2CameraSettings, clock: Clock, bench: Bench, role: str) -> None:
-        super().__init__(settings, clock, bench, role, lambda _: _Subscribed(settings))
+        super().__init__(settings, clock, bench, role, lambda _: _Subscribed(settings, getattr(clock, "slower", 1.0)))
 
 
 def _image(came: Any) -> Image:
@@ -80,3 +106,37 @@ def _decoded(came: Any) -> Image:
     if image is None:
         raise OSError("a compressed image cannot be decoded")
     return np.asarray(image, np.uint8)
+
+
+def _millimetres(came: Any) -> NDArray[np.uint16]:
+    """A depth image, as realsense-ros has it."""
+    if came.encoding != "16UC1":
+        raise OSError(f"depth images are {came.encoding[:20]!r}, must be 16UC1")
+    data = np.frombuffer(bytes(came.data), ">u2" if came.is_bigendian else "<u2")
+    if data.size != came.width * came.height or not data.size:
+        raise OSError(f"a depth image of {came.width} x {came.height} pixels has {2 * data.size} bytes")
+    return data.reshape(came.height, came.width).astype(np.uint16)
+
+
+def examine(settings: Ros2CameraSettings, clock: Clock, bench: Bench, role: str) -> Iterator[DeviceCheck]:
+    """As of every camera, and its lens by CameraInfo."""
+    yield from cameras.examine(settings, clock, bench, role)
+    if settings.info:
+        reader = Node(settings).subscription(settings.info, "sensor_msgs/msg/CameraInfo", SENSOR)
+        yield _lens(waited(reader, INFO_S), bench, role, settings.info)
+
+
+def _lens(info: Any, bench: Bench, role: str, topic: str) -> DeviceCheck:
+    if info is None:
+        return DeviceCheck(f"camera {role}: its lens", f"nothing comes on {topic}")
+    setup, (fx, _, cx, _, fy, cy, *_) = getattr(bench, role), info.k
+    told = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
+    told += f"{info.width} x {info.height} pixels"
+    off_px = max(abs(cx - (info.width - 1) / 2), abs(cy - (info.height - 1) / 2))
+    if (info.width, info.height) != (setup.width_px, setup.height_px):
+        return DeviceCheck(told, f"the bench file says {setup.width_px} x {setup.height_px}")
+    if max(abs(fx / setup.focal_px - 1), abs(fy / setup.focal_px - 1)) > FOCAL_OFF:
+        return DeviceCheck(told, f"focal_px says {setup.focal_px:g}: `cell setup calibrate` measures it")
+    if off_px > CENTRE_OFF_PX:
+        return DeviceCheck(told, "the principal point is not in the middle: publish rectified images")
+    return DeviceCheck(told)

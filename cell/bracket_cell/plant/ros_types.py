@@ -2,40 +2,80 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from types import new_class
 from typing import Any
 
 from bracket_cell.packages import needed
+from bracket_cell.plant.ros_definitions import DEFINITIONS, OF_ACTIONS
 
 PACKAGE_OF = "a topic of ROS 2"
+Field = tuple[str, Any]  # a field's name, and its type as the store has it
 
 
 @cache
-def message(name: str) -> Any:
+def message(name: str, numbered: bool = False) -> Any:
     """The class of a message, for example of "sensor_msgs/msg/JointState"; its fields are those of the definition.
 
     Its name on the wire is that of rmw: `sensor_msgs::msg::dds_::JointState_`.
 
+    Args:
+        numbered: a request or an answer begins with who asked, and the number of the request: rmw_cyclonedds_cpp.
+
     Raises:
         InputError: the extra ros2 is not installed.
     """
-    idl = needed("cyclonedds.idl", PACKAGE_OF, "ros2")
-    package, _, kind = name.split("/")
-    fields = {field: _type(of) for field, of in _definitions()[name][1]}
+    idl, types = (needed(f"cyclonedds.idl{part}", PACKAGE_OF, "ros2") for part in ("", ".types"))
+    package, folder, kind = name.split("/")
+    head = {"client_guid": types.uint64, "sequence_number": types.int64} if numbered else {}
+    fields = head | {field: _type(of) for field, of in _fields(name)}
 
     def body(names: dict[str, Any]) -> None:
         names["__annotations__"] = fields
 
-    made = new_class(kind, (idl.IdlStruct,), {"typename": f"{package}::msg::dds_::{kind}_"}, body)
+    made = new_class(kind, (idl.IdlStruct,), {"typename": f"{package}::{folder}::dds_::{kind}_"}, body)
     return dataclass(made)
 
 
+def empty(name: str) -> Any:
+    """A message whose numbers are 0 and whose texts and lists are empty."""
+    return message(name)(**{field: _empty(of) for field, of in _fields(name)})
+
+
+def _empty(of: Any) -> Any:
+    node, told = of
+    if node.name == "BASE":
+        return "" if told[0] == "string" else False if told[0] == "bool" else 0
+    if node.name == "NAME":
+        return empty(_whole(told))
+    return [_empty(told[0])] * told[1] if node.name == "ARRAY" else []
+
+
 @cache
-def _definitions() -> dict[str, Any]:
+def _store() -> dict[str, list[Field]]:
     types = needed("rosbags.typesys", PACKAGE_OF, "ros2")
-    return dict(types.get_typestore(types.Stores.ROS2_HUMBLE).fielddefs)
+    return {name: of[1] for name, of in types.get_typestore(types.Stores.ROS2_HUMBLE).fielddefs.items()}
+
+
+@cache
+def _fields(name: str) -> list[Field]:
+    if name not in DEFINITIONS and name in _store():
+        return _store()[name]
+    types = needed("rosbags.typesys", PACKAGE_OF, "ros2")
+    text = DEFINITIONS.get(name)
+    if text is None:
+        end = re.search("|".join(OF_ACTIONS), name)
+        assert end is not None, f"no definition of {name}"
+        text = OF_ACTIONS[end[0]].format(action=name.removesuffix(end[0]))
+    fields: list[Field] = next(iter(types.get_types_from_msg(text, name).values()))[1]
+    return fields
+
+
+def _whole(name: str) -> str:
+    """A type's name with its folder."""
+    return name if name.count("/") == 2 else name.replace("/", "/msg/", 1)
 
 
 def _type(of: Any) -> Any:
@@ -46,7 +86,7 @@ def _type(of: Any) -> Any:
         named: dict[str, Any] = {"string": str, "bool": bool, "byte": types.uint8, "char": types.uint8}
         return named[told[0]] if told[0] in named else getattr(types, told[0])
     if node.name == "NAME":
-        return message(told)
+        return message(_whole(told))
     inner, length = _type(told[0]), told[1]
     if node.name == "ARRAY":
         return types.array[inner, length]

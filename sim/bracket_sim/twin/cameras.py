@@ -25,6 +25,45 @@ BUFFERED = 8  # frames that a camera with a buffer is behind
 LATE_S = 0.080
 GONE_S = 1.0  # for which a camera that is replugged is away
 KEPT = 32
+AGAIN = "; once more ends it"
+
+
+def jpeg(image: NDArray[np.uint8]) -> bytes:
+    """An image in RGB, coded."""
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+class ImageFaults:
+    """What a camera shows in place of what it sees.
+
+    Attributes:
+        frozen, black: the same image again, or nothing.
+    """
+
+    def __init__(self) -> None:
+        self.frozen = self.black = False
+        self._kept: NDArray[np.uint8] | None = None
+
+    def put(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The image that is shown."""
+        if self.black:
+            return np.zeros_like(image)
+        if not self.frozen or self._kept is None:
+            self._kept = image
+        return self._kept
+
+    def offered(self, cell: TwinCell, role: str) -> None:
+        """By `cell twin fault`."""
+
+        def frozen() -> None:
+            self.frozen = not self.frozen
+
+        def black() -> None:
+            self.black = not self.black
+
+        cell.offer(f"{role}_frozen", f"camera {role} sends one image for ever{AGAIN}", frozen)
+        cell.offer(f"{role}_black", f"camera {role} sends black images{AGAIN}", black)
 
 
 class MjpegServer:
@@ -33,7 +72,7 @@ class MjpegServer:
     Attributes:
         told: where it listens.
         port: likewise.
-        frozen, black: what it sends in place of the newest image.
+        faults: what it sends in place of the newest image.
         behind, late_s: how many images, or how long, it is behind.
     """
 
@@ -42,7 +81,7 @@ class MjpegServer:
         self._new = threading.Condition()
         self._count = 0
         self._connections: list[socket.socket] = []
-        self.frozen = self.black = False
+        self.faults = ImageFaults()
         self.behind, self.late_s, self._gone_until_s = 0, 0.0, 0.0
         try:
             self._server = ThreadingHTTPServer((host, port), _handler(self))
@@ -55,12 +94,9 @@ class MjpegServer:
 
     def send(self, image: NDArray[np.uint8]) -> None:
         """The next image, in RGB."""
-        if self.black:
-            image = np.zeros_like(image)
-        coded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+        coded = jpeg(self.faults.put(image))
         with self._new:
-            if not self.frozen or not self._images:
-                self._images.append(coded.tobytes())
+            self._images.append(coded)
             self._count += 1
             self._new.notify_all()
 
@@ -111,25 +147,27 @@ def _handler(server: MjpegServer) -> type[BaseHTTPRequestHandler]:
     return Handler
 
 
-class TwinCamera(MjpegServer):
-    """A camera of the twin behind its wire: a thread waits for its images, so that the world goes on."""
+class Photographer:
+    """Hands on what a camera of the twin sees; a thread waits for its images, so that the world goes on.
 
-    def __init__(self, cell: TwinCell, role: str, host: str, port: int) -> None:
-        super().__init__(f"camera {role}", host, port)
-        self._camera, self._cell = getattr(cell.sim.devices, role), cell
+    Args:
+        send: takes each frame once.
+    """
+
+    def __init__(self, cell: TwinCell, role: str, send: Callable[[Frame], None]) -> None:
+        self._camera, self._send = getattr(cell.sim.devices, role), send
         self._period_s, self._due_s = 1.0 / getattr(cell.sim.world.bench, role).rate_hz, 0.0
         self._frame: Frame | None = None
         self._due, self._ended = threading.Event(), False
-        self._photographer = threading.Thread(target=self._photograph, name=f"images of {role}", daemon=True)
-        self._photographer.start()
+        self._thread = threading.Thread(target=self._photograph, name=f"images of {role}", daemon=True)
+        self._thread.start()
         cell.each_period(self._look)
 
     def close(self) -> None:
-        """As in MjpegServer."""
+        """Hand on nothing more."""
         self._ended = True
         self._due.set()
-        self._photographer.join()
-        super().close()
+        self._thread.join()
 
     def _look(self, time_s: float) -> None:
         """After each control period: notice a new frame, and let a triggered camera run freely at its rate."""
@@ -151,7 +189,20 @@ class TwinCamera(MjpegServer):
             if (frame := self._frame) is not None and frame is not sent and not self._ended:
                 sent = frame
                 with suppress(DeviceFault):
-                    self.send(frame.image)
+                    self._send(frame)
+
+
+class TwinCamera(MjpegServer):
+    """A camera of the twin behind MJPEG."""
+
+    def __init__(self, cell: TwinCell, role: str, host: str, port: int) -> None:
+        super().__init__(f"camera {role}", host, port)
+        self._photographer = Photographer(cell, role, lambda frame: self.send(frame.image))
+
+    def close(self) -> None:
+        """As in MjpegServer."""
+        self._photographer.close()
+        super().close()
 
 
 def serve_stream(cell: TwinCell, role: str) -> TwinCamera:
@@ -161,11 +212,7 @@ def serve_stream(cell: TwinCell, role: str) -> TwinCamera:
         raise InputError(f"camera {role}: the twin serves http://HOST:PORT alone, not {address.geturl()}")
     camera = TwinCamera(cell, role, address.hostname, address.port or 80)
 
-    def frozen() -> None:
-        camera.frozen = not camera.frozen
-
-    def black() -> None:
-        camera.black = not camera.black
+    camera.faults.offered(cell, role)
 
     def buffered() -> None:
         camera.behind = 0 if camera.behind else BUFFERED
@@ -173,10 +220,7 @@ def serve_stream(cell: TwinCell, role: str) -> TwinCamera:
     def late() -> None:
         camera.late_s = 0.0 if camera.late_s else LATE_S * cell.slower
 
-    again = "; once more ends it"
-    cell.offer(f"{role}_frozen", f"camera {role} sends one image for ever{again}", frozen)
-    cell.offer(f"{role}_black", f"camera {role} sends black images{again}", black)
-    cell.offer(f"{role}_buffered", f"camera {role} is {BUFFERED} images behind{again}", buffered)
-    cell.offer(f"{role}_late", f"camera {role} is {1e3 * LATE_S:.0f} ms late{again}", late)
+    cell.offer(f"{role}_buffered", f"camera {role} is {BUFFERED} images behind{AGAIN}", buffered)
+    cell.offer(f"{role}_late", f"camera {role} is {1e3 * LATE_S:.0f} ms late{AGAIN}", late)
     cell.offer(f"{role}_replugged", f"camera {role} is gone for {GONE_S:g} s", camera.replug)
     return camera

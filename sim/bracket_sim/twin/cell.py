@@ -23,6 +23,7 @@ WIRES: Mapping[str, str] = {
     "robotiq_modbus": "bracket_sim.twin.gripper:serve_modbus",
     "robotiq_urcap": "bracket_sim.twin.gripper:serve_urcap",
     "stream": "bracket_sim.twin.cameras:serve_stream",
+    "ros2": "bracket_sim.twin.ros2:serve",
 }
 
 
@@ -139,7 +140,7 @@ class TwinCell:
         wires: list[Wire] = []
         for role, device in self.settings.items():
             serve = self._own.get(role)
-            beside = role == "signals"  # on the arm's own wires
+            beside = role in ("signals", "panel")  # on the arm's own wires, or without any
             if serve is None and not beside and (place := WIRES.get(str(device.get("kind")))) is not None:
                 module, _, name = place.partition(":")
                 serve = getattr(importlib.import_module(module), name)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import Controller
-from bracket_sim.twin.rtde import RtdeServer
 from bracket_sim.twin.ur_model import MODELS, Model
 
 BY_HAND_RAD = 0.3
@@ -16,8 +16,21 @@ LATE_S, SILENT_S = 0.2, 2.0
 SLOW_SHARE, HEAVY_KG, CALIBRATION = 0.3, 2.0, 7
 
 
-def offer_faults(cell: TwinCell, of: Controller, rtde: RtdeServer) -> None:
-    """Add the faults of an arm with its controller to those of the cell."""
+class Samples(Protocol):
+    """What tells where the arm is: late, not at all, or cut off until it is connected to again."""
+
+    late_until_s: float
+    silent_until_s: float
+
+    def cut(self) -> None: ...
+
+
+def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtde") -> None:
+    """Add the faults of an arm with its controller to those of the cell.
+
+    Args:
+        name: of what tells the samples.
+    """
 
     def put(name: str, value: object) -> Callable[[], None]:
         return lambda: setattr(of, name, value)
@@ -61,9 +74,11 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: RtdeServer) -> None:
     cell.offer("slider_full", "the slider goes to 100 %", put("slider", 1.0))
     cell.offer("fieldbus", "a fieldbus owns the lower registers", put("fieldbus", True))
     cell.offer("fieldbus_gone", "no fieldbus owns registers", put("fieldbus", False))
-    cell.offer("rtde_late", f"packages come {LATE_S:g} s late, then all at once", lambda: later("late_until_s", LATE_S))
-    cell.offer("rtde_silent", f"nothing comes for {SILENT_S:g} s", lambda: later("silent_until_s", SILENT_S))
-    cell.offer("rtde_cut", "all RTDE connections are cut", rtde.cut)
+    cell.offer(
+        f"{name}_late", f"samples come {LATE_S:g} s late, then all at once", lambda: later("late_until_s", LATE_S)
+    )
+    cell.offer(f"{name}_silent", f"nothing comes for {SILENT_S:g} s", lambda: later("silent_until_s", SILENT_S))
+    cell.offer(f"{name}_cut", "all that tells of the arm is cut off", rtde.cut)
     cell.offer("controller_restarted", "the controller is switched off and on", restarted)
     cell.offer(
         "payload_wrong", f"{HEAVY_KG:g} kg more hang on the tool than told", lambda: setattr(of, "extra_kg", HEAVY_KG)

@@ -185,6 +185,10 @@ class StreamSettings(CameraDriverSettings):
     url: str = Field(pattern=r"^(http|https|rtsp)://")
 
 
+NAME = r"[A-Za-z_]\w*"
+TOPIC = rf"^(/{NAME})+$"
+
+
 class DdsSettings(Model):
     """Where topics of ROS 2 are, over DDS; needs the extra ros2, and no ROS.
 
@@ -197,6 +201,86 @@ class DdsSettings(Model):
     network: str = Field(default="127.0.0.1", pattern=r"^[\w.:-]+$")
 
 
+class Ros2NodeSettings(DdsSettings):
+    """Nodes of ROS 2 that are told something, too.
+
+    Attributes:
+        kind: this driver.
+        namespace: before all names, as /left; empty for none.
+        middleware: of these nodes, as RMW_IMPLEMENTATION has it between rmw_ and _cpp: their calls differ.
+    """
+
+    kind: Literal["ros2"] = "ros2"
+    namespace: str = Field(default="", pattern=rf"^(/{NAME})*$")
+    middleware: Literal["fastrtps", "cyclonedds"] = "fastrtps"
+
+
+class Ros2ArmSettings(Ros2NodeSettings):
+    """An arm behind a trajectory controller of ros2_control: joint_states in, FollowJointTrajectory out.
+
+    Attributes:
+        controller: its name; that of another arm is joint_trajectory_controller, as a rule.
+        prefix: before the joints' names, as tf_prefix.
+        ur: ur_robot_driver tells modes, speed scaling and whether its program runs, and brings the arm back; without
+            it the arm counts as able to move as long as its joints come.
+        payload_kg: what hangs on the flange without a part, where it is a UR: gripper, coupling, camera.
+        payload_centre_m: centre of that mass, from the flange.
+        lag_s: how far the joints trail the set points.
+    """
+
+    controller: str = Field(default="scaled_joint_trajectory_controller", pattern=rf"^{NAME}$")
+    prefix: str = Field(default="", pattern=r"^\w*$")
+    ur: bool = True
+    payload_kg: float = Field(default=0.93, ge=0, le=20)
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
+    lag_s: float = Field(default=0.045, ge=0, le=0.5)
+
+
+class Ros2GripperSettings(Ros2NodeSettings):
+    """A gripper behind a controller of ros2_control with the action GripperCommand, which knows no speed.
+
+    Attributes:
+        action: its name.
+        joint: of joint_states that tells how far it is open.
+        open_at, closed_at: position of that joint where the fingers end.
+        activate: service (std_srvs/Trigger) that activates it; empty where it needs none.
+        lost_s: joints that come no more for this long are a fault.
+    """
+
+    action: str = Field(default="/robotiq_gripper_controller/gripper_cmd", pattern=TOPIC)
+    joint: str = "robotiq_85_left_knuckle_joint"
+    open_at: float = 0.0
+    closed_at: float = 0.7929
+    activate: str = Field(default="/robotiq_activation_controller/reactivate_gripper", pattern=rf"^(/{NAME})*$")
+    lost_s: float = Field(default=0.5, gt=0, le=10)
+
+
+class Ros2SignalSettings(Ros2NodeSettings):
+    """Digital terminals of a UR, as ur_robot_driver's io_and_status_controller has them.
+
+    Attributes:
+        inputs, outputs: terminal of each signal, by the names that tree files use: 0 to 7 digital, 8 to 15
+            configurable, 16 and 17 of the tool.
+        timeout_s: silence for this long is a fault.
+    """
+
+    inputs: dict[str, Annotated[int, Field(ge=0, le=17)]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[int, Field(ge=0, le=17)]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
+
+
+class Ros2PanelSettings(DdsSettings):
+    """Topics (std_msgs/String) of what the person at the bench sees; nothing is answered there.
+
+    Attributes:
+        kind: this driver.
+        namespace: before robot, guidance, questions and alarm.
+    """
+
+    kind: Literal["ros2"] = "ros2"
+    namespace: str = Field(default="/panel", pattern=TOPIC)
+
+
 class Ros2CameraSettings(CameraDriverSettings, DdsSettings):
     """A camera that a node of ROS 2 publishes.
 
@@ -204,10 +288,15 @@ class Ros2CameraSettings(CameraDriverSettings, DdsSettings):
         kind: this driver.
         topic: of sensor_msgs/Image, as /camera/camera/color/image_raw of realsense-ros; or of CompressedImage, where it
             ends in /compressed.
+        depth: topic of the depth image (16UC1, in mm) that shows what each of its pixels does, as
+            /camera/camera/aligned_depth_to_color/image_raw; empty for none.
+        info: topic of sensor_msgs/CameraInfo, which `cell doctor` compares with the bench file; empty for none.
     """
 
     kind: Literal["ros2"] = "ros2"
-    topic: str = Field(pattern=r"^(/[A-Za-z_]\w*)+$")
+    topic: str = Field(pattern=TOPIC)
+    depth: str = Field(default="", pattern=rf"^(/{NAME})*$")
+    info: str = Field(default="", pattern=rf"^(/{NAME})*$")
 
 
 class FileSettings(CameraDriverSettings):
@@ -279,12 +368,14 @@ GripperKind = (
     Annotated[CanSettings, Tag("can")]
     | Annotated[RobotiqModbusSettings, Tag("robotiq_modbus")]
     | Annotated[RobotiqUrcapSettings, Tag("robotiq_urcap")]
+    | Annotated[Ros2GripperSettings, Tag("ros2")]
     | Recorded
 )
 SignalKind = (
     Annotated[SignalSettings, Tag("can")]
     | Annotated[ModbusSignalSettings, Tag("modbus")]
     | Annotated[UrSignalSettings, Tag("ur")]
+    | Annotated[Ros2SignalSettings, Tag("ros2")]
 )
 CameraKind = (
     Annotated[V4l2Settings, Tag("v4l2")]
@@ -294,12 +385,16 @@ CameraKind = (
     | Annotated[RealsenseSettings, Tag("realsense")]
     | Recorded
 )
-ArmKind = Annotated[UrSettings, Tag("ur")] | Recorded
+ArmKind = Annotated[UrSettings, Tag("ur")] | Annotated[Ros2ArmSettings, Tag("ros2")] | Recorded
 DRIVERS: Mapping[type[Model], str] = {
     CanSettings: "bracket_cell.skills.drivers.can_gripper:CanGripper",
     SignalSettings: "bracket_cell.skills.drivers.can_signals:CanSignals",
     ModbusSignalSettings: "bracket_cell.plant.modbus_signals:ModbusSignals",
     UrSignalSettings: "bracket_cell.skills.drivers.ur_signals:UrSignals",
+    Ros2ArmSettings: "bracket_cell.plant.ros_arm:Ros2Arm",
+    Ros2GripperSettings: "bracket_cell.plant.ros_gripper:Ros2Gripper",
+    Ros2SignalSettings: "bracket_cell.plant.ros_signals:Ros2Signals",
+    Ros2PanelSettings: "bracket_cell.plant.ros_panel:Ros2Panel",
     UrSettings: "bracket_cell.skills.drivers.ur:UrArm",
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:ModbusGripper",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:UrcapGripper",
@@ -314,9 +409,12 @@ EXAMINERS: Mapping[type[Model], str] = {
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:examine",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:examine",
     **dict.fromkeys(
-        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings, Ros2CameraSettings),
+        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings),
         "bracket_cell.skills.drivers.cameras:examine",
     ),
+    Ros2CameraSettings: "bracket_cell.plant.ros_camera:examine",
+    Ros2ArmSettings: "bracket_cell.plant.ros_arm:examine",
+    Ros2GripperSettings: "bracket_cell.plant.ros_gripper:examine",
 }  # what looks at a device for `cell doctor`: it opens it, and moves nothing
 READERS: Mapping[type[Model], str] = {
     UrSettings: "bracket_cell.skills.drivers.ur_examined:joints_rad"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import pickle
 import socket
 import sys
 import time
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -23,6 +24,8 @@ HURRY_PERIODS = 2.0  # a cycle that begins later than this is left out, not made
 STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
 LEAVE_S = 0.02  # from the last set point to the end, which takes what is left of the motion
 LISTENS_S = 0.5
+RESTS = (0, 0.0)  # a piece that ends where it begins
+SLOWER, EQUAL = 0.02, 1e-9  # share of speed by which a piece may be too fast until the next is due
 
 
 class Link(Protocol):
@@ -42,6 +45,25 @@ class Link(Protocol):
 
     def close(self) -> None:
         """The arm stands: end the controller's program, and hang up."""
+        ...
+
+
+@runtime_checkable
+class PieceLink(Link, Protocol):
+    """The wire to a controller that takes pieces of a path, each in place of the one before, by the same `Link`.
+
+    Each piece ends at rest on the path, so that an arm that gets no further one stands there by itself.
+
+    Attributes:
+        piece_s: how far a piece goes on before it slows down.
+        each_s: after which the next is sent.
+    """
+
+    piece_s: float
+    each_s: float
+
+    def send_piece(self, points_rad: Array) -> None:
+        """Set points (m, n) of this period and those to come; in place of `send`."""
         ...
 
 
@@ -135,6 +157,11 @@ def serve(link: bytes, folder: str, period_s: float, slower: float, connection: 
         stream.say(Lost(f"the controller takes no set points: {_words(error)}"))
 
 
+def _left(blended: float) -> float:
+    """Share of the way from the path that is still there."""
+    return float(0.5 * (1 + np.cos(np.pi * blended)))
+
+
 def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
 
@@ -150,6 +177,8 @@ class _Stream:
         self._blended, self._paths = 1.0, 0
         self._share, self._heard_s = 0.0, -1.0
         self._leaving, self._untold = False, 0
+        self._piece_s = 0.0
+        self._piece = RESTS  # the newest: of which path, at which share
 
     def run(self) -> None:
         """Until it is to leave and the arm stands; raises what the link raised."""
@@ -160,7 +189,7 @@ class _Stream:
             self._hear()
             if self._path is not None:
                 self._advance(self._path)
-                self._link.send(self._target)
+                self._hand_on(self._path)
             elif self._leaving:
                 return
             else:
@@ -169,12 +198,40 @@ class _Stream:
             rest_s = rest_s + self._period_s if self._leaving and standing else 0.0
             due_s = self._slept(due_s)
 
-    def _advance(self, path: PacedPath) -> None:
+    @property
+    def _allowed(self) -> float:
+        """Share of the speed; none while nobody says so."""
         silent = time.monotonic() - self._heard_s > KEEP_ALIVE_S * self._slower
-        there = path.advance(0.0 if silent else self._share, self._period_s)
+        return 0.0 if silent else self._share
+
+    def _hand_on(self, path: PacedPath) -> None:
+        """The set point, or the piece that begins with it where it is due."""
+        link = self._link
+        if not isinstance(link, PieceLink):
+            link.send(self._target)
+            return
+        now_s, share = time.monotonic(), 0.0 if path.stopping else self._allowed
+        known = self._piece[0] == self._paths and share > self._piece[1] - (SLOWER if share > 0.0 else 0.0) - EQUAL
+        rests = not path.moving or path.rate == share == 0.0
+        if (known and now_s < self._piece_s + link.each_s * self._slower) or (rests and self._piece == RESTS):
+            link.idle()
+            return
+        self._piece, self._piece_s = RESTS if rests else (self._paths, share), now_s
+        link.send_piece(self._ahead(path, share, round(link.piece_s / self._period_s)))
+
+    def _ahead(self, path: PacedPath, share: float, periods: int) -> Array:
+        """Set points (m, n): so many periods at a share of the speed, then to rest."""
+        ahead, blended, points = copy.copy(path), self._blended, [self._target]
+        while ahead.moving and (periods > 0 or ahead.rate > 0.0):
+            there = ahead.advance(share if periods > 0 else 0.0, self._period_s)
+            blended, periods = min(1.0, blended + self._period_s / BLEND_S), periods - 1
+            points.append(there + self._beside * _left(blended))
+        return np.array(points)
+
+    def _advance(self, path: PacedPath) -> None:
+        there = path.advance(self._allowed, self._period_s)
         self._blended = min(1.0, self._blended + self._period_s / BLEND_S)
-        left = 0.5 * (1 + np.cos(np.pi * self._blended))
-        target, self._untold = there + self._beside * left, self._untold + 1
+        target, self._untold = there + self._beside * _left(self._blended), self._untold + 1
         if self._untold >= STANDING_CYCLES or not np.array_equal(target, self._target):
             self._untold = 0
             self.say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))

@@ -1,0 +1,1 @@
+"""The twin and drivers over topics of ROS 2."""

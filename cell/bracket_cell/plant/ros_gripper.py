@@ -52,7 +52,7 @@ class Ros2Gripper:
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._goal, self._sent_s, self._status = b"", 0.0, ObjectStatus.AT_POSITION
         self._opening_m, self._target_m, self._came_s = self._fingers.stroke_m, 0.0, clock.now_s()
-        self._active, self._trouble, self._told = False, "no joint yet", False
+        self._active, self._trouble = False, ""
         self._activating = threading.Thread()
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
@@ -63,7 +63,7 @@ class Ros2Gripper:
             silent_s, trouble = self._clock.now_s() - self._came_s, self._trouble
             if silent_s > self._settings.lost_s:
                 raise DeviceFault("gripper", f"{self._settings.joint} was not told for {silent_s:.2f} s")
-            if trouble and self._told:
+            if trouble:
                 raise DeviceFault("gripper", trouble)
             node = "operational" if self._active else "pre_operational"
             return GripperState(self._came_s, self._active, self._status, self._opening_m, 0.0, 0, node)
@@ -77,11 +77,10 @@ class Ros2Gripper:
                 self._activating.start()
 
     def command(self, command: GripperCommand) -> GripperCommand:
-        """Start a motion; the speed that is returned is what was asked for, cut: the controller has its own."""
+        """Start a motion, at the controller's own speed."""
         does = self._fingers
         opening_m = min(max(command.opening_m, 0.0), does.stroke_m)
         force_n = min(max(command.force_n, does.force_n[0]), does.force_n[1])
-        speed_m_s = min(max(command.speed_m_s, does.speed_m_s[0]), does.speed_m_s[1])
         of, share = self._settings, opening_m / does.stroke_m
         position = of.closed_at + share * (of.open_at - of.closed_at)
         goal = message(f"{ACTION}_Goal")(
@@ -90,7 +89,7 @@ class Ros2Gripper:
         with self._lock:
             self._goal, self._sent_s = self._action.send(goal), time.monotonic()
             self._status, self._target_m, self._trouble = ObjectStatus.MOVING, opening_m, ""
-        return GripperCommand(opening_m, speed_m_s, force_n)
+        return GripperCommand(opening_m, self._settings.speed_m_s, force_n)
 
     def hold(self) -> None:
         """Cancel the goal: the controller holds where the fingers are, with their grip."""
@@ -116,7 +115,7 @@ class Ros2Gripper:
         share = (position - of.closed_at) / (of.open_at - of.closed_at)
         with self._lock:
             self._opening_m = min(max(share, 0.0), 1.0) * self._fingers.stroke_m
-            self._came_s, self._told = self._clock.now_s(), True
+            self._came_s = self._clock.now_s()
 
     def _follow(self) -> None:
         """Whether the goal under way has ended, and how."""

@@ -95,7 +95,7 @@ def check_commands_are_cut_to_the_registers(bench: Bench) -> None:
     most = bench.gripper.command(GripperCommand(2 * bench.stroke_m, 50.0, 10000.0))
     least = bench.gripper.command(GripperCommand(-1.0, 0.0, 0.0))
     assert np.allclose((most.opening_m, least.opening_m), (bench.stroke_m, 0.0), atol=1e-9)
-    assert 0.0 < least.speed_m_s < most.speed_m_s < 50.0
+    assert 0.0 < least.speed_m_s <= most.speed_m_s < 50.0
     assert 0.0 <= least.force_n < most.force_n < 10000.0
     for limits, cut in (
         (bench.speed_m_s, (least.speed_m_s, most.speed_m_s)),
@@ -134,8 +134,8 @@ def check_hold_stops_the_fingers(bench: Bench) -> None:
     bench.activated()
     bench.gripper.command(GripperCommand(bench.stroke_m, 0.15, 60.0))
     bench.settle()
-    bench.gripper.command(GripperCommand(0.0, 0.02, 60.0))
-    bench.wait(0.4)
+    sent = bench.gripper.command(GripperCommand(0.0, 0.02, 60.0))
+    bench.wait(min(0.4, 0.2 * bench.stroke_m / sent.speed_m_s))  # a controller may have a speed of its own
     bench.gripper.hold()
     stopped = bench.wait(0.2)
     assert abs(bench.wait(0.4).opening_m - stopped.opening_m) <= 0.001

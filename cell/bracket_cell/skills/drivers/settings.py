@@ -243,6 +243,7 @@ class Ros2GripperSettings(Ros2NodeSettings):
         action: its name.
         joint: of joint_states that tells how far it is open.
         open_at, closed_at: position of that joint where the fingers end.
+        speed_m_s: of the fingers, as the node's driver has it, whatever is commanded.
         activate: service (std_srvs/Trigger) that activates it; empty where it needs none.
         lost_s: joints that come no more for this long are a fault.
     """
@@ -251,6 +252,7 @@ class Ros2GripperSettings(Ros2NodeSettings):
     joint: str = "robotiq_85_left_knuckle_joint"
     open_at: float = 0.0
     closed_at: float = 0.7929
+    speed_m_s: float = Field(default=0.15, gt=0, le=1)
     activate: str = Field(default="/robotiq_activation_controller/reactivate_gripper", pattern=rf"^(/{NAME})*$")
     lost_s: float = Field(default=0.5, gt=0, le=10)
 

@@ -157,6 +157,7 @@ class Configuration(Model):
         used = [(("shows", state), name, outputs) for state, name in bits.shows.items()]
         used += [(("orders", order), name, inputs) for order, name in bits.orders.items()]
         used += [(("recipe",), name, inputs) for name in bits.recipe]
+        used += [(("begin",), name, inputs) for name in (bits.begin,) if name]
         places = [
             (("plant", "bits", *place), f"devices.signals has no {name!r} there; legal: {', '.join(legal) or 'none'}")
             for place, name, legal in used

@@ -18,7 +18,7 @@ from bracket_ground.files.model import Model
 from bracket_ground.files.units import Duration
 from bracket_ground.files.words.catalogue import languages
 
-Shown = Literal["running", "held", "question", "holding", "over", "watchdog"]
+Shown = Literal["ready", "running", "held", "question", "holding", "over", "watchdog"]
 TOPIC_NAME = r"^[^+#/\x00]+$"  # an element of a topic: MQTT 3.1.1, 4.7
 
 
@@ -209,16 +209,18 @@ class BitSettings(Model):
     """What the cell says and is told by digital signals, by their names in `devices.signals`.
 
     Attributes:
-        shows: output for each of these: running (the arm may move), held, question (somebody must answer), holding (a
+        shows: output for each of these: ready (`cell serve` waits for a run), running (the arm may move), held, question (somebody must answer), holding (a
             part is between the fingers), over (the run has ended), watchdog (changes each second).
         orders: input for each of these, which orders when it becomes true: acknowledge, pause, resume, finish (end the
             shift after this bracket), stop.
+        begin: input that begins a run of `cell serve` when it becomes true; empty for none.
         recipe: inputs that are a number together, the lowest digit first: 1 for the first goal of the product file; 0
             says nothing.
     """
 
     shows: dict[Shown, str] = Field(default_factory=dict)
     orders: dict[Literal["acknowledge", "pause", "resume", "finish", "stop"], str] = Field(default_factory=dict)
+    begin: str = ""
     recipe: tuple[str, ...] = ()
 
 

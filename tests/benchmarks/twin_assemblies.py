@@ -30,22 +30,25 @@ def main() -> None:
     parser.add_argument("--slower", type=float, default=16.0, help="the cell goes so many times slower")
     parser.add_argument("--person", default="careful", help="who stands at the bench")
     parser.add_argument("--out", type=Path, default=Path("runs/twin"), help="a folder for each seed, and results.jsonl")
+    parser.add_argument("--ros2", type=int, metavar="DOMAIN", help="by topics of ROS 2 in place of the wires")
     asked = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     asked.out.mkdir(parents=True, exist_ok=True)
     for seed in range(asked.first_seed, asked.first_seed + asked.runs):
-        told = assembled(asked.out.resolve() / str(seed), seed, goals[seed % len(goals)], asked.person, asked.slower)
+        told = assembled(
+            asked.out.resolve() / str(seed), seed, goals[seed % len(goals)], asked.person, asked.slower, asked.ros2
+        )
         with (asked.out / "results.jsonl").open("a") as stream:
             stream.write(json.dumps(told) + "\n")
     rows = [json.loads(line) for line in (asked.out / "results.jsonl").read_text().splitlines()]
     Console().print(table(rows))
 
 
-def assembled(folder: Path, seed: int, goal: str, person: str, slower: float) -> Told:
+def assembled(folder: Path, seed: int, goal: str, person: str, slower: float, domain: int | None = None) -> Told:
     """One assembly: what the run told, and by the twin's truth what was built."""
     more = ("--seed", str(seed), "--goal", goal, "--person", person)
     began_s = time.monotonic()
-    with wired_cell(folder, own_host(1), slower, more) as cell:
+    with wired_cell(folder, own_host(1), slower, more, domain) as cell:
         run = cell.run(LONGEST_S)
         return {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -47,18 +48,39 @@ class WiredCell:
         return told
 
 
+def by_ros2(text: str, domain: int) -> str:
+    """A configuration of the twin with topics of ROS 2 in place of its wires."""
+    where = f"kind: ros2, domain: {domain}"
+    lines = {
+        "arm": f"{{{where}, middleware: cyclonedds}}",
+        "gripper": f"{{{where}, middleware: cyclonedds}}",
+        **{
+            role: f"{{{where}, topic: /{role}/color/image_raw/compressed, info: /{role}/color/camera_info, lost_s: 1.0}}"
+            for role in ("overhead", "wrist")
+        },
+        "panel": f"{{{where}}}",
+    }
+    for role, device in lines.items():
+        text = re.sub(rf"(?m)^  {role}: {{kind.*$", f"  {role}: {device}", text)
+    return text
+
+
 @contextmanager
-def wired_cell(folder: Path, host: str, slower: float, more: Sequence[str] = ()) -> Iterator[WiredCell]:
-    """A twin with the wires of config/twin_cell.yaml at another address.
+def wired_cell(
+    folder: Path, host: str, slower: float, more: Sequence[str] = (), domain: int | None = None
+) -> Iterator[WiredCell]:
+    """A twin with the wires of config/twin_cell.yaml at another address, or behind ROS 2.
 
     Args:
         more: arguments of `cell twin`.
+        domain: of ROS 2.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = shipped("bracket_cell.config", "twin_cell.yaml").read_text().replace("127.0.0.1", host)
     text = text.replace("{kind: page}", "{kind: none}")  # nobody is there who answers
     for beside in ("products.yaml", "sim.yaml"):
         text = text.replace(f": {beside}", f": {shipped('config', beside)}")
+    text = text if domain is None else by_ros2(text, domain)
     config = folder / "twin_cell.yaml"
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
     sign(config, safety_from(config), "benchmark")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bracket_cell.production.book import Book
     from bracket_cell.serving.control import CellControl
     from bracket_cell.settings import OpcuaSettings
+    from bracket_ground.interfaces.devices import Signals
 
 TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
 SERVED = "served"  # folder beside the logs
@@ -86,7 +87,7 @@ def serve(
     if page is not configuration.page and page.certificate is not None:
         say(f"its certificate is the cell's own; compare once: {fingerprint(page.certificate)}", highlight=False)
     news()
-    with closing(server), _plant(configuration.plant.opcua, folder / "opcua", control):
+    with closing(server), _plant(configuration.plant.opcua, folder / "opcua", control), _bits(asked, control):
         if begin and not launcher.busy:
             launcher.begin("", None, more())
         _wait()
@@ -117,6 +118,30 @@ def _plant(settings: OpcuaSettings | None, folder: Path, control: CellControl) -
     say = partial(console().print, highlight=False)
     with closing(OpcuaServer(settings, folder, control, say)) as server:
         say(f"OPC UA: {server.address}")
+        yield
+
+
+@contextmanager
+def _bits(asked: RunOptions, control: CellControl) -> Iterator[None]:
+    """Signals between runs, where one of them begins a run."""
+    from bracket_cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(asked.configuration)
+    settings = configuration.plant.bits
+    if not settings.begin or configuration.devices.signals is None:
+        yield
+        return
+    from bracket_cell.plant.bits import WaitingBits
+    from bracket_cell.wiring.devices import opened_alone
+
+    product = load_product(configuration, asked.configuration)
+
+    @contextmanager
+    def signals() -> Iterator[Signals]:
+        with opened_alone(configuration, product, "signals") as (opened, _):
+            yield opened
+
+    with closing(WaitingBits(settings, signals, control, partial(console().print, highlight=False))):
         yield
 
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
+from typing import Protocol
 
 from bracket_cell.settings import BitSettings, Shown
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
+from bracket_ground.errors import CellError, DeviceFault
 from bracket_ground.interfaces.devices import Signals
 from bracket_ground.interfaces.faults import Action
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.product import Product
+
+LOOKS_S, AGAIN_S, STOPS_S, BLINKS_N = 0.05, 5.0, 10.0, 40  # [s], [s], [s], looks of a watchdog's two halves
+PLC = "PLC"  # who begins a run, for the book
 
 
 class PlantBits(Observer):
@@ -43,6 +50,7 @@ class PlantBits(Observer):
                 "held": held,
                 "question": self._asks,
                 "holding": seen.gripper.holding,
+                "ready": False,
                 "over": False,
                 "watchdog": int(seen.time_s) % 2 == 1,
             }
@@ -66,3 +74,85 @@ class PlantBits(Observer):
             self._put(OperatorOrder("goal", self._goals[recipe - 1]))
         self._recipe = recipe
         self._was = known
+
+
+class Control(Protocol):
+    """A cell that is served."""
+
+    @property
+    def busy(self) -> bool:
+        """A run goes on, begins or ends."""
+        ...
+
+    def begin(self, operator: str, *, resume: bool) -> None:
+        """Begin a run; raises InputError where that is refused."""
+        ...
+
+
+class WaitingBits:
+    """The same between the runs of a served cell, where no run has the signals: a PLC begins the next.
+
+    An input that is true as this begins to look begins nothing until it was false. A recipe that stays set is taken by
+    the run itself.
+
+    Args:
+        opened: the signals, which are let go of while a run goes on.
+        say: what a person should know.
+    """
+
+    def __init__(
+        self,
+        settings: BitSettings,
+        opened: Callable[[], AbstractContextManager[Signals]],
+        control: Control,
+        say: Callable[[str], None],
+    ) -> None:
+        self._settings, self._opened, self._control, self._say = settings, opened, control, say
+        self._told = ""
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="bits", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Begin nothing more."""
+        self._over.set()
+        self._thread.join(STOPS_S)
+
+    def _run(self) -> None:
+        while not self._over.wait(LOOKS_S):
+            if self._control.busy:
+                continue
+            try:
+                with self._opened() as signals:
+                    begins = self._asked(signals)
+                if begins:
+                    self._control.begin(PLC, resume=False)
+                self._tell("")
+            except CellError as error:
+                self._tell(f"signals: {error}")
+                self._over.wait(AGAIN_S)
+
+    def _asked(self, signals: Signals) -> bool:
+        """Wait until the PLC begins a run, or somebody else did."""
+        was: bool | None = None
+        number, ready = 0, self._settings.shows.get("ready")
+        while not (self._over.wait(LOOKS_S) or self._control.busy):
+            with suppress(DeviceFault):  # silent: nobody begins
+                now = signals.read().get(self._settings.begin)
+                if now and was is False:
+                    return True
+                was = now
+            self._show(signals, ready, True)
+            self._show(signals, self._settings.shows.get("watchdog"), number % BLINKS_N < BLINKS_N / 2)
+            number += 1
+        return False
+
+    @staticmethod
+    def _show(signals: Signals, name: str | None, value: bool) -> None:
+        if name is not None:
+            signals.write(name, value)
+
+    def _tell(self, text: str) -> None:
+        if text and text != self._told:
+            self._say(text)
+        self._told = text

@@ -32,7 +32,11 @@ LAYOUT = shipped("bracket_cell.config", "foxglove_layout.json")
 
 @dataclass(frozen=True)
 class Viewers:
-    """As many of them as were asked for."""
+    """As many of them as were asked for.
+
+    Attributes:
+        opcua: where a configured server of OPC UA would listen; empty for none.
+    """
 
     recorder: McapRecorder
     live: LiveServer | None
@@ -40,6 +44,7 @@ class Viewers:
     page: OperatorPage | None
     mqtt: SparkplugNode | None
     ros: RosTopics | None
+    opcua: str = ""
 
     @property
     def observers(self) -> tuple[Observer, ...]:
@@ -58,7 +63,11 @@ class Viewers:
             told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
             told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
         told += [] if self.mqtt is None else [f"MQTT: {self.mqtt.address}"]
-        return told if self.ros is None else [*told, self.ros.address]
+        told += [] if self.ros is None else [self.ros.address]
+        alone = bool(self.opcua) and (self.page is None or not self.page.served)
+        return (
+            [*told, f"plant.opcua: nothing listens at {self.opcua}, as `cell serve` alone serves it"] if alone else told
+        )
 
     def edited(self, tree: Tree, time_s: float) -> None:
         """An edited tree took over: the log keeps its text, monitor and page show it."""
@@ -120,7 +129,8 @@ def open_viewers(
         from bracket_cell.plant.ros_topics import RosTopics
 
         ros = RosTopics(topics, model.motion.settings.robot.joints, model.motion.kinematics.forward)
-    return Viewers(recorder, live, monitor, page, mqtt, ros)
+    opcua = files.configuration.plant.opcua
+    return Viewers(recorder, live, monitor, page, mqtt, ros, "" if opcua is None else opcua.at)
 
 
 def _told(options: RunOptions, files: Files) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -18,7 +19,9 @@ from bracket_cell.device_settings import OwnDevice
 from bracket_cell.plugins import found_by
 from bracket_cell.remote import priority
 from bracket_cell.runs.options import GOAL_HELP, LOOK_HELP, PERSON_HELP
+from bracket_cell.skills.drivers.settings import Ros2ArmSettings, Ros2CameraSettings, Ros2GripperSettings
 from bracket_cell.wiring.devices import find_drivers
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.devices import ROLES
 from bracket_sim.process.opening import open_simulation
 from bracket_sim.scene.settings import settings_of
@@ -29,6 +32,14 @@ from bracket_sim.twin.control import ADDRESS, ControlDoor, ask
 
 FAST_CYCLE_S, CYCLE_S = 0.002, 0.008  # of an e-series controller, and of one before it
 FAST_ROBOTS = ("ur10e",)
+DOMAINS = 232
+CAMERA = {
+    "topic": "color/image_raw/compressed",
+    "info": "color/camera_info",
+    "depth": "aligned_depth_to_color/image_raw",
+}  # as realsense-ros names them
+
+ROS2_HELP = "Serve it as topics of ROS 2, in the domain ROS_DOMAIN_ID, as the drivers of a UR and of a RealSense."
 
 SocketOption = Annotated[Path, typer.Option("--socket", help="Socket file by which `cell twin fault` reaches it.")]
 
@@ -44,12 +55,14 @@ def twin(
     seed: SeedOption = 0,
     person: Annotated[str | None, typer.Option(help=PERSON_HELP)] = None,
     look: Annotated[str | None, typer.Option(help=LOOK_HELP)] = None,
+    ros2: Annotated[bool, typer.Option("--ros2", help=ROS2_HELP)] = False,
     at: SocketOption = ADDRESS,
 ) -> None:
     """Serve the simulated cell by the wires that the configuration's devices have; Ctrl-C ends it."""
     if context.invoked_subcommand is not None:
         return
     configuration = simulated(load_configuration(config), look, person)
+    configuration = behind_ros2(configuration) if ros2 else configuration
     with located(config, configuration):
         cell = open_twin(configuration, config, seed, goal, slower)
     ended = threading.Event()
@@ -90,6 +103,26 @@ def report(at: SocketOption = ADDRESS, as_json: JsonOption = False) -> None:
         return
     for key, value in told.items():
         console().print(f"{key}: {value}", highlight=False)
+
+
+def behind_ros2(configuration: Configuration) -> Configuration:
+    """With arm, gripper and cameras of the kind ros2; those that have this kind already stay as they are.
+
+    Raises:
+        InputError: ROS_DOMAIN_ID is no domain.
+    """
+    told = os.environ.get("ROS_DOMAIN_ID", "0")
+    if not (told.isdecimal() and int(told) <= DOMAINS):
+        raise InputError(f"ROS_DOMAIN_ID is {told!r}, must be 0 to {DOMAINS}")
+    where: dict[str, Any] = {"domain": int(told)}
+    made: dict[str, Any] = {"arm": Ros2ArmSettings(**where), "gripper": Ros2GripperSettings(**where)}
+    for role in ("overhead", "wrist"):
+        names = {name: f"/{role}/{topic}" for name, topic in CAMERA.items()}
+        depth = names.pop("depth") if getattr(configuration.bench, role).depth else ""
+        made[role] = Ros2CameraSettings(**where, **names, depth=depth)
+    devices = configuration.devices
+    changed = {role: one for role, one in made.items() if getattr(devices, role).kind != one.kind}
+    return configuration.model_copy(update={"devices": devices.model_copy(update=changed)})
 
 
 def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, slower: float) -> TwinCell:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -10,7 +13,7 @@ import pytest
 import yaml
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
-from bracket_cell.plant.bits import PlantBits
+from bracket_cell.plant.bits import PlantBits, WaitingBits
 from bracket_cell.settings import BitSettings, Shown
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import InputError
@@ -119,3 +122,75 @@ def test_a_bit_that_is_no_signal_is_an_error_with_its_place(tmp_path: Path, bits
     signals = {"kind": "modbus", "inputs": {"start": 0}, "outputs": {"running": 0}}
     with pytest.raises(InputError, match=rf"cell\.yaml:\d+.*{said}"):
         load_configuration(cell(tmp_path, bits, signals))
+
+
+class Served:
+    """A cell that is served; how often a run was begun."""
+
+    def __init__(self) -> None:
+        self.busy, self.begun, self.opened = False, list[str](), 0
+
+    def begin(self, operator: str, *, resume: bool) -> None:
+        assert self.opened == 0, "the run needs the signals for itself"
+        assert not resume
+        self.begun.append(operator)
+        self.busy = True
+
+
+def waiting(served: Served, wires: Wires, said: list[str]) -> WaitingBits:
+    @contextmanager
+    def opened() -> Iterator[Wires]:
+        served.opened += 1
+        try:
+            yield wires
+        finally:
+            served.opened -= 1
+
+    return WaitingBits(replace_bits(begin="start"), opened, served, said.append)
+
+
+def replace_bits(**changes: Any) -> BitSettings:
+    return BITS.model_copy(update=changes)
+
+
+def until(true: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 10.0
+    while not true():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_a_plc_begins_the_next_run_by_a_rising_bit_once_it_is_ready() -> None:
+    served, wires, said = Served(), Wires(), list[str]()
+    wires.outputs["start"] = True  # since before: nobody asks
+    bits = waiting(served, wires, said)
+    until(lambda: wires.outputs.get("READY") is True)
+    time.sleep(0.2)
+    assert served.begun == []
+    wires.outputs["start"] = False
+    time.sleep(0.2)
+    wires.outputs["start"] = True
+    until(lambda: served.begun == ["PLC"])
+    time.sleep(0.2)
+    assert (served.begun, served.opened) == (["PLC"], 0)
+    served.busy = False  # the run is over; the bit is still set
+    until(lambda: served.opened == 1)
+    time.sleep(0.2)
+    assert served.begun == ["PLC"]
+    bits.close()
+    assert served.opened == 0
+    assert said == []
+
+
+def test_signals_that_cannot_be_opened_are_said_once() -> None:
+    served, said = Served(), list[str]()
+
+    @contextmanager
+    def opened() -> Iterator[Wires]:
+        raise InputError("the port is taken")
+        yield
+
+    bits = WaitingBits(replace_bits(begin="start"), opened, served, said.append)
+    until(lambda: bool(said))
+    bits.close()
+    assert said == ["signals: the port is taken"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.plant.ros_arm import Ros2Arm, examine
 from bracket_cell.skills.drivers.settings import Ros2ArmSettings
-from bracket_ground.contracts.arm import CHECKS, Bench
+from bracket_ground.contracts.arm import CHECKS, OFF_PATH_RAD, Bench, off_rad
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import WallClock
 from bracket_sim.twin import controller
@@ -49,3 +50,73 @@ def bench(served: tuple[float, RosArm]) -> Iterator[Bench]:
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 def test_it_does_what_every_arm_must(bench: Bench, check: Callable[[Bench], None]) -> None:
     check(bench)
+
+
+def test_a_driver_that_is_started_again_is_a_stop_that_is_acknowledged(
+    bench: Bench, served: tuple[float, RosArm]
+) -> None:
+    bench.half_way()
+    served[1].controller.cell.fault("joints_cut")
+    stopped = bench.until(lambda state: state.mode != "normal")[-1]
+    assert (stopped.mode, bool(stopped.reason)) == ("not_controlled", True)
+    bench.stand()
+    bench.until(lambda state: bench.clock.now_s() - state.time_s < 0.1, 20.0)
+    bench.arm.acknowledge()
+    bench.until(lambda state: state.mode == "normal", 20.0)
+    bench.arm.follow(bench.way(0.3))
+    bench.rest()
+
+
+def test_silent_joints_are_an_old_state_with_a_reason_and_the_arm_stands_on_its_path(
+    bench: Bench, served: tuple[float, RosArm]
+) -> None:
+    path = bench.half_way()
+    served[1].controller.cell.fault("joints_silent")
+    bench.share = 0.0  # a supervisor holds an arm that is not seen
+    old = bench.until(lambda state: bool(state.reason))[-1]
+    assert "joint_states" in old.reason or "no sample" in old.reason
+    assert old.mode == "normal"
+    bench.until(lambda state: bench.clock.now_s() - state.time_s < 0.1, 20.0)
+    bench.share = 1.0
+    bench.rest()
+    assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
+
+
+def test_goals_end_at_rest_on_the_path_where_no_more_come(bench: Bench, served: tuple[float, RosArm]) -> None:
+    path = bench.half_way()
+    stream = bench.arm._stream  # type: ignore[attr-defined]
+    os.kill(stream.child.process_id, signal.SIGSTOP)
+    stopped = bench.until(lambda state: state.mode != "normal")[-1]
+    assert "set point" in stopped.reason
+    bench.stand()
+    assert off_rad(path, bench.at_rad) < OFF_PATH_RAD
+
+
+def test_the_slider_is_obeyed_by_the_scaled_controller_alone(bench: Bench, served: tuple[float, RosArm]) -> None:
+    served[1].controller.cell.fault("slider")
+    path = bench.half_way()
+    fastest = max(np.abs(state.velocities_rad_s).max() for state in bench.until(lambda state: not state.moving, 20.0))
+    served[1].controller.cell.fault("slider_full")
+    assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
+    full = np.abs(np.diff(path.positions_rad, axis=0)).max() / np.diff(path.times_s).max()
+    assert 0.2 < fastest / full < 0.4
+
+
+def test_what_is_missing_is_said_in_words() -> None:
+    configuration = load_configuration()
+    nobody = SETTINGS.model_copy(update={"namespace": "/nobody"})
+    with pytest.raises(
+        DeviceFault, match="no controller answers at /nobody/joint_states: ur_robot_driver does not tell"
+    ):
+        Ros2Arm(nobody, WallClock(), load_product(configuration), configuration.robot)
+
+
+def test_a_look_says_rate_mode_and_controller(served: tuple[float, RosArm]) -> None:
+    twin, robot = served[1], load_configuration().robot
+    twin.controller.cell.fault("mended")
+    with twin.controller.cell.lock:
+        twin._run_program()
+    found = list(examine(SETTINGS, robot, WallClock(served[0])))
+    assert [one.remedy for one in found] == ["", "", ""]
+    other = SETTINGS.model_copy(update={"controller": "joint_trajectory_controller"})
+    assert "no node has it" in list(examine(other, robot, WallClock(served[0])))[-1].remedy

@@ -209,8 +209,9 @@ class BitSettings(Model):
     """What the cell says and is told by digital signals, by their names in `devices.signals`.
 
     Attributes:
-        shows: output for each of these: ready (`cell serve` waits for a run), running (the arm may move), held, question (somebody must answer), holding (a
-            part is between the fingers), over (the run has ended), watchdog (changes each second).
+        shows: output for each of these: ready (`cell serve` waits for a run), running (the arm may move), held,
+            question (somebody must answer), holding (a part is between the fingers), over (the run has ended), watchdog
+            (changes each second).
         orders: input for each of these, which orders when it becomes true: acknowledge, pause, resume, finish (end the
             shift after this bracket), stop.
         begin: input that begins a run of `cell serve` when it becomes true; empty for none.

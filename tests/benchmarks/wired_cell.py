@@ -55,7 +55,7 @@ def by_ros2(text: str, domain: int) -> str:
         "arm": f"{{{where}, middleware: cyclonedds}}",
         "gripper": f"{{{where}, middleware: cyclonedds}}",
         **{
-            role: f"{{{where}, topic: /{role}/color/image_raw/compressed, info: /{role}/color/camera_info, lost_s: 1.0}}"
+            role: f"{{{where}, topic: /{role}/color/image_raw/compressed, info: /{role}/color/camera_info}}"
             for role in ("overhead", "wrist")
         },
         "panel": f"{{{where}}}",

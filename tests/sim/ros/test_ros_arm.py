@@ -82,7 +82,7 @@ def test_silent_joints_are_an_old_state_with_a_reason_and_the_arm_stands_on_its_
     assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
 
 
-def test_goals_end_at_rest_on_the_path_where_no_more_come(bench: Bench, served: tuple[float, RosArm]) -> None:
+def test_goals_end_at_rest_on_the_path_where_no_more_come(bench: Bench) -> None:
     path = bench.half_way()
     stream = bench.arm._stream  # type: ignore[attr-defined]
     os.kill(stream.child.process_id, signal.SIGSTOP)

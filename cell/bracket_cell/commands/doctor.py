@@ -67,6 +67,7 @@ def doctor(
     contract: Annotated[
         str | None, typer.Option("--contract", metavar="KIND", help="Try what every arm, gripper, camera must do.")
     ] = None,
+    ros2: Annotated[Path | None, typer.Option("--ros2", metavar="BAG", help="Look into a bag of ROS 2 alone.")] = None,
     slower: SlowerOption = 1.0,
 ) -> int:
     """Say what is missing on this machine and how to get it; status 1 if the cell cannot run.
@@ -75,7 +76,10 @@ def doctor(
     """
     if limits:
         return _print_limits(as_json)
-    findings = examine(config, slower) if contract is None else _contracted(config, contract, slower)
+    if ros2 is not None:
+        findings = _bag(ros2, config)
+    else:
+        findings = examine(config, slower) if contract is None else _contracted(config, contract, slower)
     healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:
         print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
@@ -97,6 +101,15 @@ def _contracted(path: Path, kind: str, slower: float) -> list[Finding]:
             wait_for_enter(MOVES[role])
         found = contracted(configuration, product, role, slower)
         return [Finding(one.what, not one.remedy, one.remedy) for one in found]
+
+
+def _bag(path: Path, config: Path) -> list[Finding]:
+    """What of a recording the cell's devices could take: notes."""
+    from bracket_cell.plant.ros_bag import examined_bag
+
+    configuration = load_configuration(config)
+    found = examined_bag(path, configuration.robot, configuration.bench)
+    return [Finding(one.what, not one.remedy, one.remedy, needed=False) for one in found]
 
 
 def _print_limits(as_json: bool) -> int:

@@ -18,7 +18,7 @@ from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.devices import DeviceCheck
-from bracket_ground.interfaces.observation import GripperState, ObjectStatus
+from bracket_ground.interfaces.observation import GripperState, NodeState, ObjectStatus
 from bracket_ground.interfaces.robot import RobotModel
 
 ACTION, JOINTS = "control_msgs/action/GripperCommand", "sensor_msgs/msg/JointState"
@@ -65,7 +65,7 @@ class Ros2Gripper:
                 raise DeviceFault("gripper", f"{self._settings.joint} was not told for {silent_s:.2f} s")
             if trouble:
                 raise DeviceFault("gripper", trouble)
-            node = "operational" if self._active else "pre_operational"
+            node: NodeState = "operational" if self._active else "pre_operational"
             return GripperState(self._came_s, self._active, self._status, self._opening_m, 0.0, 0, node)
 
     def activate(self) -> None:

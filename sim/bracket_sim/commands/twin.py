@@ -117,9 +117,10 @@ def behind_ros2(configuration: Configuration) -> Configuration:
     where: dict[str, Any] = {"domain": int(told)}
     made: dict[str, Any] = {"arm": Ros2ArmSettings(**where), "gripper": Ros2GripperSettings(**where)}
     for role in ("overhead", "wrist"):
-        names = {name: f"/{role}/{topic}" for name, topic in CAMERA.items()}
-        depth = names.pop("depth") if getattr(configuration.bench, role).depth else ""
-        made[role] = Ros2CameraSettings(**where, **names, depth=depth)
+        topics: dict[str, Any] = {name: f"/{role}/{topic}" for name, topic in CAMERA.items()}
+        if not getattr(configuration.bench, role).depth:
+            topics["depth"] = ""
+        made[role] = Ros2CameraSettings(**where, **topics)
     devices = configuration.devices
     changed = {role: one for role, one in made.items() if getattr(devices, role).kind != one.kind}
     return configuration.model_copy(update={"devices": devices.model_copy(update=changed)})

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -125,10 +126,7 @@ class RosArm:
             f"{own}/dashboard_client/brake_release": self.controller.release_brakes,
             f"{io}/resend_robot_program": self._run_program,
         }
-        self._services = [
-            (Answerer(node, name, TRIGGER), lambda _, act=act: {"success": act() is not False, "message": ""})
-            for name, act in triggers.items()
-        ]
+        self._services = [(Answerer(node, name, TRIGGER), partial(_triggered, act)) for name, act in triggers.items()]
         self._services += [
             (Answerer(node, f"{io}/set_io", "ur_msgs/srv/SetIO"), self._set_io),
             (Answerer(node, f"{io}/set_payload", "ur_msgs/srv/SetPayload"), self._set_payload),
@@ -226,6 +224,10 @@ class RosArm:
             self._slow_s = time_s + SLOW_S
             self._scaling.write(message("std_msgs/msg/Float64")(100.0 * of.slider))
             self._io.write(message("ur_msgs/msg/IOStates")(_pins(of.inputs), _pins(of.outputs), [], [], []))
+
+
+def _triggered(act: Callable[[], object], _: Any) -> Mapping[str, Any]:
+    return {"success": act() is not False, "message": ""}
 
 
 def _pins(bits: int) -> list[Any]:
@@ -369,4 +371,5 @@ def _image(header: Any, pixels: NDArray[Any], encoding: str) -> Any:
 
 def serve(cell: TwinCell, role: str) -> RosArm | RosGripper | RosCamera:
     """The device of a role behind its topics."""
-    return {"arm": RosArm, "gripper": RosGripper}.get(role, RosCamera)(cell, role)
+    made: Mapping[str, Callable[[TwinCell, str], RosArm | RosGripper]] = {"arm": RosArm, "gripper": RosGripper}
+    return made[role](cell, role) if role in made else RosCamera(cell, role)

@@ -41,7 +41,11 @@ def bench(served: tuple[float, RosArm]) -> Iterator[Bench]:
     with twin.controller.cell.lock:
         twin._run_program()
     arm = Ros2Arm(SETTINGS, clock, load_product(configuration), configuration.robot)
-    yield Bench(arm, clock, lambda: twin.controller.cell.fault("protective_stop") and None)
+
+    def stop() -> None:
+        twin.controller.cell.fault("protective_stop")
+
+    yield Bench(arm, clock, stop)
     arm.close()
     arm.close()
 

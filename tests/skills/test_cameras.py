@@ -342,13 +342,13 @@ def test_a_twin_s_camera_sends_each_frame_once(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(TwinCamera, "send", send)
     camera = TwinCamera(cell, "overhead", "127.0.0.1", 0)  # type: ignore[arg-type]
-    clear = camera._due.clear
+    clear = camera._photographer._due.clear
 
     def late_clear() -> None:
         clear()
-        camera._due.set() if len(sent) == 1 else None
+        camera._photographer._due.set() if len(sent) == 1 else None
 
-    camera._due.clear = late_clear  # type: ignore[method-assign]
+    camera._photographer._due.clear = late_clear  # type: ignore[method-assign]
     cell.looks[0](0.0)
     assert both.wait(5.0)
     end_s = time.monotonic() + 5.0

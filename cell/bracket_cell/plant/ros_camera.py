@@ -18,6 +18,7 @@ from bracket_cell.skills.drivers.settings import Ros2CameraSettings
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
+from bracket_ground.interfaces.frame import together
 
 FRAME_S = 1.0  # in which a frame must come
 OLDEST_S = 10.0  # a stamp that is farther from the wall clock is of another clock, as of a simulation
@@ -33,11 +34,7 @@ TO_RGB = {
 
 
 class _Subscribed:
-    """Implements `Source`.
-
-    Attributes:
-        depth_mm: of the last image; None where none came with its stamp.
-    """
+    """Implements `Source`."""
 
     def __init__(self, settings: Ros2CameraSettings, slower: float) -> None:
         kind = "CompressedImage" if settings.topic.endswith(COMPRESSED) else "Image"
@@ -48,7 +45,6 @@ class _Subscribed:
         if settings.depth:
             self._depths = node.subscription(settings.depth, "sensor_msgs/msg/Image", SENSOR)
         self._kept: deque[Any] = deque(maxlen=DEPTHS_N)
-        self.depth_mm: NDArray[np.uint16] | None = None
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`."""
@@ -57,9 +53,10 @@ class _Subscribed:
             raise OSError(f"nothing comes on {self._topic}")
         stamp_s = came.header.stamp.sec + came.header.stamp.nanosec * 1e-9
         image = _decoded(came) if self._topic.endswith(COMPRESSED) else _image(came)
-        self.depth_mm = self._depth(came.header.stamp)
+        depth_mm = self._depth(came.header.stamp)
         ago_s = time.time() - stamp_s
-        return image, ago_s if 0 <= ago_s <= OLDEST_S else None
+        image = image if depth_mm is None else together(image, depth_mm)
+        return image, ago_s if 0 <= ago_s <= OLDEST_S and self._slower == 1.0 else None
 
     def close(self) -> None:
         """As in `Source`."""

@@ -150,7 +150,9 @@ class GrabbingCamera:
             told = f"{image.shape[1]} x {image.shape[0]} pixels, the bench file says {wanted[1]} x {wanted[0]}"
             raise OSError(f"its images have {told}")
         if self._setup.depth and depth_mm is None:
-            raise OSError(f"it sends no depths, and bench.{self._name}.depth is true; legal: a RealSense, or false")
+            raise OSError(
+                f"it sends no depths, and bench.{self._name}.depth is true; legal: a RealSense or a topic, or false"
+            )
         now_s = self._clock.now_s()
         taken_s = now_s - (ago_s or 0.0) - (self._settings.delay_s or 0.0)
         mount, at_tool = self._setup.mount.pose, self._name == "wrist"

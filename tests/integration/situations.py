@@ -2,7 +2,8 @@
 
 Run it: python -m tests.integration.situations --seeds 5 --first-seed 100
 Some: python -m tests.integration.situations undoes hands_over --first-seed 100
-Nothing is rendered. A row counts runs by their end: `right`, `wrong`, or `open` where the bracket was not finished;
+Nothing is rendered. A row counts runs by their end: `right`, `wrong` where a part is where it should not be, or `open`
+where holes are left or the run was not finished, as in a job that hands parts over;
 contacts, those with an arm that moved, and the greatest force of either. `cannot` names what no file can say.
 """
 
@@ -92,8 +93,9 @@ def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]
         outcome = found.run([], injection)
         assert found.cell.contacts is not None
         contacts = [(one.first_m_s > DRIVEN_M_S, one.force_n) for one in found.cell.contacts.all()]
-        right = bool(found.cell.score.report()["correct"])
-    return ("open" if outcome.end != "finished" else "right" if right else "wrong"), contacts
+        told = found.cell.score.report()
+    end = "right" if told["correct"] and outcome.end == "finished" else "wrong" if told["wrong_placements"] else "open"
+    return end, contacts
 
 
 def row(name: str, seeds: Sequence[int]) -> str:

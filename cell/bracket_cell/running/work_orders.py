@@ -12,7 +12,7 @@ from typing import Any
 
 from bracket_cell.production.book import Book
 from bracket_ground.errors import InputError, Place, Problem
-from bracket_ground.files.files import regular
+from bracket_ground.files.files import TEXT_BYTES, regular
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.operator import WorkOrder
 
@@ -109,7 +109,7 @@ class WorkOrders:
         """Take what came to the file since it was read last, whole lines only."""
         assert self._path is not None
         try:
-            with regular(self._path).open("rb") as file:
+            with regular(self._path, TEXT_BYTES).open("rb") as file:
                 if file.seek(0, 2) < self._read:  # somebody wrote it anew
                     self._read = self._line = 0
                 file.seek(self._read)

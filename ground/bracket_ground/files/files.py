@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import shutil
 import stat
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,7 @@ from bracket_ground.errors import InputError, Place, Problem
 
 MANIFEST = "manifest.json"  # comes to its place last: a folder that has one is finished
 UNFINISHED = "cell.unfinished"  # a folder in the new one; no other program calls one so, and it may be removed
+TEXT_BYTES = 500_000_000  # labels of many thousand pictures have less
 
 
 @contextmanager
@@ -67,14 +69,17 @@ def user_or_packaged(package: str, *names: str) -> Path:
     return next((file for file in own if file.is_file()), shipped(package, names[0]))
 
 
-def regular(path: Path) -> Path:
+def regular(path: Path, most_bytes: float = math.inf) -> Path:
     """The path of a file that can be read to its end: a pipe waits for its writer, a device may have no end.
 
     Raises:
-        OSError: there is none, or it is something else.
+        OSError: there is none, it is something else, or it is larger than that.
     """
-    if not stat.S_ISREG(path.stat().st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "this is not a file")
+    if status.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"{status.st_size} bytes are too many, at most {most_bytes}")
     return path
 
 
@@ -88,7 +93,7 @@ def read_text(path: Path, how_to_make: str = "") -> str:
         InputError: it cannot be read, or is no text.
     """
     try:
-        return regular(path).read_text(encoding="utf-8")
+        return regular(path, TEXT_BYTES).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(Problem(Place(path), f"cannot be read: {error.strerror or error}", how_to_make)) from None
     except UnicodeDecodeError as error:

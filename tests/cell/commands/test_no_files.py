@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from bracket_cell.commands.main import main
+
 COMMANDS = {
     "pipe.mcap": [
         *(["replay", "PATH"], ["report", "PATH"], ["show", "PATH"], ["log", "why", "PATH"], ["log", "list", "PATH"]),
@@ -38,3 +40,12 @@ def test_a_pipe_that_nobody_writes_into_ends_a_command_at_once(name: str, tmp_pa
         )
         assert ended.returncode in (1, 2), (typed, ended)
         assert "Traceback" not in ended.stderr + ended.stdout, (typed, ended)
+
+
+def test_a_text_of_gigabytes_is_refused_unread(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("cell.yaml", "arm.urdf"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(8_000_000_000)  # a file of zeros that takes no room
+    assert main(["run", "--look", "none", "--config", str(tmp_path / "cell.yaml")]) == 2
+    assert main(["check", str(tmp_path / "arm.urdf")]) == 2
+    assert capsys.readouterr().err.count("8000000000 bytes are too many") == 2

@@ -75,8 +75,7 @@ class TreeBench:
         part: bool = False,
     ) -> None:
         source = in_python(path) if isinstance(path, TreeNode) else Path(path)
-        real = tuple(real)
-        registry = (registry or Registry()).extended(real)
+        registry = (registry or Registry()).extended(real := tuple(real))
         if isinstance(source, InPython):
             registry = knowing(source, registry)
         self.events: list[str] = []

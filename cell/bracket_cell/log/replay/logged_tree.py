@@ -203,7 +203,9 @@ def logged_motion(log: Log) -> MotionSettings:
         LogError: the log holds no configuration.
         InputError: this version cannot read it.
     """
-    return _read(log, CONFIGURATION, Configuration).motion
+    read = _read(log, CONFIGURATION, Configuration)
+    robot = read.robot if read.gripper is None else read.robot.model_copy(update={"gripper": read.gripper})
+    return read.motion.of(robot, *read.timing_s)
 
 
 def logged_product(log: Log) -> Product:

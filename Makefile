@@ -51,7 +51,7 @@ help:
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make weights    all shipped weights again, into trained/ (four hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
-	@echo "make readers    .venv-readers: LeRobot, which opens the exports of logs in 'make test-all' (0.6 GB)"
+	@echo "make readers    .venv-readers: LeRobot and Stable-Baselines3, which 'make test-all' trains policies with (0.7 GB)"
 	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
 	@echo "make constraints  newest versions of all packages, with hashes, into constraints*.txt"
 	@echo "make doctor     what is missing on this machine"
@@ -142,15 +142,16 @@ weights: .venv/tests .venv/system
 hands: .venv/tests
 	$(BIN)/cell lab hands
 
-# Readers of the formats that logs are exported to; torch is that of .venv. LeRobot asks for older packages than these
-# work with, so what it needs for reading is named here.
+# Readers of the formats that logs are exported to, and learners; torch and the cell are those of .venv. LeRobot asks for
+# older packages than these work with, so what it needs is named here.
 readers: .venv/tests
 	$(BIN)/uv venv --quiet --python $(BIN)/python .venv-readers
 	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python --no-deps lerobot==0.4.4 \
-	  accelerate==1.* torchcodec==0.17.*
-	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python av datasets==5.* deepdiff draccus \
-	  einops huggingface-hub imageio jsonlines 'numpy<2.4' packaging pandas psutil pyarrow safetensors
-	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > \
+	  accelerate==1.* torchcodec==0.17.* diffusers==0.* stable-baselines3==2.*
+	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python av cachebox datasets==5.* deepdiff \
+	  draccus==0.10.0 einops huggingface-hub imageio importlib-metadata jsonlines matplotlib 'numpy<2.4' packaging \
+	  pandas psutil pyarrow pyserial regex safetensors termcolor
+	$(BIN)/python -c "import sysconfig; print(f'import site; site.addsitedir(\"{sysconfig.get_path(\"purelib\")}\")')" > \
 	  $$(.venv-readers/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/zz_torch.pth
 	@ldconfig -p | grep -q libavcodec || if [ "$$(id -u)" = 0 ]; then $(APT) ffmpeg >/dev/null; \
 	  else echo "ffmpeg is missing: sudo apt-get install -y ffmpeg"; exit 2; fi

@@ -66,6 +66,11 @@ class CameraRow(PoseRow):
     focal_px: float = Field(gt=0)
     distortion_k1: float = 0.0
     distortion_k2: float = 0.0
+    focal_y_px: float | None = None
+    principal_px: tuple[float, float] | None = None
+    distortion_p1: float = 0.0
+    distortion_p2: float = 0.0
+    distortion_k3: float = 0.0
 
 
 class SampleRow(Told):

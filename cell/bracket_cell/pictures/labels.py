@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def record(source: Source, out: Path, camera: str, bench: Bench, every: int, mos
 def taken_by(setup: CameraSetup, pose: Pose) -> dict[str, Any]:
     """The camera of a row as it is calibrated."""
     told = {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
-    lens = {"focal_px": setup.focal_px, "distortion_k1": setup.distortion_k1, "distortion_k2": setup.distortion_k2}
+    lens = {name: value for name, value in asdict(setup.model).items() if not name.startswith(("width", "height"))}
     return {"world_from_camera": told, "true_camera": {**told, **lens}}
 
 

@@ -63,13 +63,8 @@ class Calibrated:
     def calibration(self) -> CameraCalibration:
         """For the file."""
         found = self.fit.setup
-        return CameraCalibration(
-            mount=found.mount,
-            focal_px=found.focal_px,
-            distortion_k1=found.distortion_k1,
-            distortion_k2=found.distortion_k2,
-            rms_px=round(self.fit.rms_px, 3),
-        )
+        seen = {name: getattr(found, name) for name in CameraCalibration.model_fields if name != "rms_px"}
+        return CameraCalibration(**seen, rms_px=round(self.fit.rms_px, 3))
 
 
 def calibrate(

@@ -6,6 +6,7 @@ World frame: origin at the arm's base on the table top, x towards the person, z 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import fields
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -23,9 +24,8 @@ class CameraCalibration(Model):
     """How a camera was found to hang and to see.
 
     Attributes:
-        mount: where it is; see `CameraSetup`.
-        focal_px: focal length, the same along both axes.
-        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady).
+        mount, focal_px, focal_y_px, principal_px: see `CameraSetup`.
+        distortion_k1, distortion_k2, distortion_p1, distortion_p2, distortion_k3: of the lens; see `CameraSetup`.
         rms_px: by how much what was seen is off after the fit.
     """
 
@@ -33,6 +33,11 @@ class CameraCalibration(Model):
     focal_px: float = Field(ge=10, le=100_000)
     distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
     distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
+    focal_y_px: float | None = Field(default=None, ge=10, le=100_000)
+    principal_px: tuple[float, float] | None = None
+    distortion_p1: float = Field(default=0.0, ge=-0.1, le=0.1)
+    distortion_p2: float = Field(default=0.0, ge=-0.1, le=0.1)
+    distortion_k3: float = Field(default=0.0, ge=-0.5, le=0.5)
     rms_px: float = Field(default=0.0, ge=0, le=100)
 
 
@@ -52,8 +57,12 @@ class CameraSetup(Model):
 
     Attributes:
         width_px, height_px: size of its images.
-        focal_px: focal length, the same along both axes; the image's middle is the principal point.
-        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady); 0 for undistorted images.
+        focal_px: focal length along the image's rows, OpenCV's fx.
+        focal_y_px: along its columns, fy; as `focal_px` where it is left out.
+        principal_px: the principal point (cx, cy); the image's middle where it is left out.
+        distortion_k1, distortion_k2, distortion_k3: radial distortion of the lens as OpenCV counts it (Brown-Conrady);
+            0 for undistorted images.
+        distortion_p1, distortion_p2: its tangential distortion.
         rate_hz: frames per second.
         triggered: it sends a frame only when asked.
         depth: it sends a depth image with each frame, as stereo cameras do; of the overhead camera only.
@@ -66,6 +75,11 @@ class CameraSetup(Model):
     focal_px: float = Field(ge=10, le=100_000)
     distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
     distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
+    focal_y_px: float | None = Field(default=None, ge=10, le=100_000)
+    principal_px: tuple[float, float] | None = None
+    distortion_p1: float = Field(default=0.0, ge=-0.1, le=0.1)
+    distortion_p2: float = Field(default=0.0, ge=-0.1, le=0.1)
+    distortion_k3: float = Field(default=0.0, ge=-0.5, le=0.5)
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
     depth: bool = False
@@ -95,7 +109,7 @@ class CameraSetup(Model):
 
     @property
     def model(self) -> CameraModel:
-        return CameraModel(self.width_px, self.height_px, self.focal_px, self.distortion_k1, self.distortion_k2)
+        return CameraModel(**{one.name: getattr(self, one.name) for one in fields(CameraModel)})
 
 
 class Tray(Model):
@@ -186,6 +200,18 @@ class Bench(Model):
         """With the cameras of a calibration."""
         cameras = {"overhead": self.overhead.calibrated(found.overhead), "wrist": self.wrist.calibrated(found.wrist)}
         return self.model_copy(update=cameras)
+
+    @model_validator(mode="after")
+    def _axes_meet_images(self) -> Bench:
+        problems: list[tuple[Location, str]] = []
+        for name, camera in (("overhead", self.overhead), ("wrist", self.wrist)):
+            (column, row), (width, height) = camera.model.middle_px, (camera.width_px, camera.height_px)
+            if not (0 <= column < width and 0 <= row < height):
+                what = f"({column:g}, {row:g}) is outside the image of {width} x {height} px"
+                problems.append(((name, "principal_px"), what))
+        if problems:
+            raise Disagreement(problems)
+        return self
 
     @model_validator(mode="after")
     def _the_overhead_camera_runs_by_itself(self) -> Bench:

@@ -116,8 +116,8 @@ class Projection:
         straight = np.stack([x, -y], axis=1) / -z[:, np.newaxis]
         square = (straight**2).sum(axis=1, keepdims=True)
         bent = straight * (1 + self._look.distortion_k1 * square + self._look.distortion_k2 * square**2)
-        middle = np.array([(self._setup.width_px - 1) / 2, (self._setup.height_px - 1) / 2])
-        pixels: Array = bent * self._setup.focal_px * (1 + self._look.focal_error) + middle
+        model = self._setup.model
+        pixels: Array = bent * model.focals_px * (1 + self._look.focal_error) + model.middle_px
         return pixels
 
 
@@ -133,7 +133,13 @@ def true_camera(world: World, camera: str, setup: CameraSetup) -> dict[str, Any]
     turned[:3, :3], turned[:3, 3] = seen.xmat.reshape(3, 3), seen.xpos
     pose = Pose.from_matrix(turned) @ CAMERA_FROM_MUJOCO.inverse()
     lens = {"distortion_k1": look.distortion_k1, "distortion_k2": look.distortion_k2}
-    return {**told_pose(pose), "focal_px": setup.focal_px * (1 + look.focal_error), **lens}
+    return {**told_pose(pose), **_true_axes(setup, look.focal_error), **lens}
+
+
+def _true_axes(setup: CameraSetup, focal_error: float) -> dict[str, Any]:
+    longer = 1 + focal_error
+    focals = {"focal_px": setup.focal_px * longer, "focal_y_px": setup.focal_y_px and setup.focal_y_px * longer}
+    return {**focals, "principal_px": setup.principal_px}
 
 
 class Masks:
@@ -182,7 +188,7 @@ def true_calibration(world: World, camera: str, setup: CameraSetup) -> CameraCal
     pose = getattr(look.mounts, camera).apply(setup.mount.pose)
     return CameraCalibration(
         mount=Mount(position_m=pose.position_m, quaternion_wxyz=pose.quaternion_wxyz),
-        focal_px=setup.focal_px * (1 + look.camera.focal_error),
+        **_true_axes(setup, look.camera.focal_error),
         distortion_k1=look.camera.distortion_k1,
         distortion_k2=look.camera.distortion_k2,
     )

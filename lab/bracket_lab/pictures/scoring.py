@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -145,9 +145,7 @@ def as_taken(bench: Bench, camera: str, still: Still) -> Bench:
     hangs = Mount(position_m=pose.position_m, quaternion_wxyz=pose.quaternion_wxyz)
     found = CameraCalibration.model_construct(
         mount=hangs if camera == "overhead" else setup.mount,
-        focal_px=lens.focal_px,
-        distortion_k1=lens.distortion_k1,
-        distortion_k2=lens.distortion_k2,
+        **{name: value for name, value in asdict(lens).items() if name in CameraCalibration.model_fields},
     )
     return bench.model_copy(update={camera: setup.calibrated(found)})
 

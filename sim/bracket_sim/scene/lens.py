@@ -22,14 +22,15 @@ class Lens:
     """
 
     def __init__(self, setup: CameraSetup, look: Camera) -> None:
-        self.plain = look.distortion_k1 == look.distortion_k2 == look.focal_error == 0
+        model = setup.model
+        middle = np.array([(setup.width_px - 1) / 2, (setup.height_px - 1) / 2])
+        centred = bool((model.middle_px == middle).all()) and model.focals_px[0] == model.focals_px[1]
+        self.plain = centred and look.distortion_k1 == look.distortion_k2 == look.focal_error == 0
         self.rendered_focal_px = setup.focal_px
         if self.plain:
             return
-        middle = np.array([(setup.width_px - 1) / 2, (setup.height_px - 1) / 2])
-        focal_px = setup.focal_px * (1 + look.focal_error)
         rows, columns = np.mgrid[0 : setup.height_px, 0 : setup.width_px]
-        bent = (np.stack([columns, rows], axis=-1) - middle) / focal_px
+        bent = (np.stack([columns, rows], axis=-1) - model.middle_px) / (model.focals_px * (1 + look.focal_error))
         straight = _straightened(bent, look.distortion_k1, look.distortion_k2)
         self.rendered_focal_px = float((middle / np.abs(straight).max(axis=(0, 1))).min())
         self._sources: NDArray[np.float32] = (straight * self.rendered_focal_px + middle).astype(np.float32)

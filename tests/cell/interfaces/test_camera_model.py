@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -30,3 +31,19 @@ def test_a_barrel_pulls_corners_inwards_and_leaves_the_middle() -> None:
     assert np.allclose(barrel.bent(middle), middle)
     assert barrel.bent(corner) is not corner
     assert PLAIN.bent(corner) is corner
+
+
+REAL = CameraModel(640, 480, 612.0, 0.12, -0.21, 609.5, (301.2, 251.9), 1.3e-3, -0.8e-3, 0.05)
+
+
+def test_a_lens_projects_as_opencv_does() -> None:
+    points = np.random.default_rng(3).uniform((-0.4, -0.3, 0.8), (0.4, 0.3, 1.2), (200, 3))
+    seen = REAL.project(Pose((0.0, 0.0, 0.0)), points)
+    wanted = cv2.projectPoints(points, np.zeros(3), np.zeros(3), REAL.matrix, np.array(REAL.distortion))[0][:, 0]
+    assert np.abs(seen - wanted).max() < 1e-9
+
+
+def test_a_real_lens_bends_both_ways_onto_a_plane() -> None:
+    pixels = np.random.default_rng(0).uniform((0, 0), (639, 479), (200, 2))
+    points = REAL.onto_plane(ABOVE, pixels, 0.02)
+    assert np.abs(REAL.project(ABOVE, points) - pixels).max() < 1e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product as product_of
 
 import cv2
@@ -92,6 +92,7 @@ def fit_camera(
         update={
             "mount": Mount(position_m=mount.position_m, quaternion_wxyz=mount.quaternion_wxyz),
             "focal_px": camera.focal_px,
+            "focal_y_px": camera.focal_y_px,
             "distortion_k1": camera.distortion_k1,
         }
     )
@@ -162,12 +163,12 @@ def _camera(setup: CameraSetup, values: Array) -> tuple[CameraModel, Pose]:
     """Lens and mount after a shift, a turn (as a rotation vector), and changes of the lens."""
     turn = np.eye(4)
     turn[:3, :3], turn[:3, 3] = cv2.Rodrigues(values[3:6])[0], values[:3]
-    camera = CameraModel(
-        setup.width_px,
-        setup.height_px,
-        setup.focal_px * (1 + float(values[6])),
-        min(max(setup.distortion_k1 + float(values[7]), -MOST_K1), MOST_K1),
-        setup.distortion_k2,
+    longer = 1 + float(values[6])
+    camera = replace(
+        setup.model,
+        focal_px=setup.focal_px * longer,
+        focal_y_px=setup.focal_y_px and setup.focal_y_px * longer,
+        distortion_k1=min(max(setup.distortion_k1 + float(values[7]), -MOST_K1), MOST_K1),
     )
     return camera, setup.mount.pose @ Pose.from_matrix(turn)
 

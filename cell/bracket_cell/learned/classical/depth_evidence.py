@@ -31,7 +31,7 @@ class DepthEvidence:
         view = View(model, bench.overhead.mount.pose)
         rows, columns = np.mgrid[0 : model.height_px // GRID, 0 : model.width_px // GRID]
         middles = np.stack([columns, rows], axis=-1).reshape(-1, 2) * GRID + (GRID - 1) / 2
-        straight = (model.straightened(middles) - model.middle_px) / model.focal_px
+        straight = model.normalised(model.straightened(middles))
         rays = np.column_stack([straight, np.ones(len(straight))]) @ view.world_from_camera.rotation.T
         self._falls: Array = rays[:, 2].reshape(rows.shape)  # of a point with its distance from the image plane
         self._top_m = float(view.world_from_camera.position_m[2])

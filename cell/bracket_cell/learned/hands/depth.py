@@ -51,7 +51,7 @@ def height_at(depth_mm: NDArray[np.uint16], view: View, pixel: Array, half_px: i
         return None
     away_m = float(np.median(known)) / 1e3
     model = view.model
-    in_camera = (model.straightened(np.asarray(pixel, float)[np.newaxis])[0] - model.middle_px) / model.focal_px
+    in_camera = model.normalised(model.straightened(np.asarray(pixel, float)[np.newaxis])[0])
     ray = view.world_from_camera.rotation @ np.array([*in_camera, 1.0])
     height = float(view.world_from_camera.position_m[2] + away_m * ray[2])
     return height if math.isfinite(height) else None

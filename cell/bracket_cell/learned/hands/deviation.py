@@ -53,7 +53,7 @@ def deviation_m(reading: Reading, image: Image, view: View) -> tuple[float, floa
         for one in (PLACE, HEIGHT)
     )
     lower_m = _taken_for_higher_m(reading, view)
-    slope = float(np.linalg.norm(reading.points_px["palm"] - view.model.middle_px)) / view.model.focal_px
+    slope = float(np.linalg.norm(view.model.normalised(reading.points_px["palm"])))
     across_m = math.hypot(place_m / WITHIN, slope * lower_m)
     return across_m, across_m, math.hypot(height_m / WITHIN_HEIGHT, lower_m)
 

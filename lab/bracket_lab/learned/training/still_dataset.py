@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TypeVar
 
@@ -87,5 +87,6 @@ def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[One
 
 def _still(folder: Path, row: StillRow) -> Still:
     image, true = read_image(folder / row.file), row.true_camera
-    camera = CameraModel(image.shape[1], image.shape[0], true.focal_px, true.distortion_k1, true.distortion_k2)
+    lens = true.model_dump(include={one.name for one in fields(CameraModel)})
+    camera = CameraModel(width_px=image.shape[1], height_px=image.shape[0], **lens)
     return Still(row.log, image, camera, true.pose, row.world_from_camera.pose)

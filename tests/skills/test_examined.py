@@ -117,7 +117,7 @@ def gripper(tmp_path: Path) -> Iterator[tuple[IdealFingers, ModbusTwin, Register
     clock = AnsweredClock()
     clock.answered = count().__next__
     fingers = IdealFingers(clock)
-    registers = Registers(fingers, threading.RLock())
+    registers = Registers(fingers, threading.RLock(), stroke_m=0.085)
     twin = ModbusTwin(registers, tmp_path / "adapter")
     yield fingers, twin, registers, clock
     twin.close()

@@ -90,7 +90,7 @@ def urcap(_: Path, clock: AnsweredClock, registers: Registers) -> Opened:
 def opened(wire: Callable[[Path, AnsweredClock, Registers], Opened], tmp_path: Path) -> Iterator[Rig]:
     clock = AnsweredClock()
     fingers = IdealFingers(clock)
-    registers = Registers(fingers, threading.RLock())
+    registers = Registers(fingers, threading.RLock(), stroke_m=0.085)
     twin, opening = wire(tmp_path, clock, registers)
     made = Rig(clock, fingers, registers, twin, opening, opening())
     clock.answered = lambda: made.gripper.exchanges

@@ -166,7 +166,7 @@ def _look(configuration: Configuration, product: Product, camera: str, follows: 
         return lambda frame: (view := watch(frame), drawn_bench(frame, view, bench, product))
     scale, model = size[1] / setup.width_px, setup.model
     centre = (model.middle_px + 0.5) * scale - 0.5
-    same_view = {"width_px": size[1], "height_px": size[0], "focal_px": setup.focal_px * scale}
+    same_view: dict[str, object] = {"width_px": size[1], "height_px": size[0], "focal_px": setup.focal_px * scale}
     same_view |= {"focal_y_px": setup.focal_y_px and setup.focal_y_px * scale, "principal_px": tuple(centre.tolist())}
     other = bench.model_copy(update={"overhead": setup.model_copy(update=same_view)})
     tracker = Detectors(other, product, perception).make("hands")

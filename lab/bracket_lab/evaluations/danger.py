@@ -347,7 +347,7 @@ class Danger(Observer):
         ):
             yield PART_FELL
         told = self._cell.gripper_node.registers()
-        goal_m = None if self._goal_m is None else min(max(self._goal_m, 0.0), 0.085)
+        goal_m = None if self._goal_m is None else min(max(self._goal_m, 0.0), self._cell.world.robot.gripper.stroke_m)
         astray = goal_m is not None and told["gGTO"] and abs(told["gPR"] / 1000 - goal_m) > FINGERS_M
         self._fingers_s = min(self._fingers_s, now_s) if astray else math.inf
         if now_s - self._fingers_s > FINGERS_S:

@@ -283,7 +283,9 @@ def drawn_rows(path: Path, trials: Sequence[Drawn], seed: int, tell: Callable[[R
     supervised: Any = lambda *parts: lead[0].supervised(*parts)  # noqa: E731
     beside = partial(assembly, path, PERSON, seed, tree=DEFAULT_TREE, depth=True)
     with (beside if trials[0].beside else partial(trial, path, seed))(supervised=supervised) as opened:
-        watch = Watch(Evidence(), Danger(opened.cell, opened.motion), opened.cell)
+        watch = Watch(
+            Evidence(opened.cell.world.robot.gripper.stroke_m), Danger(opened.cell, opened.motion), opened.cell
+        )
         fork = Splitting(trials, seed, watch, tell)
         lead.append(fork)
         outcome = opened.run([watch.evidence, watch.danger, watch], fork)

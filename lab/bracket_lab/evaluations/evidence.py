@@ -26,7 +26,7 @@ SPEED_OFF_RAD_S, SPEED_OFF, JUMP_RAD = 0.15, 0.15, 0.02
 OFF_PATH_RAD, END_RAD, LAGS_S = 0.015, 0.02, (0.0, 0.008, 0.016, 0.024)
 BRAKED_S, WINDOW, FASTER, SLACK_S = 0.65, 5, 1.1, 0.03  # of the way along the path
 STANDS_S, MOVES_RAD_S, STUCK = 0.50, 0.10, 3
-ORDERED_S, STILL_S, OPENING_M, LEGAL_M = 0.30, 0.40, 0.004, (-0.001, 0.087)
+ORDERED_S, STILL_S, OPENING_M, OVER_M = 0.30, 0.40, 0.004, (-0.001, 0.002)
 FRAME_OLD_S, WRIST_S = 0.25, 0.6
 BRIGHTER, ALIKE = 1.4, 0.8  # a bench image against the first one
 
@@ -39,7 +39,8 @@ class Evidence(Observer):
         time_s: of the observation that showed it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stroke_m: float) -> None:
+        self._stroke_m = stroke_m
         self.words, self.time_s = "", math.inf
         self._now_s = 0.0
         self._seen: Observation | None = None
@@ -193,7 +194,7 @@ class Evidence(Observer):
         self._echoed_s = now_s if fingers.echoed else self._echoed_s
         if now_s - fingers.time_s > STATUS_OLD_S:
             yield "the gripper's status is old"
-        if not LEGAL_M[0] <= fingers.opening_m <= LEGAL_M[1]:
+        if not OVER_M[0] <= fingers.opening_m <= self._stroke_m + OVER_M[1]:
             yield "the gripper's opening cannot be"
         if not self._active or before is None:
             return
@@ -222,11 +223,11 @@ class Evidence(Observer):
             yield "the fingers were told nothing, and say something else"
         if abs(fingers.opening_m - self._rests_m) > OPENING_M:
             yield "the fingers were told nothing, and moved"
-        beyond_m = fingers.opening_m - min(max(self._goal_m, 0.0), 0.085)
+        beyond_m = fingers.opening_m - min(max(self._goal_m, 0.0), self._stroke_m)
         arrived = status is ObjectStatus.AT_POSITION and abs(beyond_m) > OPENING_M
         if arrived or (status is ObjectStatus.CONTACT_CLOSING and beyond_m < -OPENING_M):
             yield "the fingers are not where they say"
-        longest_s = 0.085 / self._speed_m_s + 1.0
+        longest_s = self._stroke_m / self._speed_m_s + 1.0
         if status is ObjectStatus.MOVING and (
             now_s - self._moved_s > STILL_S or now_s - self._goal_s > longest_s
         ):  # pressing takes its time, too

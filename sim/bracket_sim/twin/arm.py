@@ -13,7 +13,7 @@ from bracket_sim.scene.world import World
 
 LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
 HAND_RAD_S, HAND_RAD_S2 = 0.6, 3.0  # of an arm that somebody moves by hand
-SPEED_RAD_S = 3.4  # beyond it the controller stops by itself
+SPEED_TOLERANCE = 1.08  # beyond a joint's speed by the data sheet the controller stops by itself; 3.4 of 3.14 rad/s
 
 Mode = Literal["hold", "servo", "speed", "move", "stop"]
 
@@ -44,6 +44,7 @@ class TwinArm:
 
     def __init__(self, world: World) -> None:
         self._world, self._lag_s = world, servo_lag_s(world)
+        self._most_rad_s: Array = SPEED_TOLERANCE * np.array(world.robot.speed_rad_s)
         self._reference = world.data.qpos[world.arm_qpos].copy()
         self._goal, self._acceleration, self._lookahead_s = self._reference.copy(), 1.0, LOOKAHEAD_S
         self._moves: list[tuple[Array, float, float]] = []
@@ -125,12 +126,14 @@ class TwinArm:
         """Tell when the joints are held back from their set points, or run faster than they may."""
         apart = float(np.abs(self.measured.positions_rad - self._reference).max())
         self._late_periods = self._late_periods + 1 if apart > TRACKING_LIMIT_RAD else 0
-        fastest = float(np.abs(self.measured.velocities_rad_s).max())
-        self._fast_periods = self._fast_periods + 1 if fastest > SPEED_RAD_S else 0
+        speeds = np.abs(self.measured.velocities_rad_s)
+        joint = int(np.argmax(speeds / self._most_rad_s))
+        fast, most = float(speeds[joint]), float(self._most_rad_s[joint])
+        self._fast_periods = self._fast_periods + 1 if fast > most else 0
         if self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
         elif self._fast_periods >= TRACKING_PERIODS:
-            self.held_back = f"a joint turns at {fastest:.2f} rad/s, limit {SPEED_RAD_S} rad/s"
+            self.held_back = f"{self._world.robot.joint_names[joint]} turns at {fast:.2f} rad/s, limit {most:.2f} rad/s"
 
     def freeze(self) -> None:
         """Hold where the joints are."""

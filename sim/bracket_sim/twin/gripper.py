@@ -27,7 +27,6 @@ from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.sockets import Port
 
 OPEN_COUNT, CLOSED_COUNT = 3, 228  # where the fingers end in the position register
-STROKE_MM = 85.0
 SPEEDS_MM_S, FORCES_N = (20.0, 150.0), (20.0, 235.0)  # of registers 0 and 255
 COMMAND_REGISTER, STATUS_REGISTER = 0x03E8, 0x07D0
 CONTACT_CLOSING, AT_POSITION = 2, 3  # gOBJ
@@ -55,8 +54,8 @@ class Registers:
         powered: without power it answers nothing, and forgets that it was activated.
     """
 
-    def __init__(self, fingers: Fingers, lock: Any) -> None:
-        self._fingers, self._lock = fingers, lock
+    def __init__(self, fingers: Fingers, lock: Any, stroke_m: float) -> None:
+        self._fingers, self._lock, self._stroke_mm = fingers, lock, 1e3 * stroke_m
         self._command = bytearray(6)
         self.powered = True
 
@@ -72,7 +71,7 @@ class Registers:
         with self._lock:
             self._fingers.write({
                 "rACT": first & 1, "rGTO": first >> 3 & 1, "rATR": first >> 4 & 1, "rARD": first >> 5 & 1,
-                "rPR": _opening_mm(position),
+                "rPR": _opening_mm(position, self._stroke_mm),
                 "rSP": _value(speed, SPEEDS_MM_S),
                 "rFR": _value(force, FORCES_N),
             })  # fmt: skip
@@ -82,7 +81,7 @@ class Registers:
         with self._lock:
             told = self._fingers.registers()
         asked = self._command[3]
-        position = round(CLOSED_COUNT + told["gPO"] / STROKE_MM * (OPEN_COUNT - CLOSED_COUNT))
+        position = round(CLOSED_COUNT + told["gPO"] / self._stroke_mm * (OPEN_COUNT - CLOSED_COUNT))
         met = int(told["gOBJ"])
         if met == AT_POSITION and asked > position + 1:  # the fingers met each other before they were where they go
             met = CONTACT_CLOSING
@@ -284,15 +283,16 @@ def serve_urcap(cell: TwinCell, role: str) -> UrcapTwin:
 
 def _registers(cell: TwinCell) -> Registers:
     """The registers of the twin's gripper, whose power can be taken away."""
-    registers = Registers(cell.sim.gripper_node, cell.lock)
+    node = cell.sim.gripper_node
+    registers = Registers(node, cell.lock, node.gripper.stroke_m)
     cell.offer("gripper_power_off", "the gripper loses its power", lambda: registers.power(False))
     cell.offer("gripper_power_on", "the gripper has its power again", lambda: registers.power(True))
     return registers
 
 
-def _opening_mm(count: int) -> float:
+def _opening_mm(count: int, stroke_mm: float) -> float:
     share = (CLOSED_COUNT - count) / (CLOSED_COUNT - OPEN_COUNT)
-    return STROKE_MM * min(max(share, 0.0), 1.0)
+    return stroke_mm * min(max(share, 0.0), 1.0)
 
 
 def _value(count: int, limits: tuple[float, float]) -> float:

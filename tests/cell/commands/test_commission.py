@@ -120,7 +120,9 @@ def test_the_gripper_s_ends_are_measured_and_stored(
     twin: TwinCell, real: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pressed(monkeypatch)
-    wires = ModbusTwin(Registers(twin.sim.gripper_node, twin.lock), real.parent / "adapter")
+    wires = ModbusTwin(
+        Registers(twin.sim.gripper_node, twin.lock, twin.sim.gripper_node.gripper.stroke_m), real.parent / "adapter"
+    )
     assert main(["setup", "teach", "gripper", "--config", str(real)]) == 0
     wires.close()
     gripper = load_configuration(real).devices.gripper

@@ -356,10 +356,10 @@ class RosCamera:
     def _info(self, header: Any) -> Any:
         info, setup = empty(INFO), self._setup
         info.header, info.width, info.height = header, setup.width_px, setup.height_px
-        cx, cy, f = (setup.width_px - 1) / 2, (setup.height_px - 1) / 2, setup.focal_px
-        info.distortion_model, info.d = "plumb_bob", [setup.distortion_k1, setup.distortion_k2, 0.0, 0.0, 0.0]
-        info.k, info.r = [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0], np.eye(3).ravel().tolist()
-        info.p = [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+        matrix = setup.model.matrix
+        info.distortion_model, info.d = "plumb_bob", list(setup.model.distortion)
+        info.k, info.r = matrix.ravel().tolist(), np.eye(3).ravel().tolist()
+        info.p = np.column_stack([matrix, np.zeros(3)]).ravel().tolist()
         return info
 
 

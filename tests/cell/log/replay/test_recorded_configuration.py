@@ -13,8 +13,8 @@ import yaml
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from bracket_cell.device_settings import OwnDevice
-from bracket_cell.log.read.reader import Log
-from bracket_cell.log.replay.logged_tree import upgrade, write_files
+from bracket_cell.log.read.reader import Log, read_log
+from bracket_cell.log.replay.logged_tree import logged_motion, upgrade, write_files
 from bracket_cell.skills.drivers.settings import CanSettings, SignalSettings
 from bracket_ground.errors import LogError
 from bracket_ground.interfaces.robot import default_robot
@@ -86,3 +86,11 @@ def test_a_configuration_that_is_none_is_one_clear_error(files: dict[str, bytes]
     log = Log(tmp_path / "log.mcap", files, {}, {}, (), ())
     with pytest.raises(LogError, match="has a configuration that cannot be read"):
         write_files(log, files, tmp_path)
+
+
+def test_the_tool_of_a_log_is_moved_by_its_own_arm(tmp_path: Path) -> None:
+    log = read_log(Path("tests/cases/assembly-g2-seed3.mcap"))
+    robot = yaml.safe_load(log.attachments["robot.yaml"]) | {"name": "mine", "speed_rad_s": [1.0] * 6}
+    attachments = {**log.attachments, "robot.yaml": yaml.safe_dump(robot).encode()}
+    motion = logged_motion(cast(Log, SimpleNamespace(path=tmp_path, attachments=attachments)))
+    assert (motion.robot.name, motion.speed_limits_rad_s) == ("mine", (1.0,) * 6)

@@ -25,7 +25,8 @@ def learned(seed: int) -> list[Episode]:
     from stable_baselines3.common.vec_env import VecNormalize  # type: ignore[import-not-found]
 
     env = VecNormalize(make_vec_env(NAME, env_kwargs={"physics": False}), norm_reward=False)
-    model, episodes = PPO("MultiInputPolicy", env, n_steps=512, gamma=0.95, learning_rate=1e-3, seed=seed), []
+    model = PPO("MultiInputPolicy", env, n_steps=512, gamma=0.95, learning_rate=1e-3, seed=seed)
+    episodes: list[Episode] = []
 
     def note(told: dict[str, Any], _: dict[str, Any]) -> bool:
         ended = [one for one in told["infos"] if "episode" in one]

@@ -27,6 +27,7 @@ from bracket_cell.skills.drivers.settings import (
     FingerSettings,
     ModbusSignalSettings,
     RecordedSettings,
+    Ros2SignalSettings,
     SignalSettings,
     UrSettings,
     UrSignalSettings,
@@ -94,7 +95,7 @@ class Configuration(Model):
     production: ProductionSettings = ProductionSettings()
 
     @property
-    def signals(self) -> SignalSettings | ModbusSignalSettings | UrSignalSettings | OwnDevice | None:
+    def signals(self) -> SignalSettings | ModbusSignalSettings | UrSignalSettings | Ros2SignalSettings | OwnDevice | None:
         """The module with digital signals, whose names tree files may use."""
         return self.devices.signals
 

@@ -95,7 +95,9 @@ class Configuration(Model):
     production: ProductionSettings = ProductionSettings()
 
     @property
-    def signals(self) -> SignalSettings | ModbusSignalSettings | UrSignalSettings | Ros2SignalSettings | OwnDevice | None:
+    def signals(
+        self,
+    ) -> SignalSettings | ModbusSignalSettings | UrSignalSettings | Ros2SignalSettings | OwnDevice | None:
         """The module with digital signals, whose names tree files may use."""
         return self.devices.signals
 

@@ -177,7 +177,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
         ({"kind": "lab:Half", "host": "a"}, "lab:Half lacks follow, stop, pace, acknowledge, samples, close"),
         ({"kind": "lab:Greedy", "host": "a"}, "the driver asks for port; there is: settings, clock, bench"),
         ({"kind": "lab:Odd"}, "lab:Odd.Settings is not a pydantic model"),
-        ({"kind": "can"}, "no kind 'can' of arm; legal: simulated, ur, recorded, or MODULE:CLASS"),
+        ({"kind": "can"}, "no kind 'can' of arm; legal: simulated, ur, ros2, recorded, or MODULE:CLASS"),
         ({"kind": "recorded"}, "key 'log' is missing"),
     ],
 )
@@ -253,7 +253,8 @@ def test_names_of_installed_drivers_are_entry_points(home: Path, monkeypatch: py
     monkeypatch.setattr("bracket_cell.plugins.entry_points", lambda **by: EntryPoints([point]).select(**by))
     path = configured(home, **{**all_real(), "arm": {"kind": "acme", "host": "a"}})
     assert find_drivers(load_configuration(path))["arm"].make.__name__ == "Device"
-    assert "legal: simulated, ur, recorded, acme, or MODULE:CLASS" in refused(configured(home, arm={"kind": "acne"}))
+    told = refused(configured(home, arm={"kind": "acne"}))
+    assert "legal: simulated, ur, ros2, recorded, acme, or MODULE:CLASS" in told
 
 
 @pytest.mark.parametrize(

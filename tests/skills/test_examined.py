@@ -178,8 +178,8 @@ def _short_looks(monkeypatch: pytest.MonkeyPatch) -> None:
 Break = Callable[[Shooting], object]
 WRONG: dict[str, tuple[Break, Change, str]] = {
     "rate": (lambda _: None, {"rate_hz": 90.0}, "rate_hz says 90"),
-    "frozen": (lambda one: setattr(one.server, "frozen", True), {}, "the camera is frozen"),
-    "black": (lambda one: setattr(one.server, "black", True), {}, "take the cover off"),
+    "frozen": (lambda one: setattr(one.server.faults, "frozen", True), {}, "the camera is frozen"),
+    "black": (lambda one: setattr(one.server.faults, "black", True), {}, "take the cover off"),
     "delay": (lambda _: None, {"delay_s": None}, "`cell setup calibrate` measures it"),
     "nobody": (lambda _: None, {"url": "http://127.0.0.1:1/"}, "check cable and address"),
 }

@@ -18,7 +18,7 @@ from typing import Annotated
 import can
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SlowerOption
+from bracket_cell.commands.options import CONFIGURATION, ROS2_HELP, ConfigOption, JsonOption, SlowerOption
 from bracket_cell.commands.terminal import print_json, wait_for_enter
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located
 from bracket_cell.kinds import made
@@ -67,7 +67,7 @@ def doctor(
     contract: Annotated[
         str | None, typer.Option("--contract", metavar="KIND", help="Try what every arm, gripper, camera must do.")
     ] = None,
-    ros2: Annotated[Path | None, typer.Option("--ros2", metavar="BAG", help="Look into a bag of ROS 2 alone.")] = None,
+    ros2: Annotated[Path | None, typer.Option("--ros2", metavar="BAG", help=ROS2_HELP)] = None,
     slower: SlowerOption = 1.0,
 ) -> int:
     """Say what is missing on this machine and how to get it; status 1 if the cell cannot run.

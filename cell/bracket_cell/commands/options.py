@@ -36,6 +36,7 @@ DOORS = {
 
 CONFIG_HELP = "Configuration file of the cell."
 OUT_HELP = "File or folder to write."
+ROS2_HELP = "Topics of ROS 2: those of a bag, or the simulated cell as the drivers of a UR and a RealSense name them."
 HtmlOption = Annotated[Path | None, typer.Option("--html", help="Write an HTML page, too.")]
 ConfigOption = Annotated[Path, typer.Option("--config", help=CONFIG_HELP)]
 NamesOption = Annotated[

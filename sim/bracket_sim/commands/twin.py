@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, SlowerOption
+from bracket_cell.commands.options import CONFIGURATION, ROS2_HELP, ConfigOption, JsonOption, SeedOption, SlowerOption
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located, simulated
 from bracket_cell.device_settings import OwnDevice
@@ -38,8 +38,6 @@ CAMERA = {
     "info": "color/camera_info",
     "depth": "aligned_depth_to_color/image_raw",
 }  # as realsense-ros names them
-
-ROS2_HELP = "Serve it as topics of ROS 2, in the domain ROS_DOMAIN_ID, as the drivers of a UR and of a RealSense."
 
 SocketOption = Annotated[Path, typer.Option("--socket", help="Socket file by which `cell twin fault` reaches it.")]
 

@@ -94,9 +94,11 @@ def broker(port: int, folder: Path, *lines: str) -> Iterator[subprocess.Popen[by
         "\n".join([f"listener {port} 127.0.0.1", *(lines or ["allow_anonymous true"]), "user root"]) + "\n"
     )
     with subprocess.Popen([BROKER, "-c", str(settings)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as one:
-        until(lambda: answers(port))
-        yield one
-        one.terminate()
+        try:
+            until(lambda: answers(port))
+            yield one
+        finally:
+            one.terminate()
 
 
 def answers(port: int) -> bool:

@@ -48,8 +48,11 @@ class Host:
         self._client = mqtt.Client("host")
         self._client.on_message = self._take
         self._client.on_connect = lambda client, *_: client.subscribe("spBv1.0/#", qos=1)
+        listens = threading.Event()
+        self._client.on_subscribe = lambda *_: listens.set()
         self._client.connect("127.0.0.1", port)
         self._client.loop_start()
+        assert listens.wait(PATIENCE_S)  # a birth before that is not heard again
 
     def _take(self, _: Any, __: Any, message: Any) -> None:
         kind = message.topic.split("/")[2]

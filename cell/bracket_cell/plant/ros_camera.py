@@ -15,7 +15,7 @@ from bracket_cell.plant.dds import SENSOR, Node, taken, waited
 from bracket_cell.skills.drivers import cameras
 from bracket_cell.skills.drivers.cameras import GrabbingCamera, Image
 from bracket_cell.skills.drivers.settings import Ros2CameraSettings
-from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.frame import together
@@ -23,7 +23,9 @@ from bracket_ground.interfaces.frame import together
 FRAME_S = 1.0  # in which a frame must come
 OLDEST_S = 10.0  # a stamp that is farther from the wall clock is of another clock, as of a simulation
 DEPTH_S, DEPTHS_N = 0.1, 8  # that a depth image may come after its image; of those that are kept
-INFO_S, FOCAL_OFF, CENTRE_OFF_PX = 3.0, 0.02, 16.0  # of CameraInfo: to wait; what may differ from the bench file
+INFO_S, FOCAL_OFF, CENTRE_OFF_PX, BENDS_OFF = 3.0, 0.02, 16.0, 0.02  # of CameraInfo: to wait; what may differ from
+# the bench file. A k1 of .02 moves the corners of 640 x 480 pixels (focal length 600) by 4 px.
+BROWN, RECTIFIED = ("plumb_bob", "rational_polynomial"), "image_rect"  # of CameraInfo; in topics of image_proc
 COMPRESSED = "/compressed"
 TO_RGB = {
     "rgb8": None,
@@ -120,20 +122,30 @@ def examine(settings: Ros2CameraSettings, clock: Clock, bench: Bench, role: str)
     yield from cameras.examine(settings, clock, bench, role)
     if settings.info:
         reader = Node(settings).subscription(settings.info, "sensor_msgs/msg/CameraInfo", SENSOR)
-        yield _lens(waited(reader, INFO_S), bench, role, settings.info)
+        yield _lens(waited(reader, INFO_S), bench, role, settings)
 
 
-def _lens(info: Any, bench: Bench, role: str, topic: str) -> DeviceCheck:
+def _lens(info: Any, bench: Bench, role: str, settings: Ros2CameraSettings) -> DeviceCheck:
+    """Whether the bench file has the lens that CameraInfo tells; of rectified images (image_proc) that is P's."""
     if info is None:
-        return DeviceCheck(f"camera {role}: its lens", f"nothing comes on {topic}")
-    setup, (fx, _, cx, _, fy, cy, *_) = getattr(bench, role), info.k
+        return DeviceCheck(f"camera {role}: its lens", f"nothing comes on {settings.info}")
+    setup: CameraSetup = getattr(bench, role)
+    model, rectified = setup.model, RECTIFIED in settings.topic
+    matrix = np.reshape(info.p, (3, 4)) if rectified else np.reshape(info.k, (3, 3))
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    bends = np.array([*([] if rectified else info.d), *[0.0] * 5])
     told = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
     told += f"{info.width} x {info.height} pixels"
-    off_px = max(abs(cx - (info.width - 1) / 2), abs(cy - (info.height - 1) / 2))
+    column, row = model.middle_px
     if (info.width, info.height) != (setup.width_px, setup.height_px):
         return DeviceCheck(told, f"the bench file says {setup.width_px} x {setup.height_px}")
-    if max(abs(fx / setup.focal_px - 1), abs(fy / setup.focal_px - 1)) > FOCAL_OFF:
-        return DeviceCheck(told, f"focal_px says {setup.focal_px:g}: `cell setup calibrate` measures it")
-    if off_px > CENTRE_OFF_PX:
-        return DeviceCheck(told, "the principal point is not in the middle: publish rectified images")
+    if np.abs(np.array([fx, fy]) / model.focals_px - 1).max() > FOCAL_OFF:
+        return DeviceCheck(told, "the bench file says focal_px: {:g}, focal_y_px: {:g}".format(*model.focals_px))
+    if max(abs(cx - column), abs(cy - row)) > CENTRE_OFF_PX:
+        return DeviceCheck(told, f"the bench file says principal_px: [{column:g}, {row:g}]")
+    if bends.any() and (info.distortion_model not in BROWN or bends[5:].any()):
+        return DeviceCheck(told, f"its distortion is {info.distortion_model!r}: publish rectified images")
+    if np.abs(bends[:5] - model.distortion).max() > BENDS_OFF:
+        what = "the bench file says k1, k2, p1, p2, k3 = {:g}, {:g}, {:g}, {:g}, {:g}".format(*model.distortion)
+        return DeviceCheck(told, f"{what}; its images {', '.join(f'{value:g}' for value in bends[:5])}")
     return DeviceCheck(told)

@@ -48,15 +48,14 @@ class PolicyDevice(Observer):
             seen: as of `observed`.
         """
         try:
-            policy = self._policies.get(file) or Policy(Path(file), self._joints)
+            policy = self._policies[file] = self._policies.get(file) or Policy(Path(file), self._joints)
+            if policy.cameras and not self._devices.images:
+                wants = " and ".join(policy.cameras)
+                raise ModelError(f"{file}: wants images of {wants}, and this run makes none (--look none)")
+            for camera in policy.cameras:
+                (self._devices.overhead if camera == "overhead" else self._devices.wrist).trigger()
         except ModelError as error:
             return _Known(Answer(error=str(error)))
-        self._policies[file] = policy
-        if policy.cameras and not self._devices.images:
-            wants = " and ".join(policy.cameras)
-            return _Known(Answer(error=f"{file}: wants images of {wants}, and this run makes none (--no-pixels)"))
-        for camera in policy.cameras:
-            (self._devices.overhead if camera == "overhead" else self._devices.wrist).trigger()
         now_s = self._devices.clock.now_s
         work = self._work(policy, seen, now_s())
         return Call(partial(_drained, work), None, "policy") if self._beside else _Stepped(work, now_s)

@@ -36,18 +36,21 @@ class Regions:
         width_px, height_px: size of its images.
         side_px: of a region in them.
         focal_px: of the camera.
+        middle_px: its principal point (column, row).
     """
 
     width_px: int
     height_px: int
     side_px: float
     focal_px: float
+    middle_px: tuple[float, float]
 
     @staticmethod
     def of(setup: CameraSetup) -> Regions:
         """For a camera that looks down on the table."""
         depth_m = setup.mount.position_m[2] - REGION_HEIGHT_M
-        return Regions(setup.width_px, setup.height_px, REGION_M * setup.focal_px / depth_m, setup.focal_px)
+        side_px, (column, row) = REGION_M * setup.focal_px / depth_m, setup.model.middle_px.tolist()
+        return Regions(setup.width_px, setup.height_px, side_px, setup.focal_px, (column, row))
 
     @property
     def size_px(self) -> Array:
@@ -93,8 +96,8 @@ class Regions:
         return points
 
     def from_middle(self, point_px: Array) -> Array:
-        """The way (2,) to a point of the image from its middle, by the focal length: how askew it is seen."""
-        way: Array = (point_px - (self.size_px - 1) / 2) / self.focal_px
+        """The way (2,) to a point of the image from the principal point, by the focal length: how askew it is seen."""
+        way: Array = (point_px - np.array(self.middle_px)) / self.focal_px
         return way
 
     def place(self, centre_px: Array) -> Array:

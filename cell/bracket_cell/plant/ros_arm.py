@@ -129,7 +129,7 @@ class Ros2Samples:
         time_s = came.header.stamp.sec + came.header.stamp.nanosec * 1e-9
         at = [came.name.index(name) for name in self._names]
         joints, speeds, moments = (self._column(values, at) for values in (came.position, came.velocity, came.effort))
-        if joints is None or not np.isfinite(joints).all():
+        if joints is None:
             raise OSError(f"{self._topic} tells no positions")
         if speeds is None:
             before_s, before = self._before or (time_s - 1.0, joints)
@@ -144,8 +144,9 @@ class Ros2Samples:
 
     @staticmethod
     def _column(values: Sequence[float], at: list[int]) -> Array | None:
-        """Of these joints; None where it is not told."""
-        return np.array(values)[at] if len(values) > max(at) else None
+        """Of these joints; None where it is not told: nothing, or NaN, as of an interface that the hardware lacks."""
+        found = np.array(values, float)[at] if len(values) > max(at) else np.array([np.nan])
+        return found if np.isfinite(found).all() else None
 
 
 def _mode(state: UrState) -> tuple[ArmMode, str]:

@@ -29,6 +29,11 @@ class Status(IntEnum):
 
     UNKNOWN, ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(7)
 
+    @classmethod
+    def of(cls, number: int) -> Status:
+        """The status of a number; UNKNOWN of any that the message does not define."""
+        return cls(number) if 0 <= number < len(cls) else cls.UNKNOWN
+
     @property
     def over(self) -> bool:
         """It does not change any more."""
@@ -141,7 +146,7 @@ class ActionClient:
     def status(self, goal: bytes) -> Status:
         """What is known of a goal by now."""
         for told in taken(self._status):
-            self._known = {bytes(one.goal_info.goal_id.uuid): Status(one.status) for one in told.status_list}
+            self._known = {bytes(one.goal_info.goal_id.uuid): Status.of(one.status) for one in told.status_list}
         return self._known.get(goal, Status.UNKNOWN)
 
     def feedback(self) -> list[tuple[bytes, Any]]:

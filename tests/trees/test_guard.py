@@ -112,6 +112,7 @@ def test_what_the_next_part_shows_is_not_asked() -> None:
     outlook = GUARD.outlook(either, AssemblyState({"p1": "o1"}))
     assert outlook.ask_s >= min(outlook.act_s, outlook.wait_s)
     assert outlook.wait_s < outlook.ask_s < outlook.act_s
+    assert outlook.after_one_s < outlook.act_s, "one more part tells"
     assert not GUARD.asks_for_goal(either, AssemblyState({"p1": "o1"}))
 
 

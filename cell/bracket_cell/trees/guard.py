@@ -149,15 +149,15 @@ class Guard:
 
     def outlook(self, plan: AssemblyPlan, state: AssemblyState, may_ask: bool = True, waited_s: float = 0.0) -> Outlook:
         """What acting, waiting and asking are expected to cost."""
-        settings, told = self._settings, state.told_goal is not None
-        looked = self._looked
+        settings, looked = self._settings, self._looked
         if looked is None or looked[0] is not plan or looked[1] != state:
             looks = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
             self._looked = looked = plan, state, looks
         return Outlook(
             act_s=min((self._risk_s(belief) for belief in plan.next_belief.values()), default=math.inf),
             wait_s=waiting_s(looked[2], settings.placement_s, waited_s if state.placed else 0.0),
-            ask_s=settings.question_s if may_ask and not told else math.inf,
+            ask_s=settings.question_s if may_ask and state.told_goal is None else math.inf,
+            after_one_s=next((cost_s for number, cost_s in looked[2] if number == 1), math.inf),
         )
 
     def _cheapest(

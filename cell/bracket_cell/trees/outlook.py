@@ -39,11 +39,13 @@ class Outlook:
         act_s: of the best placement that is possible now; infinite where there is none.
         wait_s: of further looks, and of the best that can be done after them.
         ask_s: of a question; infinite where nobody answers.
+        after_one_s: of the best that can be done after one more placement by the person, without the wait for it.
     """
 
     act_s: float
     wait_s: float
     ask_s: float
+    after_one_s: float
 
 
 def waiting_s(looks: Looks, placement_s: float, waited_s: float = 0.0) -> float:

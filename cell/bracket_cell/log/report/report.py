@@ -169,9 +169,10 @@ class _Told:
 
     def __init__(self, log: Log | LogStream) -> None:
         self._log = log
-        self._count = self._helps = 0
+        self._count = 0
         self.first_s = self.last_s = 0.0
         self.lines: list[Line] = []
+        self._asked: list[Mapping[str, Any]] = []
         keeper = shift_from(self._ticks(), lambda: log.metadata, lambda: log.result)
         if not self._count:
             raise LogError(log.path, "holds no tick that could be reported")
@@ -180,13 +181,18 @@ class _Told:
         self.axis = Axis(self.first_s, self.last_s)
 
     def _ticks(self) -> Iterator[LoggedTick]:
+        bracket = None
         for piece in self._log:
             self.lines += lines_from(self._log.path, piece.messages)
             for tick in piece.ticks:
                 self.first_s = tick.time_s if not self._count else self.first_s
                 self.last_s = tick.time_s
                 self._count += 1
-                self._helps += sum(topic == "help" for topic, _ in tick.notes)
+                for topic, fields in tick.notes:
+                    if topic == "bracket":
+                        bracket = fields.get("number")
+                    elif topic == "help":
+                        self._asked.append({**fields, "time_s": tick.time_s, "bracket": bracket})
                 yield tick
 
     def page(self, took: str, more: Sequence[Tile] = (), **values: object) -> str:
@@ -202,12 +208,12 @@ class _Told:
         tiles: list[Tile] = [
             ("outcome", end, "good" if end == "finished" else "bad"),
             *more,
-            ("calls for help", str(self._helps), "bad" if self._helps else ""),
+            ("calls for help", str(len(self._asked)), "bad" if self._asked else ""),
             ("time", took, ""),
             ("alarms", str(alarms), "bad" if alarms else "good"),
         ]
         sizes = {"axis": self.axis, "width": WIDTH, "labels": LABELS, "narrowest": NARROWEST_PX}
-        told = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles}
+        told = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles, "asked": self._asked}
         return rendered(TEMPLATE, **sizes, **told, **values)
 
 

@@ -32,7 +32,8 @@ def entry_text(entry: Mapping[str, Any], longest: int = LONGEST_TEXT) -> str:
     head = f"{entry['time_s']:8.2f} s  "
     if "topic" in entry:
         fields = {key: value for key, value in entry.items() if key not in ("topic", "time_s")}
-        return head + short(f"{entry['topic']}  {short(fields, longest)}", longest)
+        told = note_text("help", fields) if entry["topic"] == "/note/help" else short(fields, longest)
+        return head + short(f"{entry['topic']}  {told}", longest)
     return f"{head}{entry['path']}: {entry['old']} > {entry['new']}  {entry['feedback']}".rstrip()
 
 
@@ -79,6 +80,14 @@ def _verdict(fields: Mapping[str, Any]) -> str:
     return f"{fields['decision']}: {reason if reason.startswith(subject) else f'{subject}: {reason}'}"
 
 
+def _help(fields: Mapping[str, Any]) -> str:
+    costs_s, belief = fields["costs"], fields.get("belief") or {"no goal": 0.0}
+    goal = max(belief, key=lambda name: belief[name])
+    words = {"act_s": "acting", "wait_s": "waiting", "after_one_s": "after one more part", "ask_s": "a question"}
+    told = ", ".join(f"{words[name]} {costs_s[name]:g} s" for name in words if name in costs_s)
+    return f"{fields.get('text')}; {goal} {belief[goal]:.3f}, {told}"
+
+
 NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], str]]] = {
     # topic and a field that a note must have: the word before it, and the rest
     ("belief", "edge"): ("placed", _placed),
@@ -93,6 +102,7 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
     ("verdict", "decision"): ("guard", _verdict),
     ("skill", "node"): ("skill", lambda one: f"{one['node']} {one.get('status')}: {one.get('reason')}"),
     ("cause", "relation"): ("compared", lambda one: cause_text(one).removeprefix("compared").strip()),
+    ("help", "costs"): ("help", _help),
     ("help", ""): ("help", lambda one: str(one.get("text"))),
 }
 

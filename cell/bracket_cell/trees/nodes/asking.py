@@ -184,24 +184,21 @@ class AskWhichGoal(Asks):
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
     def _ask(self, plan: AssemblyPlan, state: AssemblyState) -> None:
-        services = self.services
+        services, belief = self.services, plan.goal_belief
         product = services.tools.product
-        ranked = sorted(product.goals, key=lambda goal: -plan.goal_belief.get(goal, 0.0))[:LIKELIEST_N]
+        ranked = sorted(product.goals, key=lambda goal: -belief.get(goal, 0.0))[:LIKELIEST_N]
         answers = [
             Answer(
                 goal,
-                Message(
-                    "{goal} ({share})", goal=product.goal_title(goal), share=f"{plan.goal_belief.get(goal, 0.0):.0%}"
-                ),
+                Message("{goal} ({share})", goal=product.goal_title(goal), share=f"{belief.get(goal, 0.0):.0%}"),
                 product.goal_placements(goal, state.placed),
             )
             for goal in ranked
         ]
         answers.append(Answer(UNKNOWN_GOAL, "a new one"))
-        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         goal = product.goal_title(plan.goal if state.told_goal is None else state.told_goal)
         doubt = "I am not sure that this is {goal}: a product that I do not know has probability {unknown:.2f}"
-        reason: str = Message(doubt, goal=goal, unknown=unknown)
+        reason: str = Message(doubt, goal=goal, unknown=belief.get(UNKNOWN_GOAL, 0.0))
         job = services.now.observation.operator.job
         if job is not None and self.order.get() and against_order(services, state):
             title = product.goal_title
@@ -221,7 +218,7 @@ class AskWhichGoal(Asks):
         services.now.show(help_request=Message("{reason}; which one is it?", reason=reason))
         outlook = services.tools.guard.outlook(plan, state, waited_s=services.waited_s)
         costs = {name: round(cost_s, 1) for name, cost_s in vars(outlook).items() if math.isfinite(cost_s)}
-        services.tools.journal.note("help", text=reason, goals=ranked, belief=dict(plan.goal_belief), costs=costs)
+        services.tools.journal.note("help", text=reason, goals=ranked, belief=dict(belief), costs=costs)
         self.feedback_message = reason
 
 

@@ -130,6 +130,19 @@ def test_a_long_shift_is_told_part_by_part(tmp_path: Path) -> None:
     assert page.read_text() == "<html>mine</html>"
 
 
+def test_questions_are_in_a_table_with_what_was_expected(tmp_path: Path) -> None:
+    path, costs = tmp_path / "asked.mcap", {"act_s": 37.5, "wait_s": 31.0, "after_one_s": 4.0, "ask_s": 30.0}
+    recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
+    unsure: tuple[Note, ...] = (("help", {"text": "which?", "belief": {"g0": 0.125, "g1": 0.875}, "costs": costs}),)
+    recorder.tick(record(0, BEGIN))
+    recorder.tick(replace(record(1, unsure), observation=replace(record(1).observation, tick=1)))
+    recorder.close(Outcome("finished", "", 2, 0, 1.0, 0.1))
+    page = report_html(read_log(path))
+    [row] = [line for line in page.splitlines() if "which?" in line and "g1 (0.875)" in line]
+    assert [f">{cost_s:.1f} s<" in row for cost_s in costs.values()] == [True] * 4
+    assert '<td class="n">1</td>' in row, "the bracket's number"
+
+
 def test_a_log_without_brackets_is_no_shift(tmp_path: Path) -> None:
     path = tmp_path / "one.mcap"
     recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))

@@ -30,6 +30,11 @@ from btxml.engine.status import Status
         ("verdict", {"subject": "o1 at p2", "decision": "ask", "reason": "p2 is full"}, ["ask: o1 at p2: p2 is full"]),
         ("skill", {"node": "PickPart", "status": "failure", "reason": "missed"}, ["PickPart failure: missed"]),
         ("help", {"text": "please place it"}, ["please place it"]),
+        (
+            "help",
+            {"text": "which?", "belief": {"g0": 0.125, "g1": 0.875}, "costs": {"act_s": 37.5, "after_one_s": 4.0}},
+            ["which?; g1 0.875, acting 37.5 s, after one more part 4 s"],
+        ),
         ("plan", {"new": 1}, ['{"new": 1}']),
     ],
 )

@@ -12,6 +12,7 @@ from bracket_cell.commands.options import CONFIGURATION, OUT_HELP, ConfigOption
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.pictures import labels as folders
+from bracket_cell.pictures.exports import LEGAL_EXPORTS, write_labels
 from bracket_cell.pictures.foreign import LEGAL as LEGAL_LABELS
 from bracket_cell.pictures.labels import ROWS, LabelFolder
 from bracket_cell.pictures.sources import LEGAL, camera_pose, open_source
@@ -47,16 +48,14 @@ def label(
         list[str] | None,
         typer.Option(help="With --import: THEIRS=OURS, another name of a category; THEIRS= leaves its boxes out."),
     ] = None,
-    export_to: Annotated[
-        Path | None, typer.Option("--export", help="Write all labels: FILE.json for COCO, a new folder for YOLO.")
-    ] = None,
+    export_to: Annotated[str | None, typer.Option("--export", help=f"Write all labels: {LEGAL_EXPORTS}.")] = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Label pictures in a browser; detectors suggest, a person corrects.
 
     Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
     """
-    from bracket_cell.pictures.coco import read_labels, write_coco, write_yolo
+    from bracket_cell.pictures.imports import read_labels
     from bracket_cell.pictures.server import LabelServer
     from bracket_cell.pictures.suggestions import Suggester
 
@@ -71,8 +70,7 @@ def label(
         for file, labels in read_labels(opened, import_from, places, _renamed(rename or ())).items():
             opened.save(file, labels)
     if export_to is not None:
-        write = write_coco if export_to.suffix == ".json" else write_yolo
-        console().print(f"{write(opened, export_to, places)} pictures in {export_to}", highlight=False)
+        console().print(f"{write_labels(opened, export_to, places)} pictures in {export_to}", highlight=False)
     if import_from is not None:
         console().print(f"{len(opened.labels)} pictures of {folder} have labels", highlight=False)
     if import_from is None and export_to is None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import yaml
 from pydantic import ConfigDict, Field, ValidationError
@@ -18,6 +19,7 @@ from bracket_ground.files.model import Model
 
 LEGAL = "a COCO file (.json), a folder of YOLO (data.yaml or classes.txt), of Pascal VOC (.xml), or a CVAT file (.xml)"
 CLASSES = ("classes.txt", "obj.names")  # names by number, one a line, where YOLO has no data.yaml
+CVAT_PASSED = ("tag", "points", "polyline")  # of an image, which no box is of
 SHARES = (1.0, 1.0)  # the size of a picture whose boxes are told as shares of it
 
 
@@ -183,46 +185,104 @@ def _from_shares(values: Sequence[float]) -> Box:
     return min(values[::2]), min(values[1::2]), max(values[::2]), max(values[1::2])
 
 
+@dataclass(frozen=True)
+class _Element:
+    """An element of an XML file, which knows its line."""
+
+    file: Path
+    root: ElementTree.Element
+    lines: Mapping[ElementTree.Element, int]
+
+    @property
+    def at(self) -> Place:
+        return Place(self.file, self.lines[self.root])
+
+    def all(self, tag: str) -> Iterator[_Element]:
+        return (_Element(self.file, one, self.lines) for one in self.root.iter(tag))
+
+    def child(self, path: str) -> tuple[float, ...]:
+        """The number in a child's text, or nothing where there is no such child."""
+        found = self.root.find(path)
+        return () if found is None else (self.number(f"<{found.tag}>", found.text),)
+
+    def key(self, name: str) -> float:
+        """The number of an attribute."""
+        return self.number(name, self.root.get(name))
+
+    def number(self, name: str, text: str | None) -> float:
+        """Raises InputError where it is none."""
+        try:
+            if math.isfinite(value := float(text or "")):
+                return value
+        except ValueError:
+            pass
+        raise InputError(Problem(self.at, f"{name} of {text or ''!r}: must be a number"))
+
+
+def _parsed(file: Path) -> _Element:
+    builder, parser, lines = ElementTree.TreeBuilder(), expat.ParserCreate(), dict[ElementTree.Element, int]()
+
+    def begun(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    parser.StartElementHandler, parser.EndElementHandler = begun, builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(read_text(file), True)
+    except expat.ExpatError as error:
+        raise InputError(Problem(Place(file, error.lineno), f"is not XML: {expat.ErrorString(error.code)}")) from None
+    return _Element(file, builder.close(), lines)
+
+
 def _xml(file: Path) -> list[ForeignPicture]:
     """Pictures of a file of Pascal VOC (one) or of CVAT (all of a task)."""
-    try:
-        root = ElementTree.fromstring(read_text(file))
-    except ElementTree.ParseError as error:
-        raise InputError(Problem(Place(file, error.position[0]), f"is not XML: {error}")) from None
-    if root.tag not in ("annotation", "annotations"):
-        raise InputError(f"{file}: is neither Pascal VOC (<annotation>) nor CVAT for images (<annotations>)")
-    try:
-        return [_voc(file, root)] if root.tag == "annotation" else [_cvat(file, one) for one in root.iter("image")]
-    except (TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{file}: a box or size is missing or no number: {error}") from None
+    root = _parsed(file)
+    if root.root.tag == "annotation":
+        return [_voc(root)]
+    if root.root.tag == "annotations" and root.root.find("image") is not None:
+        return [_cvat(one) for one in root.all("image")]
+    raise InputError(f"{file}: is neither Pascal VOC (<annotation>) nor CVAT for images (<annotations> of <image>)")
 
 
-def _voc(file: Path, root: ElementTree.Element) -> ForeignPicture:
-    size = root.find("size")
-    told = None if size is None else (float(size.findtext("width") or 0), float(size.findtext("height") or 0))
+def _voc(root: _Element) -> ForeignPicture:
+    told = (*root.child("size/width"), *root.child("size/height"))
+    size_px = (told[0], told[1]) if len(told) == 2 and all(side > 0 for side in told) else None
     boxes = []
-    for number, one in enumerate(root.iter("object"), 1):
-        left, top, right, bottom = (
-            float(one.findtext(f"bndbox/{side}") or "") for side in ("xmin", "ymin", "xmax", "ymax")
-        )
-        name = (one.findtext("name") or "").strip()
-        boxes.append(ForeignBox(name, (left, top, right, bottom), f"{file}: object {number}"))
-    return ForeignPicture(root.findtext("filename") or file.stem, told if told and all(told) else None, tuple(boxes))
+    for one in root.all("object"):
+        sides = [value for side in ("xmin", "ymin", "xmax", "ymax") for value in one.child(f"bndbox/{side}")]
+        if len(sides) < 4:
+            raise InputError(Problem(one.at, "<bndbox> must have xmin, ymin, xmax and ymax"))
+        left, top, right, bottom = sides
+        name = (one.root.findtext("name") or "").strip()
+        boxes.append(ForeignBox(name, (left, top, right, bottom), str(one.at)))
+    return ForeignPicture(root.root.findtext("filename") or root.file.stem, size_px, tuple(boxes))
 
 
-def _cvat(file: Path, image: ElementTree.Element) -> ForeignPicture:
+def _cvat(image: _Element) -> ForeignPicture:
     boxes = [
-        ForeignBox(
-            one.get("label") or "",
-            (
-                float(one.get("xtl", "")),
-                float(one.get("ytl", "")),
-                float(one.get("xbr", "")),
-                float(one.get("ybr", "")),
-            ),
-            f"{file}: {image.get('name')}, box {number}",
-        )
-        for number, one in enumerate(image.iter("box"), 1)
+        ForeignBox(one.get("label") or "", _outline(shape), str(shape.at))
+        for one in image.root
+        if one.tag not in CVAT_PASSED
+        for shape in (_Element(image.file, one, image.lines),)
     ]
-    size = float(image.get("width", "")), float(image.get("height", ""))
-    return ForeignPicture(image.get("name") or "", size, tuple(boxes))
+    size = image.key("width"), image.key("height")
+    return ForeignPicture(image.root.get("name") or "", size, tuple(boxes))
+
+
+def _outline(shape: _Element) -> Box:
+    """The box around a shape of CVAT; one of boxes may be turned about its middle."""
+    if shape.root.tag == "box":
+        left, top, right, bottom = (shape.key(side) for side in ("xtl", "ytl", "xbr", "ybr"))
+        turn = math.radians(shape.number("rotation", shape.root.get("rotation", "0")))
+        across, down = (right - left) / 2, (bottom - top) / 2
+        wide = across * abs(math.cos(turn)) + down * abs(math.sin(turn))
+        high = across * abs(math.sin(turn)) + down * abs(math.cos(turn))
+        x, y = (left + right) / 2, (top + bottom) / 2
+        return (x - wide, y - high, x + wide, y + high) if turn else (left, top, right, bottom)
+    if shape.root.tag != "polygon":
+        raise InputError(Problem(shape.at, f"<{shape.root.tag}>: legal are box, polygon"))
+    text = shape.root.get("points", "")
+    pairs = [pair.split(",") for pair in text.split(";")]
+    if len(pairs) < 3 or any(len(pair) != 2 for pair in pairs):
+        raise InputError(Problem(shape.at, f"points of {text!r}: must be x,y;x,y;x,y or more"))
+    return _from_shares([shape.number("points", value) for pair in pairs for value in pair])

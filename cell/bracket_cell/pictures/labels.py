@@ -41,10 +41,17 @@ ROWS: Mapping[str, Mapping[str, type[Any]]] = {
     "wrist": {"objects": TrayRow},
 }
 BORDER = (110, 110, 110)  # grey, as regions of hands have it beyond an image
+HAND, HOLE, EMPTY, COVERED = "hand", "hole ", "empty", "covered"  # categories in files of other programs
 PIECE = 20  # pictures of a stream that are of one recording: kept for the scores together, or learned from together
 
 
 Size = tuple[int, int]  # (width, height) in pixels
+
+
+def categories(product: Product) -> tuple[str, ...]:
+    """All categories of boxes in files of other programs: parts, hands, and what a hole holds."""
+    parts = (*product.parts, UNKNOWN)
+    return (*parts, HAND, *(f"{HOLE}{name}" for name in (EMPTY, COVERED, *product.parts)))
 
 
 class PictureLabels(Model):

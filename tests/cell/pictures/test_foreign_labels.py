@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.pictures.labels import LabelFolder
+from bracket_cell.pictures.labels import LabelFolder, PictureLabels
 from tests.cell.pictures.drawn import BENCH, PRODUCT
 
 SOURCE_PX = (1000, 500)  # of a photograph; the camera's pictures have another shape
@@ -44,20 +44,29 @@ def yolo(line: str = "1 0.2 0.46 0.2 0.12", names: str = "names: [o2, o1]") -> P
     return Path("y")
 
 
-def voc() -> Path:
+def voc(box: tuple[object, ...] = BOX) -> Path:
     Path("v").mkdir()
-    sides = "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), BOX, strict=True))
+    sides = "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
     size = "<size><width>1000</width><height>500</height><depth>3</depth></size>"
-    text = f"<annotation><filename>a.jpg</filename>{size}<object><name>o1</name><bndbox>{sides}</bndbox></object>"
+    text = f"<annotation>\n<filename>a.jpg</filename>{size}\n<object><name>o1</name><bndbox>{sides}</bndbox></object>"
     Path("v/a.xml").write_text(f"{text}</annotation>")
     return Path("v")
 
 
-def cvat() -> Path:
-    sides = " ".join(f'{n}="{v}"' for n, v in zip(("xtl", "ytl", "xbr", "ybr"), BOX, strict=True))
-    image = f'<image id="0" name="set/a.jpg" width="1000" height="500"><box label="o1" {sides}/></image>'
-    Path("cvat.xml").write_text(f"<annotations><version>1.1</version>{image}</annotations>")
+def cvat(inside: str = "", box: tuple[object, ...] = BOX) -> Path:
+    sides = " ".join(f'{n}="{v}"' for n, v in zip(("xtl", "ytl", "xbr", "ybr"), box, strict=True))
+    inside = inside or f'<box label="o1" {sides}/>'
+    image = f'<image id="0" name="set/a.jpg" width="1000" height="500">\n{inside}</image>'
+    Path("cvat.xml").write_text(f"<annotations><version>1.1</version>\n{image}</annotations>")
     return Path("cvat.xml")
+
+
+def cvat_polygon() -> Path:
+    return cvat('<polygon label="o1" points="100.0,200.0;300.0,200.0;300.0,260.0;100.0,260.0"/>')
+
+
+def cvat_turned() -> Path:
+    return cvat('<box label="o1" xtl="170" ytl="130" xbr="230" ybr="330" rotation="90.0"/>')
 
 
 def yolo_polygon() -> Path:
@@ -78,7 +87,7 @@ def of_a_store() -> Path:
 
 @pytest.mark.parametrize(
     "made",
-    [coco, yolo, voc, cvat, yolo_polygon, half_as_large, named_by_case, of_a_store],
+    [coco, yolo, voc, cvat, cvat_polygon, cvat_turned, yolo_polygon, half_as_large, named_by_case, of_a_store],
     ids=lambda one: one.__name__,
 )
 def test_every_format_gives_the_same_box_in_the_picture_with_borders(folder: Path, made: Callable[[], Path]) -> None:
@@ -99,6 +108,13 @@ def test_every_format_gives_the_same_box_in_the_picture_with_borders(folder: Pat
         (lambda: yolo("5 0.2 0.46 0.2 0.12"), "y/labels/a.txt:1: class 5: legal are 0, 1"),
         (lambda: yolo("1 0.2 0.46 0.2"), "y/labels/a.txt:1: must be: class, then middle x"),
         (lambda: yolo("1 0.2 0.46 0.9 0.12"), "y/labels/a.txt:1: a box of"),
+        (lambda: voc((100, 200, 1300, 260)), "v/a.xml:3: a box of 100, 200, 1300, 260"),
+        (lambda: voc((100, 200, "", 260)), "v/a.xml:3: <xmax> of '': must be a number"),
+        (lambda: voc((100, 200, "1e999", 260)), "v/a.xml:3: <xmax> of '1e999': must be a number"),
+        (lambda: cvat(box=(100, 200, 1300, 260)), "cvat.xml:3: a box of 100, 200, 1300, 260"),
+        (lambda: cvat(box=("x", 200, 300, 260)), "cvat.xml:3: xtl of 'x': must be a number"),
+        (lambda: cvat('<polygon label="o1" points="1,2;3"/>'), "cvat.xml:3: points of '1,2;3': must be x,y;x,y"),
+        (lambda: cvat('<ellipse label="o1" cx="1"/>'), "cvat.xml:3: <ellipse>: legal are box, polygon"),
         (lambda: yolo(names="nc: 2"), "data.yaml: names no classes"),
         (lambda: Path("photos"), "holds no labels; legal: a COCO file"),
         (lambda: Path("own/frames.jsonl"), "is of no known format; legal: a COCO file"),
@@ -125,17 +141,23 @@ def test_names_may_be_given_by_hand_and_others_left_out(folder: Path, capsys: py
     assert "--rename: no category o9" in capsys.readouterr().err
 
 
-def test_boxes_come_back_from_a_folder_of_yolo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("named", ["out.json", "out", "voc:out", "out.xml"])
+def test_boxes_come_back_from_every_format(named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("photos").mkdir()
     size = BENCH.wrist.width_px, BENCH.wrist.height_px
-    cv2.imwrite("photos/a.png", np.full((size[1], size[0], 3), 120, np.uint8))
+    for name in ("a", "b & c"):
+        cv2.imwrite(f"photos/{name}.png", np.full((size[1], size[0], 3), 120, np.uint8))
     for name in ("own", "other"):
         assert main(["record", "photos", "--camera", "wrist", "--out", name]) == 0
     assert main(["label", "own", "--import", str(coco(size=size, times=0.5))]) == 0
-    assert main(["label", "own", "--export", "out"]) == 0
-    assert main(["label", "other", "--import", "out"]) == 0
-    ((part,),) = [one.parts for one in LabelFolder(Path("other"), PRODUCT).labels.values()]
-    assert part.part == "o1"
-    assert part.whole_box_px == pytest.approx([0.5 * side for side in BOX], abs=0.01)
-    assert main(["label", "own", "--export", "out"]) == 2
+    opened = LabelFolder(Path("own"), PRODUCT)
+    opened.save(opened.pictures[1].file, PictureLabels())
+    assert main(["label", "own", "--export", named]) == 0
+    written = named.removeprefix("voc:")
+    assert main(["label", "other", "--import", written]) == 0
+    first, second = LabelFolder(Path("other"), PRODUCT).labels.values()
+    assert [part.part for part in first.parts] == ["o1"]
+    assert first.parts[0].whole_box_px == pytest.approx([0.5 * side for side in BOX], abs=0.01)
+    assert second == PictureLabels()
+    assert main(["label", "own", "--export", named]) == (2 if Path(written).is_dir() else 0)

@@ -1,77 +1,32 @@
-"""Labels of other programs, read and written: a category for each type of part, hands, and what a hole holds."""
+"""Labels of other programs, read into a folder of pictures: their categories become the product's."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
-import yaml
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
-from bracket_cell.learned.records import MOST_PROBLEMS, UNKNOWN, Box, Hole, PartRow, mistakes
+from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow, mistakes
 from bracket_cell.pictures.foreign import SHARES, ForeignBox, read_foreign
-from bracket_cell.pictures.labels import IMAGES, LabelFolder, PictureLabels, Size, fit_of
+from bracket_cell.pictures.labels import (
+    COVERED,
+    EMPTY,
+    HAND,
+    HOLE,
+    LabelFolder,
+    PictureLabels,
+    Size,
+    categories,
+    fit_of,
+)
 from bracket_ground.errors import InputError
-from bracket_ground.files.files import write_new, write_whole
 from bracket_ground.interfaces.product import Product
 
 SAME_SHAPE, OUTSIDE = 0.02, 0.005  # shares by which shapes of one picture may differ, and boxes reach over its edge
-HAND, HOLE, EMPTY, COVERED = "hand", "hole ", "empty", "covered"
 NEAREST_PX = 12.0  # from the middle of a box to the hole that it is of
-HOLE_PX = 12.0  # half the side of the box that stands for a hole
-
-
-def categories(product: Product) -> tuple[str, ...]:
-    """All names, the first with the number 1."""
-    parts = (*product.parts, UNKNOWN)
-    return (*parts, HAND, *(f"{HOLE}{name}" for name in (EMPTY, COVERED, *product.parts)))
-
-
-def write_coco(folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[str, tuple[float, float]]]) -> int:
-    """Write the labels of all pictures that have some; returns how many these are.
-
-    Args:
-        holes_px: by file, where the holes are.
-    """
-    names = categories(folder.product)
-    images, found = [], list[dict[str, Any]]()
-    for number, row in enumerate(folder.pictures, 1):
-        if (labels := folder.labels.get(row.file)) is None:
-            continue
-        height, width = folder.image(row).shape[:2]
-        images.append({"id": number, "file_name": row.file, "width": width, "height": height})
-        for name, box, points in _boxes(labels, holes_px.get(row.file, {})):
-            left, top, right, bottom = box
-            told = {"bbox": [left, top, right - left, bottom - top], "area": (right - left) * (bottom - top)}
-            key = {"keypoints": points, "num_keypoints": sum(value > 0 for value in points[2::3])} if points else {}
-            of = {"id": len(found) + 1, "image_id": number, "category_id": names.index(name) + 1, "iscrowd": 0}
-            found.append({**of, **told, **key})
-    named = [{"id": number, "name": name} for number, name in enumerate(names, 1)]
-    named[names.index(HAND)]["keypoints"] = list(POINTS)
-    content = {"images": images, "categories": named, "annotations": found}
-    write_whole(path, json.dumps(content).encode())
-    return len(images)
-
-
-def write_yolo(folder: LabelFolder, path: Path, holes_px: Mapping[str, Mapping[str, tuple[float, float]]]) -> int:
-    """Write data.yaml and labels/*.txt beside the pictures' names; returns how many pictures these are of."""
-    names, files = categories(folder.product), dict[str, bytes]()
-    for row in folder.pictures:
-        if (labels := folder.labels.get(row.file)) is None:
-            continue
-        width, height = folder.size_px(row)
-        lines = []
-        for name, (left, top, right, bottom), _ in _boxes(labels, holes_px.get(row.file, {})):
-            shares = ((left + right) / 2 / width, (top + bottom) / 2 / height, (right - left) / width)
-            lines.append(f"{names.index(name)} " + " ".join(f"{one:.6f}" for one in (*shares, (bottom - top) / height)))
-        files[f"labels/{Path(row.file).stem}.txt"] = "".join(f"{line}\n" for line in lines).encode()
-    told = {"path": str(folder.path.resolve()), "train": IMAGES, "val": IMAGES, "names": dict(enumerate(names))}
-    write_new(path, {"data.yaml": yaml.safe_dump(told, sort_keys=False).encode(), **files})
-    return len(files)
 
 
 def read_labels(
@@ -171,22 +126,6 @@ def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size
     placed = shares.clip(0, 1).reshape(2, 2) * np.array(source_px) * scale + shift
     left, top, right, bottom = (float(value) for value in placed.reshape(4))
     return left, top, right, bottom
-
-
-def _boxes(
-    labels: PictureLabels, holes_px: Mapping[str, tuple[float, float]]
-) -> Iterator[tuple[str, tuple[float, ...], list[float]]]:
-    for part in labels.parts:
-        if part.whole_box_px is not None:
-            yield part.part, part.whole_box_px, []
-    for hand in labels.hands:
-        points = [hand.points_px.get(name) for name in POINTS]
-        flat = [value for at in points for value in ((*at, 2.0) if at is not None else (0.0, 0.0, 0.0))]
-        yield HAND, hand.box_px, flat if hand.points_px else []
-    for hole in labels.holes:
-        x, y = holes_px[hole.position]
-        name = COVERED if hole.covered > 0.5 else hole.part or EMPTY
-        yield f"{HOLE}{name}", (x - HOLE_PX, y - HOLE_PX, x + HOLE_PX, y + HOLE_PX), []
 
 
 def _labels(given: Sequence[tuple[str, Box, ForeignBox]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:

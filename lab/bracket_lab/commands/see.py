@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import Configuration, detected_by, load_configuration, load_product, simulated
 from bracket_cell.learned.bench_watcher import DetectorChain
+from bracket_cell.learned.hands.reading import Reading
+from bracket_cell.learned.hands.tracking import HandTracks
 from bracket_cell.learned.holes.model import VOTES
 from bracket_cell.pictures.sources import LEGAL, Source, camera_pose, open_source
 from bracket_cell.pictures.suggestions import Often
 from bracket_cell.recording.schemas import plain
 from bracket_cell.settings import Perception
-from bracket_cell.wiring.detectors import Detectors, bench_watcher, fitted, for_camera, part_finder
+from bracket_cell.wiring.detectors import Detectors, fitted, for_camera, part_finder
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Image
-from bracket_ground.interfaces.perception import BenchView
+from bracket_ground.interfaces.perception import BenchView, HandTracker
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.detections import (
     PICTURE_SUFFIXES,
@@ -35,7 +38,9 @@ from bracket_lab.evaluations.detections import (
     drawn_parts,
 )
 
-Look = Callable[[Frame], tuple[object, Image]]
+Look = Callable[[Frame], tuple[dict[str, Any], Image]]
+
+Size = tuple[int, int]  # height and width [px]
 
 CAMERAS = ("overhead", "wrist")
 MOST_FROM_CAMERA = 150  # ten seconds
@@ -48,7 +53,10 @@ def see(
     ] = None,
     camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
     hands: Annotated[
-        str | None, typer.Option(help="Tracker: both, slim, classical or mediapipe, else as configured.")
+        str | None,
+        typer.Option(
+            help="Tracker: both, slim, classical or mediapipe, else as configured; A,B draws two side by side."
+        ),
     ] = None,
     perception: Annotated[
         str | None, typer.Option(help="All detectors, whatever is configured: learned or classical.")
@@ -66,13 +74,11 @@ def see(
     """
     if camera not in CAMERAS:
         raise InputError(f"--camera {camera}: unknown camera; legal: {', '.join(CAMERAS)}")
-    configuration = _chosen(simulated(load_configuration(config), look), hands, perception)
-    product = load_product(configuration, config)
-    drawn = source.startswith("sim:") or source.endswith(".mcap")
-    looking, of_hands = for_camera(configuration.perception, real=not drawn)
-    configuration, said = fitted(configuration.model_copy(update={"perception": looking}), product)
-    for line in filter(None, (of_hands, said)):
-        console().print(line, highlight=False)
+    configured = simulated(load_configuration(config), look)
+    product, drawn = load_product(configured, config), source.startswith("sim:") or source.endswith(".mcap")
+    trackers = [one.strip() for one in hands.split(",")] if hands else [None]
+    each = [_fitted(_chosen(configured, one, perception), product, real=not drawn) for one in trackers]
+    configuration = each[0]
     opened = open_source(source, camera, configuration, product, camera_pose(configuration.bench, camera))
     if look is not None and not source.startswith("sim:"):
         raise InputError("--look goes with sim:SEED; what is there already looks as it does")
@@ -84,33 +90,51 @@ def see(
         raise InputError(f"{target}: is also the input; choose another with --out")
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
-        look_at = partial(_look, configuration, product, camera, opened.follows)
-        told = _seen(opened, most, every, writer, look_at)
-    console().print(table(str(target), {"frames": len(told)} | (_of_hands(told) if camera == "overhead" else {})))
+        looks = [partial(_look, one, product, camera, opened.follows) for one in each]
+        told = _seen(opened, most, every, writer, looks)
+    rows = {"frames": len(told[0])}
+    for name, frames_told in zip(trackers, told, strict=True):
+        counts = _of_hands(frames_told) if camera == "overhead" else {}
+        rows |= {f"{name}: {what}" if len(told) > 1 else what: count for what, count in counts.items()}
+    console().print(table(str(target), rows))
     if as_json:
-        print_json({"source": source, "written": [str(file) for file in writer.written], "frames": told})
+        beside = {str(name): frames_told for name, frames_told in zip(trackers[1:], told[1:], strict=True)}
+        answer = {"source": source, "written": [str(file) for file in writer.written], "frames": told[0]}
+        print_json(answer | ({"beside": beside} if beside else {}))
+
+
+def _fitted(configuration: Configuration, product: Product, *, real: bool) -> Configuration:
+    """With the detectors that this source and this product can have, and what people should know of them said."""
+    looking, of_hands = for_camera(configuration.perception, real=real)
+    configuration, said = fitted(configuration.model_copy(update={"perception": looking}), product)
+    for line in filter(None, (of_hands, said)):
+        console().print(line, highlight=False)
+    return configuration
 
 
 def _seen(
-    opened: Source, most: int | None, every: int, writer: PictureWriter, look: Callable[[tuple[int, int]], Look]
-) -> list[dict[str, Any]]:
-    """What is found in every frame; what is to be drawn is written. Frames that do not follow others stand alone.
+    opened: Source, most: int | None, every: int, writer: PictureWriter, looks: Sequence[Callable[[Size], Look]]
+) -> list[list[dict[str, Any]]]:
+    """What is found in every frame, by each of the looks; what is to be drawn is written, side by side.
+
+    Frames that do not follow others stand alone.
 
     Args:
-        look: at frames of a height and width [px].
+        looks: at frames of a height and width [px].
     """
-    told = []
-    watching: Look | None = None
+    told: list[list[dict[str, Any]]] = [[] for _ in looks]
+    watching: list[Look] = []
     size = (0, 0)
     for frame in islice(opened.frames, most):
-        if watching is None or not opened.follows or frame.image.shape[:2] != size:
+        if not watching or not opened.follows or frame.image.shape[:2] != size:
             size = (frame.image.shape[0], frame.image.shape[1])
-            watching = look(size)
-        view, image = watching(frame)
+            watching = [look(size) for look in looks]
+        views, images = zip(*(watch(frame) for watch in watching), strict=True)
         file = {"file": opened.files[frame.sequence]} if opened.files else {}
-        told.append(file | plain(view))
+        for frames_told, view in zip(told, views, strict=True):
+            frames_told.append(file | view)
         if frame.sequence % every == 0:
-            writer.write(image, opened.title(frame.sequence))
+            writer.write(np.hstack(images), opened.title(frame.sequence))
     return told
 
 
@@ -137,16 +161,18 @@ def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -
     return configuration.model_copy(update={"perception": perception})
 
 
-def _watcher(bench: Bench, product: Product, perception: Perception, follows: bool) -> Callable[[Frame], BenchView]:
-    """What answers overhead frames of a film, or else the only frame that it is asked about."""
-    if follows:
-        return bench_watcher(bench, product, perception)
+def _watcher(
+    bench: Bench, product: Product, perception: Perception, follows: bool
+) -> tuple[Callable[[Frame], BenchView], HandTracker]:
+    """What answers overhead frames of a film, or else the only frame that it is asked about; and its tracker."""
     made = Detectors(bench, product, perception)
-    holes = Often(made.make("holes"), max(VOTES, perception.classical.settle_frames))
-    return DetectorChain(bench, product, made.make("hands"), holes, made.make("actions"))
+    tracker, holes = made.make("hands"), made.make("holes")
+    if not follows:
+        holes = Often(holes, max(VOTES, perception.classical.settle_frames))
+    return DetectorChain(bench, product, tracker, holes, made.make("actions"), made.places()), tracker
 
 
-def _look(configuration: Configuration, product: Product, camera: str, follows: bool, size: tuple[int, int]) -> Look:
+def _look(configuration: Configuration, product: Product, camera: str, follows: bool, size: Size) -> Look:
     """What is found in a frame of this size, and the frame with it drawn.
 
     Args:
@@ -160,20 +186,44 @@ def _look(configuration: Configuration, product: Product, camera: str, follows: 
             wanted = f"{setup.width_px} x {setup.height_px}"
             raise InputError(f"a frame of {size[1]} x {size[0]} pixels; those of the wrist camera have {wanted}")
         find = part_finder(bench, product, perception)
-        return lambda frame: (view := find(frame), drawn_parts(frame, view, bench, product))
-    if fits:
-        watch = _watcher(bench, product, perception, follows)
-        return lambda frame: (view := watch(frame), drawn_bench(frame, view, bench, product))
-    scale, model = size[1] / setup.width_px, setup.model
+        return lambda frame: (plain(view := find(frame)), drawn_parts(frame, view, bench, product))
+    if not fits:
+        return _hands_alone(_of_size(bench, size), product, perception)
+    watch, tracker = _watcher(bench, product, perception, follows)
+
+    def whole(frame: Frame) -> tuple[dict[str, Any], Image]:
+        view = watch(frame)
+        return plain(view) | _doubts(tracker), drawn_bench(frame, view, bench, product, _doubtful(tracker))
+
+    return whole
+
+
+def _of_size(bench: Bench, size: Size) -> Bench:
+    """The bench with an overhead camera that sees the same in images of another size."""
+    setup, model = bench.overhead, bench.overhead.model
+    scale = size[1] / setup.width_px
     centre = (model.middle_px + 0.5) * scale - 0.5
     same_view: dict[str, object] = {"width_px": size[1], "height_px": size[0], "focal_px": setup.focal_px * scale}
     same_view |= {"focal_y_px": setup.focal_y_px and setup.focal_y_px * scale, "principal_px": tuple(centre.tolist())}
-    other = bench.model_copy(update={"overhead": setup.model_copy(update=same_view)})
-    tracker = Detectors(other, product, perception).make("hands")
+    return bench.model_copy(update={"overhead": setup.model_copy(update=same_view)})
 
-    def hands_alone(frame: Frame) -> tuple[object, Image]:
+
+def _hands_alone(bench: Bench, product: Product, perception: Perception) -> Look:
+    tracker: HandTracker = Detectors(bench, product, perception).make("hands")
+
+    def look(frame: Frame) -> tuple[dict[str, Any], Image]:
         hand = tracker.track(frame)
         seen = {"sequence": frame.sequence, "time_s": frame.time_s, "hand": hand, "other_hands": tracker.others}
-        return seen, drawn_hands(frame, other, hand, tracker.others)
+        drawn = drawn_hands(frame, bench, hand, tracker.others, _doubtful(tracker))
+        return plain(seen) | _doubts(tracker), drawn
 
-    return hands_alone
+    return look
+
+
+def _doubtful(tracker: HandTracker) -> Sequence[Reading]:
+    return tracker.doubtful if isinstance(tracker, HandTracks) else ()
+
+
+def _doubts(tracker: HandTracker) -> dict[str, Any]:
+    """What the tracker read and does not believe."""
+    return {"doubtful": [{"box_px": one.box_px, "confidence": one.confidence} for one in _doubtful(tracker)]}

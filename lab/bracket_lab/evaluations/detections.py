@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from bracket_cell.learned.hands.reading import Reading
 from bracket_cell.recording.images import Video
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
@@ -68,7 +69,9 @@ class Canvas:
             cv2.putText(self.image, text, place, FONT, 0.45, rgb, width, cv2.LINE_AA)
 
 
-def drawn_bench(frame: Frame, view: BenchView, bench: Bench, product: Product) -> Image:
+def drawn_bench(
+    frame: Frame, view: BenchView, bench: Bench, product: Product, doubtful: Sequence[Reading] = ()
+) -> Image:
     """An overhead frame with hands, holes and action."""
     canvas = Canvas(frame, bench.overhead.model)
     for position, hole in view.holes.items():
@@ -76,8 +79,7 @@ def drawn_bench(frame: Frame, view: BenchView, bench: Bench, product: Product) -
         place = canvas.ring(x, y, z, 0.016, GREY if hole.part is None else WHITE)
         tilted = "" if hole.upright else " tilted"
         canvas.words(f"{hole.part or ''}{tilted}", (place[0] - 8, place[1] - 24), WHITE)
-    hand = None if view.hand is None else view.hand
-    draw_hands(canvas, hand, view.other_hands)
+    draw_hands(canvas, view.hand, view.other_hands, doubtful)
     canvas.words(f"{view.action} {view.action.confidence:.2f}", (8, 18), WHITE)
     trouble = view.health or view.hand_unknown
     if trouble:
@@ -85,10 +87,12 @@ def drawn_bench(frame: Frame, view: BenchView, bench: Bench, product: Product) -
     return beside_depth(canvas.image, frame)
 
 
-def drawn_hands(frame: Frame, bench: Bench, hand: HandSample | None, others: Sequence[HandSample]) -> Image:
+def drawn_hands(
+    frame: Frame, bench: Bench, hand: HandSample | None, others: Sequence[HandSample], doubtful: Sequence[Reading]
+) -> Image:
     """A frame with hands alone."""
     canvas = Canvas(frame, bench.overhead.model)
-    draw_hands(canvas, hand, others)
+    draw_hands(canvas, hand, others, doubtful)
     return beside_depth(canvas.image, frame)
 
 
@@ -112,8 +116,12 @@ def drawn_parts(frame: Frame, view: PartsView, bench: Bench, product: Product) -
     return canvas.image
 
 
-def draw_hands(canvas: Canvas, hand: HandSample | None, others: Sequence[HandSample]) -> None:
-    """All hands: the one that works, and the others."""
+def draw_hands(
+    canvas: Canvas, hand: HandSample | None, others: Sequence[HandSample], doubtful: Sequence[Reading] = ()
+) -> None:
+    """All hands: the one that works, the others, and in grey what is not believed to be one."""
+    for reading in doubtful:
+        canvas.box(reading.box_px, f"hand? {reading.confidence:.2f}", GREY)
     for one, colour in [(hand, WORKS), *((other, RESTS) for other in others)]:
         if one is not None:
             _draw_hand(canvas, one, colour)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,12 @@ from bracket_cell.commands.main import main
 from bracket_cell.commands.terminal import BAD_INPUT
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from bracket_cell.pictures.sources import _video
+from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.commands.see import _chosen
+from bracket_lab.evaluations.detections import GREY, drawn_hands
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
+from tests.learned.hands.test_tracking import BENCH, reading
 
 TIPS_M = (0.78, 0.2)
 
@@ -66,6 +70,40 @@ def test_all_detectors_are_taken_as_said_also_those_that_are_chosen_by_themselve
     assert _chosen(own, None, "classical").perception.words == "classical"
     assert _chosen(own, "slim", "classical").perception.chosen("hands").kind == "slim"
     assert _chosen(own, "slim", "classical").perception.chosen("holes").kind == "classical"
+
+
+def test_two_trackers_are_drawn_side_by_side_and_told_by_their_names(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = see(capsys, picture, "--hands", "classical")
+    both = see(capsys, picture, "--hands", "classical, slim", "--out", "both.png")
+    assert both["frames"] == alone["frames"]
+    ((beside,),) = both["beside"].values()
+    assert list(both["beside"]) == ["slim"]
+    assert beside["hand"] != alone["frames"][0]["hand"]
+    one, two = cv2.imread("bench-seen.png"), cv2.imread("both.png")
+    assert one is not None
+    assert two is not None
+    assert two.shape == (one.shape[0], 2 * one.shape[1], 3)
+    assert (two[:, : one.shape[1]] == one).all()
+    assert (two[:, one.shape[1] :] != one).any()
+    assert main(["lab", "see", str(picture), "--hands", "slim,none"]) == BAD_INPUT
+    assert "none" in capsys.readouterr().err
+
+
+def test_what_is_read_and_not_believed_is_drawn_in_grey() -> None:
+    """A person saw no hand, and not a hand of .7."""
+    image = np.full((360, 480, 3), 90, np.uint8)
+    frame = Frame("overhead", 0, 0.0, image, BENCH.overhead.mount.pose)
+    drawn, without = (
+        drawn_hands(frame, BENCH, None, (), doubtful)
+        for doubtful in ([replace(reading(TIPS_M, confidence=0.7), box_px=(100, 100, 200, 180))], [])
+    )
+    factor = drawn.shape[1] // 480
+    assert (drawn[factor * 140, factor * 100] == GREY).all()
+    changed = (drawn != without).any(axis=2)
+    assert changed[factor * 80 : factor * 100].any(), "its share"
+    assert not changed[factor * 185 :].any()
 
 
 def test_many_frames_do_not_go_into_one_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

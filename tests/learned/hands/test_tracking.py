@@ -169,6 +169,16 @@ def test_a_doubtful_hand_is_believed_only_where_one_was() -> None:
     assert samples == [None] * 3
 
 
+def test_what_is_not_believed_is_told_and_a_hand_is_not_among_it() -> None:
+    sure, doubtful = reading((0.72, 0.1)), reading((0.72, -0.25), confidence=0.4)
+    tracks = HandTracks(BENCH, Script([[sure, doubtful], [replace(sure, confidence=0.4)], []]))
+    told = []
+    for number in range(3):
+        tracks.track(frame(number))
+        told.append(list(tracks.doubtful))
+    assert told == [[doubtful], [], []]
+
+
 def test_a_box_beyond_the_image_ends_at_its_edge() -> None:
     (sample,), _ = follow(Script([[replace(reading((0.72, 0.1)), box_px=(-30.0, 5.5, 700.0, 400.0))]]), 1)
     assert sample is not None

@@ -141,6 +141,12 @@ class HandTracks:
         self._doubts: list[tuple[float, Array]] = []
         self._works: _Track | None = None
         self._others: tuple[HandSample, ...] = ()
+        self._doubtful: tuple[Reading, ...] = ()
+
+    @property
+    def doubtful(self) -> tuple[Reading, ...]:
+        """What was read in the last frame, and is not believed to be a hand."""
+        return self._doubtful
 
     @property
     def others(self) -> tuple[HandSample, ...]:
@@ -163,6 +169,7 @@ class HandTracks:
         readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
         self._assign(readings, now_s, RobotMask(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
+        self._doubtful = tuple(one for one in readings if all(one is not track.reading for track in seen))
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
             # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.

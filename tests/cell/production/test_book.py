@@ -19,6 +19,7 @@ from bracket_cell.production.bookkeeper import Bookkeeper, Moment, Placements
 from bracket_cell.production.effectiveness import Period
 from bracket_cell.production.samples import Samples
 from bracket_ground.errors import InputError
+from tests.cell.log.report.outline import outline_of
 
 MONDAY = datetime(2026, 11, 23, 6, 0, tzinfo=UTC)
 CYCLE_S, CHANGE_S, WAIT_S = 60.0, 20.0, 12.0
@@ -58,6 +59,7 @@ def test_a_week_agrees_in_page_csv_metrics_and_json() -> None:
     table = list(csv.DictReader(StringIO("".join(csv_lines(rows)))))
     samples = {(name, *labels.values()): value for name, labels, value in Samples(book)()}
     page = production_html(book)
+    outline_of(page)
     summaries: list[dict[str, Any]] = [keeper.report([]) for keeper in keepers]
     finished = sum(row["finished"] == "yes" for row in table)
     assert finished == 280

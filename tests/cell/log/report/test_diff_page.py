@@ -14,12 +14,15 @@ from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.explain import causes, changed_files
 from bracket_cell.log.report import query
 from bracket_cell.log.report.diff_page import diff_html
+from tests.cell.log.report.outline import outline_of
 
 NAMES = ("one.mcap", "other.mcap")
 
 
 def page(one: Log, other: Log) -> str:
-    return diff_html(one, other, query.diff(one, other), NAMES, said(one, other))
+    html = diff_html(one, other, query.diff(one, other), NAMES, said(one, other))
+    outline_of(html)
+    return html
 
 
 def said(one: Log, other: Log) -> list[str]:

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
@@ -19,6 +18,7 @@ from bracket_cell.log.read.reader import Log
 from bracket_cell.log.report.report import report_html, write_report
 from bracket_cell.log.report.summary import beliefs, node_rows, placements, verdicts
 from bracket_ground.errors import InputError, LogError
+from tests.cell.log.report.outline import Outline, outline_of
 from tests.processes import finished
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -34,36 +34,6 @@ addEventListener("load", () => {
   }
 });
 """
-VOID = {"meta", "link", "br", "img", "hr", "input"}
-
-
-class Outline(HTMLParser):
-    """Checks that tags close in order, and keeps ids, addresses and text."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.addresses: list[str] = []
-        self.text: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        values = dict(attrs)
-        self.ids += [values["id"] or ""] if "id" in values else []
-        self.addresses += [value or "" for name, value in attrs if name in ("href", "src", "xlink:href", "action")]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text.append(data)
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +43,7 @@ def page(assembly_log: Log) -> str:
 
 @pytest.fixture(scope="module")
 def outline(page: str) -> Outline:
-    parsed = Outline()
-    parsed.feed(page)
-    return parsed
+    return outline_of(page)
 
 
 def test_page_is_well_formed_and_has_all_sections(outline: Outline) -> None:

@@ -19,6 +19,7 @@ from bracket_cell.watching.observer import Outcome
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.operator import Question
+from tests.cell.log.report.outline import outline_of
 from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
 
 HELD = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
@@ -57,6 +58,7 @@ def shift(tmp_path: Path) -> Shift:
     log = read_log(path)
     told = shift_of(shift_from(log.ticks, lambda: log.metadata, lambda: log.result).book)
     page = report_html(log)
+    outline_of(page)
     assert "OEE" in page
     assert "there is no safety valve" in page
     assert "not as A-7 wants it" in page

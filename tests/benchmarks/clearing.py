@@ -15,10 +15,10 @@ from bracket_cell.learned.grasp.boxes import Boxes
 from bracket_cell.learned.grasp.candidates import touching
 from bracket_cell.learned.grasp.settings import PAPER_SCENES, GripperOutline
 from bracket_cell.learned.grasp.solution import nearest_first, solve
-from bracket_cell.learned.inference.scores import share, wilson
 from bracket_ground.files.row_store import RowStore
 from bracket_lab.evaluations.figures import paper
 from bracket_lab.learned.grasp.scenes import draw_scenes, standing_boxes
+from bracket_lab.learned.scores import share, wilson
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.clutter import sample_clutter, standing
 from bracket_sim.scene.parts import ScenePart

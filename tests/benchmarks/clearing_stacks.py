@@ -11,8 +11,8 @@ from rich.progress import track
 from rich.table import Table
 
 from bracket_cell.configuration import Configuration
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.watching.observer import TickRecord
+from bracket_lab.learned.scores import wilson
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.clutter import sample_clutter
 from bracket_sim.scene.parts import ScenePart

@@ -16,17 +16,17 @@ from itertools import permutations
 import numpy as np
 
 from bracket_cell.configuration import load_configuration, load_product
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import EMPTY, Ints, Layout
-from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.model import BayesPlanner
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR
 from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.scores import wilson
+from bracket_lab.learned.semantic.misdetection import Scenarios, misdetect
 
 LISTED = (3, 12, 60)  # goals; 60 are all arrangements that there are
 SHIPPED = load_configuration().guard

@@ -14,7 +14,6 @@ import statistics
 import time
 from collections.abc import Iterator
 
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.graph import Layout
 from bracket_cell.learned.semantic.model import BayesPlanner
@@ -22,6 +21,7 @@ from bracket_cell.learned.semantic.settings import DETECTION_ERROR
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import EMPTY
+from bracket_lab.learned.scores import wilson
 
 ACT = 0.9  # probability of a placement from which the robot acts
 SIZES = ((6, 3, 3), (6, 3, 60), (10, 5, 12), (12, 5, 12), (20, 8, 30), (20, 8, 200), (50, 20, 200))

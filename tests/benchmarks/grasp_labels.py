@@ -22,10 +22,10 @@ from rich.table import Table
 
 from bracket_cell.learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
 from bracket_cell.learned.grasp.settings import GripperOutline
-from bracket_cell.learned.inference.scores import wilson
 from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.gripper import default_gripper
 from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
+from bracket_lab.learned.scores import wilson
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 from tests.learned.grasp.layouts import can_grasp

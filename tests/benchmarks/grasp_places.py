@@ -19,8 +19,8 @@ from rich.table import Table
 from bracket_cell.learned.grasp.candidates import touching
 from bracket_cell.learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
 from bracket_cell.learned.grasp.solution import nearest_first, solve
-from bracket_cell.learned.inference.scores import wilson
 from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
+from bracket_lab.learned.scores import wilson
 from tests.integration.cell_rig import PRODUCT
 
 CLUTTERS = {"dense": SceneSettings(), "loose": TRAY_SCENES}

@@ -21,9 +21,9 @@ from rich.table import Table
 from bracket_cell.commands.options import seeds_of
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from bracket_cell.kinds import WEIGHTS
-from bracket_cell.learned.inference.scores import wilson
 from bracket_ground.files.row_store import RowStore
 from bracket_ground.interfaces.planning import crops_file
+from bracket_lab.learned.scores import wilson
 from bracket_sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing, clearing_stacks
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree

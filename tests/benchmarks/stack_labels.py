@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bracket_cell.learned.inference.scores import wilson
+from bracket_lab.learned.scores import wilson
 from bracket_lab.stacks.draw import LIFT_M, MOVED_M, Standing, order_of_taking, stand
 from bracket_sim.stacks.settings import StackSettings
 

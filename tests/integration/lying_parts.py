@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from bracket_cell.configuration import load_configuration
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.skills.lying import SetUpright
 from bracket_cell.skills.motion.lying_grasp import laid_out
 from bracket_cell.skills.move_to import MoveTo
@@ -27,6 +26,7 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resting_pose import SIDES, side_up
 from bracket_ground.interfaces.skill import SkillStatus
+from bracket_lab.learned.scores import wilson
 from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from bracket_sim.rendering.studio import visible_poses
 from bracket_sim.scene.world import WorldPart

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bracket_cell.learned.inference.scores import ScoreCounter, student, wilson
+from bracket_lab.learned.scores import ScoreCounter, student, wilson
 
 
 def test_fifty_of_fifty_allow_less_than_all() -> None:

@@ -14,7 +14,7 @@ from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOptio
 from bracket_cell.commands.terminal import console, print_json, product_of
 from bracket_cell.configuration import load_configuration
 from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
-from bracket_cell.log.training.demonstrations import finished_bracket
+from bracket_cell.log.report.demonstrations import finished_bracket
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.variants import written
 

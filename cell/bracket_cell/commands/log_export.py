@@ -12,7 +12,8 @@ import typer
 
 from bracket_cell.commands.log_terminal import LogArgument, beside, read, say, spared, tell_json
 from bracket_cell.commands.options import OUT_HELP, JsonOption, OverwriteOption
-from bracket_cell.commands.terminal import console, table
+from bracket_cell.commands.terminal import Command, console, table
+from bracket_cell.packages import LABORATORY
 from bracket_ground.errors import LogError
 
 LOSSY = 3
@@ -87,8 +88,7 @@ def _recover(log: Path, target: Path, as_json: bool) -> int:
 
 def write_training(logs: Sequence[Path], out: Path, as_json: bool) -> None:
     """Write what logs of runs give for training, each log once, into a new folder."""
-    from bracket_cell.log.training.manifest import write_training_data
-
+    write_training_data = Command("_recorded", "What `--to training` calls.", comes_with=LABORATORY).load()
     command = shlex.join(["cell", "log", "export", "--to", "training", *map(str, logs), "--out", str(out)])
     _require_each_once(logs)
     manifest = write_training_data((read([log]) for log in logs), out, command)

@@ -18,8 +18,6 @@ from bracket_cell.learned.bench_watcher import DetectorChain
 from bracket_cell.learned.hands.reading import Reading
 from bracket_cell.learned.hands.tracking import HandTracks
 from bracket_cell.learned.holes.model import VOTES
-from bracket_cell.pictures.sources import LEGAL, Source, camera_pose, open_source
-from bracket_cell.pictures.suggestions import Often
 from bracket_cell.recording.schemas import plain
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors, fitted, for_camera, part_finder
@@ -37,6 +35,8 @@ from bracket_lab.evaluations.detections import (
     drawn_hands,
     drawn_parts,
 )
+from bracket_lab.pictures.sources import LEGAL, Source, camera_pose, open_source
+from bracket_lab.pictures.suggestions import Often
 
 Look = Callable[[Frame], tuple[dict[str, Any], Image]]
 

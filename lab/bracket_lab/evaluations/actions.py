@@ -18,7 +18,6 @@ from bracket_cell.learned.actions.segments import SegmentReader
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, Classes
 from bracket_cell.learned.bench_watcher import DetectorChain
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_cell.learned.inference.scores import share
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.files.data_folder import DataFolder
@@ -36,6 +35,7 @@ from bracket_lab.evaluations.hands import LEAST_VISIBLE
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
 from bracket_lab.learned.actions.data import load_segments
 from bracket_lab.learned.actions.evaluate import answers
+from bracket_lab.learned.scores import share
 from bracket_sim.scene.settings import settings_of
 
 IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened

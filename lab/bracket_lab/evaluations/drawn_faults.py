@@ -25,7 +25,6 @@ import numpy as np
 
 from bracket_cell.configuration import DEFAULT_TREE
 from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, drawn_fault
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.running.supervisor import PAUSED, Supervisor, make_supervisor
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
@@ -37,6 +36,7 @@ from bracket_lab.evaluations.assembly import OF_PERSON, assembly
 from bracket_lab.evaluations.danger import DRIVEN_M_S, PART_FELL, Danger
 from bracket_lab.evaluations.evidence import Evidence
 from bracket_lab.evaluations.faults import Fork, trial
+from bracket_lab.learned.scores import wilson
 from bracket_sim.cell import SimCell
 
 EACH = 20  # faults that one run splits for; one more has none

@@ -16,7 +16,6 @@ from bracket_cell.configuration import Configuration
 from bracket_cell.learned.calibration.check import WORLD
 from bracket_cell.learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera
 from bracket_cell.learned.holes.model import VOTES, Reading
-from bracket_cell.learned.inference.scores import share
 from bracket_cell.learned.parts.maps import overlap, surface_of
 from bracket_cell.runs.calibrating import wrist_views
 from bracket_cell.skills.motion.grasp_pose import tool_down
@@ -36,6 +35,7 @@ from bracket_lab.drawing.trays import CAMERA, TrayCamera
 from bracket_lab.learned.holes.evaluate import HoleFindings, Plate, evaluate_holes, load_plates
 from bracket_lab.learned.parts.data import Scene
 from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
+from bracket_lab.learned.scores import share
 from bracket_lab.wiring.drawn_frames import tray_scenes
 from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from bracket_sim.rendering.studio import visible_poses

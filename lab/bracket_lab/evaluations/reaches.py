@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from bracket_cell.configuration import DEFAULT_TREE, Configuration, load_faults
-from bracket_cell.learned.inference.scores import student
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
@@ -29,6 +28,7 @@ from bracket_ground.interfaces.perception import BenchView
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing.recording import Assembly, Film, drawn_goal, record
+from bracket_lab.learned.scores import student
 from bracket_sim.cell import SimCell
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.rendering.camera import SimCamera

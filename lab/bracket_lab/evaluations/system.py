@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from bracket_cell.configuration import Configuration, load_product
-from bracket_cell.learned.inference.scores import share
 from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.bench import Bench
@@ -24,6 +23,7 @@ from bracket_lab.evaluations.actions import Told, matched
 from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.figures import paper
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
+from bracket_lab.learned.scores import share
 from bracket_sim.cell import SimCell
 
 

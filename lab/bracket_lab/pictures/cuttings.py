@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.learned.records import PartRow, read_image
-from bracket_cell.pictures.labels import fitted, taken_by
-from bracket_cell.pictures.sources import PICTURES, camera_pose
 from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.product import PartType, Product
+from bracket_lab.pictures.labels import fitted, taken_by
+from bracket_lab.pictures.sources import PICTURES, camera_pose
 
 SMALL_PX = 400  # longest side of a photograph in which the part is looked for
 BORDER_SHARE = 0.04  # of its shorter side: the band along its edges that shows the sheet alone

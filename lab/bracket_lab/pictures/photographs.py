@@ -21,12 +21,12 @@ from bracket_cell.learned.hands.mediapipe.hands import MediaPipeHands
 from bracket_cell.learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.records import read_image
-from bracket_cell.pictures.sources import PICTURES
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import CameraSetup
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.pictures.handless import Compositor
+from bracket_lab.pictures.sources import PICTURES
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
 PALM_OUTLINE = (0, 1, 5, 9, 13, 17)

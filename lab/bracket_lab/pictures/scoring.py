@@ -14,9 +14,7 @@ from bracket_cell.learned.actions.segments import SegmentReader
 from bracket_cell.learned.actions.settings import Classes
 from bracket_cell.learned.holes.model import VOTES, Reading
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_cell.learned.inference.scores import ScoreCounter
 from bracket_cell.learned.records import read_image
-from bracket_cell.pictures.suggestions import Often
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench, CameraCalibration
@@ -29,7 +27,9 @@ from bracket_lab.learned.hands.data import LabelledFrame, frames_of
 from bracket_lab.learned.holes.evaluate import HoleFindings, Plate, load_plates
 from bracket_lab.learned.parts.data import Scene, load_scenes
 from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
+from bracket_lab.learned.scores import ScoreCounter
 from bracket_lab.learned.training.still_dataset import Still
+from bracket_lab.pictures.suggestions import Often
 from bracket_lab.wiring.latency import note_scores
 
 Scores = dict[str, float]

@@ -13,11 +13,11 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.commands.terminal import BAD_INPUT
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
-from bracket_cell.pictures.sources import _video
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.commands.see import _chosen
 from bracket_lab.evaluations.detections import GREY, drawn_hands
+from bracket_lab.pictures.sources import _video
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 from tests.learned.hands.test_tracking import BENCH, reading
 

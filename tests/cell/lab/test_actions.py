@@ -13,7 +13,6 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
 from bracket_cell.learned.actions.settings import Classes
-from bracket_cell.learned.inference.scores import share
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.devices import TruthEvent
 from bracket_ground.interfaces.perception import Action
@@ -24,6 +23,7 @@ from bracket_lab.drawing.recording import record as recorded
 from bracket_lab.drawing.tracks import hands_of
 from bracket_lab.evaluations.actions import Tally, evaluate_actions, matched
 from bracket_lab.evaluations.system import Listener, table_1, with_goals
+from bracket_lab.learned.scores import share
 from bracket_sim.scene.settings import settings_of
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record

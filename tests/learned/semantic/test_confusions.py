@@ -21,12 +21,12 @@ from bracket_cell.learned.semantic.confusions import (
     confirmed_reports,
 )
 from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
-from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_lab.learned.semantic.evaluate import Answers, coverage
+from bracket_lab.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
 from bracket_lab.learned.semantic.scenarios import sampled, scenarios
 from tests.learned.products import DEFAULT

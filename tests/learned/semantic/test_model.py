@@ -13,12 +13,12 @@ from onnx import numpy_helper
 
 from bracket_cell.learned.inference.onnx_model import OnnxModel, save_onnx
 from bracket_cell.learned.semantic.graph import Ints, Layout, one_hot
-from bracket_cell.learned.semantic.misdetection import misdetect
 from bracket_cell.learned.semantic.posterior import BayesPosterior, Noise
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState, SemanticPlanner
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.semantic.evaluate import evaluate_semantic
+from bracket_lab.learned.semantic.misdetection import misdetect
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
 from bracket_lab.learned.semantic.scenarios import consistent, scenarios
 from tests.learned.products import DEFAULT, HARDER, relabelled, with_goals

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bracket_cell.learned.semantic.graph import EMPTY, Layout, action_pairs
-from bracket_cell.learned.semantic.misdetection import misdetect
+from bracket_lab.learned.semantic.misdetection import misdetect
 from bracket_lab.learned.semantic.scenarios import (
     SCENARIO_LIMIT,
     bound,

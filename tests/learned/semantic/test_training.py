@@ -174,9 +174,9 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
 def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
     import torch
 
-    from bracket_cell.learned.semantic.misdetection import misdetect
     from bracket_cell.learned.semantic.posterior import BayesPosterior, Likelihood, Noise, UnknownGoal, posterior
     from bracket_cell.learned.semantic.settings import DETECTION_ERROR, FactoredSettings
+    from bracket_lab.learned.semantic.misdetection import misdetect
     from bracket_lab.learned.semantic.network import FactoredNetwork
 
     network = FactoredNetwork(LAYOUT, FactoredSettings())

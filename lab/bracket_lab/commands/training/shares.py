@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bracket_cell.log.training.manifest import logs_by_hash
 from bracket_ground.errors import InputError
 from bracket_lab.commands.training.made_data import make_data, require_usable
 from bracket_lab.commands.training.weights import Training
+from bracket_lab.recorded.manifest import logs_by_hash
 
 VALIDATION_SEED = 800_000
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from bracket_cell.learned.actions.segments import SegmentReader
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, ActionTraining
-from bracket_cell.learned.inference.scores import student
 from bracket_lab.learned.actions.data import Segments
 from bracket_lab.learned.actions.evaluate import answers
 from bracket_lab.learned.actions.train import OUTPUTS, Task, action_recipe
+from bracket_lab.learned.scores import student
 from bracket_lab.learned.training.recipe import Task as Training
 from bracket_lab.learned.training.torch_model import TorchModel
 

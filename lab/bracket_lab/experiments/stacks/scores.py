@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bracket_cell.learned.inference.scores import ScoreCounter
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.experiments.stacks.planners import StackPlanner
 from bracket_lab.experiments.stacks.views import Labelled, StackView
+from bracket_lab.learned.scores import ScoreCounter
 
 LEAST_IOU = 0.5
 OBJECTS = (2, 3, 4, 5)  # of a picture: VMRD's bins

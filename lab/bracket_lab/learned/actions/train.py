@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from bracket_cell.learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
 from bracket_cell.learned.actions.settings import TRAINABLE, ActionTraining, Classes
 from bracket_cell.learned.inference.onnx_model import Inputs, OnnxModel
-from bracket_cell.learned.inference.scores import latencies
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.perception import SEGMENT_FRAMES
@@ -23,6 +22,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.actions.data import Segments, asked
 from bracket_lab.learned.actions.evaluate import answers, class_scores, confusion, times_s
 from bracket_lab.learned.actions.network import ActionNet, Lrcn, build
+from bracket_lab.learned.scores import latencies
 from bracket_lab.learned.training.recipe import Losses, Recipe
 from bracket_lab.learned.training.recipe import Task as Training
 from bracket_lab.learned.training.training_loop import training_device

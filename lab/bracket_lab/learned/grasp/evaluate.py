@@ -14,12 +14,12 @@ from bracket_cell.learned.grasp.crops import TrayCamera, with_embeddings
 from bracket_cell.learned.grasp.settings import SceneSettings
 from bracket_cell.learned.grasp.solution import solve, solves
 from bracket_cell.learned.inference.onnx_model import Network
-from bracket_cell.learned.inference.scores import ScoreCounter
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.planning import GraspPlan, GraspPlanner
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.grasp.scenes import Scene, Split, draw_scenes, observe
+from bracket_lab.learned.scores import ScoreCounter
 
 Look = Callable[[list[Scene]], list[Scene]]
 REQUIRED_TYPES = (1, 2, 3)

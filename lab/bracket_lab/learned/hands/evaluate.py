@@ -10,11 +10,11 @@ import numpy as np
 from bracket_cell.learned.classical.box_model import View
 from bracket_cell.learned.hands.reading import HandReader, Reading
 from bracket_cell.learned.hands.records import HandRow
-from bracket_cell.learned.inference.scores import ScoreCounter, latencies
 from bracket_cell.learned.records import read_image
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import LabelledFrame
+from bracket_lab.learned.scores import ScoreCounter, latencies
 
 FOUND_M = 0.06
 LEAST_VISIBLE, EDGE_PX = 0.5, 8.0

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from bracket_cell.learned.holes.model import Reading
-from bracket_cell.learned.inference.scores import wilson
 from bracket_cell.learned.records import Hole, PlateRow, holes_of
 from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.scores import wilson
 from bracket_lab.learned.training.still_dataset import Still, load_stills
 
 

@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 
 from bracket_cell.learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.model import FactoredPlanner
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from bracket_ground.interfaces.product import Product
+from bracket_lab.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_lab.learned.semantic.paper_planner import PaperPlanner
 from bracket_lab.learned.semantic.scenarios import (
     TRAIN_RATIO,

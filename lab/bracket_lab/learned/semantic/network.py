@@ -10,9 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from bracket_cell.learned.semantic.graph import EMPTY, Layout
-from bracket_cell.learned.semantic.misdetection import Scenarios
 from bracket_cell.learned.semantic.posterior import Noise
 from bracket_cell.learned.semantic.settings import FactoredSettings
+from bracket_lab.learned.semantic.misdetection import Scenarios
 
 SHARPNESS = 5.0  # scale of the slot table's parameters: one rate suits them and the rest, and slots become certain
 MOST_NODES = 8  # of the quadrature over misdetections: exact for up to twice as many, less one

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from bracket_cell.learned.semantic.graph import EMPTY, Ints, Layout, one_hot
-from bracket_cell.learned.semantic.misdetection import Scenarios
 from bracket_cell.learned.semantic.settings import PaperSettings
+from bracket_lab.learned.semantic.misdetection import Scenarios
 
 IGNORED = -100  # label of what no loss looks at, as cross_entropy has it
 

@@ -13,8 +13,8 @@ from itertools import product as combinations
 import numpy as np
 
 from bracket_cell.learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
-from bracket_cell.learned.semantic.misdetection import Scenarios
 from bracket_cell.learned.semantic.records import Demonstration, PlacementRecord
+from bracket_lab.learned.semantic.misdetection import Scenarios
 
 
 def states_of(layout: Layout, demonstrations: Sequence[Demonstration]) -> Scenarios:

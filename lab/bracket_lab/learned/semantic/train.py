@@ -13,12 +13,12 @@ from pydantic import JsonValue
 from torch import Tensor, nn
 
 from bracket_cell.learned.semantic.graph import EMPTY, Layout, one_hot
-from bracket_cell.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_cell.learned.semantic.records import load_demonstrations
 from bracket_cell.learned.semantic.settings import FactoredSettings, PaperSettings
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.semantic.evaluate import evaluate_semantic
+from bracket_lab.learned.semantic.misdetection import Scenarios, misdetect
 from bracket_lab.learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, factored_loss, goal_prior
 from bracket_lab.learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner

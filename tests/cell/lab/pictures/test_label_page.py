@@ -12,13 +12,13 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.learned.inference.onnx_model import OnnxModel
-from bracket_cell.pictures.labels import LabelFolder
-from bracket_cell.pictures.server import LabelServer
-from bracket_cell.pictures.suggestions import Suggester
 from bracket_lab.learned.hands.data import frames_of
 from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
-from tests.cell.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
+from bracket_lab.pictures.labels import LabelFolder
+from bracket_lab.pictures.server import LabelServer
+from bracket_lab.pictures.suggestions import Suggester
+from tests.cell.lab.pictures.drawn import BENCH, CONFIGURATION, PRODUCT, Box, Drawn, photograph_plate, photograph_tray
 
 PLATES, TRAYS = 12, 8
 TYPES = list(PRODUCT.parts)

@@ -18,16 +18,16 @@ from bracket_cell.learned.actions.settings import Classes
 from bracket_cell.learned.semantic.records import load_demonstrations
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.logged_tree import logged_bench, logged_product
-from bracket_cell.log.training.demonstrations import demonstration_of
-from bracket_cell.log.training.manifest import logs_by_hash, write_training_data
-from bracket_cell.log.training.segments import bench_views, carried_parts, segments
-from bracket_cell.log.training.tray_scenes import attempts, scene_records
+from bracket_cell.log.report.demonstrations import demonstration_of
 from bracket_ground.errors import InputError, LogError
 from bracket_ground.interfaces.hand_window import window_px
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.learned.actions.data import load_segments
 from bracket_lab.learned.grasp.data import read_scenes
+from bracket_lab.recorded.manifest import logs_by_hash, write_training_data
+from bracket_lab.recorded.segments import bench_views, carried_parts, segments
+from bracket_lab.recorded.tray_scenes import attempts, scene_records
 from tests import ROOT
 
 COMMAND = "cell log export x --to training --out y"

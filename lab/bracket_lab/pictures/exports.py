@@ -13,7 +13,9 @@ import yaml
 
 from bracket_cell.learned.hands.regions import POINTS
 from bracket_cell.learned.records import Box
-from bracket_cell.pictures.labels import (
+from bracket_ground.errors import InputError
+from bracket_ground.files.files import write_new, write_whole
+from bracket_lab.pictures.labels import (
     COVERED,
     EMPTY,
     HAND,
@@ -24,8 +26,6 @@ from bracket_cell.pictures.labels import (
     Size,
     categories,
 )
-from bracket_ground.errors import InputError
-from bracket_ground.files.files import write_new, write_whole
 
 HOLE_PX = 12.0  # half the side of the box that stands for a hole
 VOC = "voc:"  # before a folder's name

@@ -19,7 +19,7 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import frames_of, load_hands
 from bracket_lab.pictures.handless import Compositor, filling, lay, write_handless
-from tests.cell.pictures.test_photographs import landmarks
+from tests.cell.lab.pictures.test_photographs import landmarks
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead
 SIZE = (SETUP.height_px, SETUP.width_px, 3)

@@ -28,13 +28,13 @@ from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.records import Demonstration, save_demonstrations
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.logged_tree import logged_bench, logged_product
-from bracket_cell.log.training.demonstrations import SURE, demonstration_of, finished_bracket
-from bracket_cell.log.training.segments import STRIDE_FRAMES, Cropper, bench_views, segments
-from bracket_cell.log.training.tray_scenes import attempts, looks, scene_records
+from bracket_cell.log.report.demonstrations import SURE, demonstration_of, finished_bracket
 from bracket_cell.recording.parts import whole_path
 from bracket_ground.errors import InputError, LogError, Place, Problem
 from bracket_ground.files.files import MANIFEST, read_text, whole_folder
 from bracket_ground.interfaces.product import Product
+from bracket_lab.recorded.segments import STRIDE_FRAMES, Cropper, bench_views, segments
+from bracket_lab.recorded.tray_scenes import attempts, looks, scene_records
 
 FORMAT, VERSION = "cell.training_data", 1
 # Label by label, who said so. "machine" was never seen by a person.

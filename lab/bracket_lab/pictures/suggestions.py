@@ -12,7 +12,6 @@ from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.holes.model import VOTES
 from bracket_cell.learned.records import Hole, PartRow, StillRow
-from bracket_cell.pictures.labels import PictureLabels
 from bracket_cell.settings import Perception
 from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.errors import ModelError, SettingError
@@ -22,6 +21,7 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.perception import HandSample, HoleReader, HoleView
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
+from bracket_lab.pictures.labels import PictureLabels
 
 
 class Often:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bracket_cell.commands.main import main
-from bracket_cell.pictures.labels import LabelFolder, PictureLabels
-from tests.cell.pictures.drawn import BENCH, PRODUCT
+from bracket_lab.pictures.labels import LabelFolder, PictureLabels
+from tests.cell.lab.pictures.drawn import BENCH, PRODUCT
 
 SOURCE_PX = (1000, 500)  # of a photograph; the camera's pictures have another shape
 BOX = (100.0, 200.0, 300.0, 260.0)

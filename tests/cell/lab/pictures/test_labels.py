@@ -14,13 +14,13 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.records import Hole, PartRow
-from bracket_cell.pictures.labels import LabelFolder, PictureLabels
 from bracket_ground.errors import InputError
 from bracket_lab.learned.hands.data import frames_of
 from bracket_lab.learned.holes.evaluate import load_plates
 from bracket_lab.learned.parts.data import load_scenes
+from bracket_lab.pictures.labels import LabelFolder, PictureLabels
 from bracket_lab.pictures.scoring import apart, objection
-from tests.cell.pictures.drawn import BENCH, PRODUCT, photograph_plate, photograph_tray
+from tests.cell.lab.pictures.drawn import BENCH, PRODUCT, photograph_plate, photograph_tray
 
 HOLES = tuple(Hole(position=name, part="o1" if name == "p2" else None) for name in PRODUCT.positions)
 HAND = HandRow(box_px=(10.0, 10.0, 60.0, 80.0), points_px={"palm": (30.0, 40.0), "pinch": (35.0, 60.0)}, known=False)

@@ -10,8 +10,10 @@ import numpy as np
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
 from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow, mistakes
-from bracket_cell.pictures.foreign import SHARES, ForeignBox, read_foreign
-from bracket_cell.pictures.labels import (
+from bracket_ground.errors import InputError
+from bracket_ground.interfaces.product import Product
+from bracket_lab.pictures.foreign import SHARES, ForeignBox, read_foreign
+from bracket_lab.pictures.labels import (
     COVERED,
     EMPTY,
     HAND,
@@ -22,8 +24,6 @@ from bracket_cell.pictures.labels import (
     categories,
     fit_of,
 )
-from bracket_ground.errors import InputError
-from bracket_ground.interfaces.product import Product
 
 SAME_SHAPE, OUTSIDE = 0.02, 0.005  # shares by which shapes of one picture may differ, and boxes reach over its edge
 NEAREST_PX = 12.0  # from the middle of a box to the hole that it is of

@@ -11,12 +11,12 @@ import typer
 from bracket_cell.commands.options import CONFIGURATION, OUT_HELP, ConfigOption
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import load_configuration, load_product
-from bracket_cell.pictures import labels as folders
-from bracket_cell.pictures.exports import LEGAL_EXPORTS, write_labels
-from bracket_cell.pictures.foreign import LEGAL as LEGAL_LABELS
-from bracket_cell.pictures.labels import ROWS, LabelFolder
-from bracket_cell.pictures.sources import LEGAL, camera_pose, open_source
 from bracket_ground.errors import InputError
+from bracket_lab.pictures import labels as folders
+from bracket_lab.pictures.exports import LEGAL_EXPORTS, write_labels
+from bracket_lab.pictures.foreign import LEGAL as LEGAL_LABELS
+from bracket_lab.pictures.labels import ROWS, LabelFolder
+from bracket_lab.pictures.sources import LEGAL, camera_pose, open_source
 
 FROM_CAMERA = 60  # pictures
 PORT = 8790
@@ -55,9 +55,9 @@ def label(
 
     Labels go into the folder as rows that trainings read. With --import or --export, no page is served.
     """
-    from bracket_cell.pictures.imports import read_labels
-    from bracket_cell.pictures.server import LabelServer
-    from bracket_cell.pictures.suggestions import Suggester
+    from bracket_lab.pictures.imports import read_labels
+    from bracket_lab.pictures.server import LabelServer
+    from bracket_lab.pictures.suggestions import Suggester
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)

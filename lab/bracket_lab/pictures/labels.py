@@ -24,7 +24,6 @@ from bracket_cell.learned.records import (
     read_image,
     read_rows,
 )
-from bracket_cell.pictures.sources import Source, camera_pose
 from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.files.files import MANIFEST, whole_folder, write_whole
@@ -34,6 +33,7 @@ from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
+from bracket_lab.pictures.sources import Source, camera_pose
 
 FRAMES, IMAGES = "frames", "images"
 ROWS: Mapping[str, Mapping[str, type[Any]]] = {

@@ -21,9 +21,9 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from bracket_cell.learned.records import UNKNOWN, mistakes
-from bracket_cell.pictures.labels import LabelFolder, PictureLabels
-from bracket_cell.pictures.suggestions import Suggester
 from bracket_ground.errors import InputError
+from bracket_lab.pictures.labels import LabelFolder, PictureLabels
+from bracket_lab.pictures.suggestions import Suggester
 
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = "127.0.0.1"

@@ -167,20 +167,23 @@ class Ros2Link:
 
     piece_s, each_s = PIECE_S, EACH_S
 
-    def __init__(self, settings: Ros2ArmSettings, joints: Sequence[str], slower: float) -> None:
+    def __init__(self, settings: Ros2ArmSettings, joints: Sequence[str], slower: float, load_kg: float) -> None:
         node, self._names, self._slower = Node(settings), list(joints), slower
         self._name = _action(settings)
         self._action = ActionClient(node, self._name, ACTION, settings.middleware)
         self._joints = node.subscription(f"{settings.namespace}/joint_states", JOINTS, SENSOR)
         self._ur = UrTopics(node, settings.namespace) if settings.ur else None
         self._payload = _payload(node, settings) if settings.ur else None
+        self._loading_s: float | None = None  # since when the driver has been asked to take a load
         self._offsets_s: deque[float] = deque(maxlen=CLOCKED_N)  # of the controller's time
         self._goals: deque[tuple[bytes, float]] = deque(maxlen=64)  # not known to be taken, with when they were sent
         self._newest = b""
         if not self._action.there(ANSWER_S * slower):
             raise RuntimeError(f"no node has the action {self._name}")
+        if self._payload is not None and not self._payload.there(ANSWER_S * slower):
+            raise RuntimeError(f"no node has the service {self._payload.name}")
         self._clock(ANSWER_S * slower)
-        self.load(settings.payload_kg, settings.payload_centre_m)
+        self.load(load_kg, settings.payload_centre_m)
 
     def send(self, joints_rad: Array) -> None:
         """As in `Link`."""
@@ -203,6 +206,7 @@ class Ros2Link:
     def idle(self) -> None:
         """As in `Link`: the controller's time, and whether it still follows."""
         self._clock(0.0)
+        self._loaded()
         if self._action.refused():
             raise RuntimeError(f"{self._name} refuses a goal")
         while self._goals and self._action.status(self._goals[0][0]) is not Status.UNKNOWN:
@@ -221,6 +225,18 @@ class Ros2Link:
         if self._payload is not None:
             centre = message("geometry_msgs/msg/Vector3")(*centre_m)
             self._payload.ask(mass=mass_kg, center_of_gravity=centre)
+            self._loading_s = time.monotonic()
+
+    def _loaded(self) -> None:
+        """Raise where the driver does not take the newest load: an arm that knows a wrong one stops by itself."""
+        if self._payload is None or self._loading_s is None:
+            return
+        answer = self._payload.answer(1e-3)
+        if answer is not None:
+            self._loading_s = None
+        silent = self._loading_s is not None and time.monotonic() - self._loading_s > ANSWER_S * self._slower
+        if silent or (answer is not None and not answer.success):
+            raise RuntimeError(f"{self._payload.name} {'does not answer' if silent else 'refuses the load'}")
 
     def close(self) -> None:
         """As in `Link`: what is left of goals is given up."""
@@ -292,13 +308,18 @@ class Ros2Arm(StreamingArm):
 
     def link(self) -> Callable[[], Link]:
         """By the action."""
-        return partial(Ros2Link, self._settings, self._names, self.slower)
+        return partial(Ros2Link, self._settings, self._names, self.slower, self._load_kg)
 
     def carry(self, held: bool) -> None:
         """A part is held, or is not any more: the driver is told what hangs on the flange."""
         if held != self._carried:
             self._carried = held
-            self.load(self._settings.payload_kg + self._part_kg * held, self._settings.payload_centre_m)
+            self.load(self._load_kg, self._settings.payload_centre_m)
+
+    @property
+    def _load_kg(self) -> float:
+        """What hangs on the flange now."""
+        return self._settings.payload_kg + self._part_kg * self._carried
 
     def let_go(self) -> None:
         """Give all goals up."""

@@ -50,15 +50,16 @@ class _Subscribed:
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`."""
-        came = waited(self._reader, FRAME_S * self._slower)
-        if came is None:
-            raise OSError(f"nothing comes on {self._topic}")
-        stamp_s = came.header.stamp.sec + came.header.stamp.nanosec * 1e-9
-        image = _decoded(came) if self._topic.endswith(COMPRESSED) else _image(came)
-        depth_mm = self._depth(came.header.stamp)
-        ago_s = time.time() - stamp_s
-        image = image if depth_mm is None else together(image, depth_mm)
-        return image, ago_s if 0 <= ago_s <= OLDEST_S and self._slower == 1.0 else None
+        until_s = time.monotonic() + FRAME_S * self._slower
+        while (left_s := until_s - time.monotonic()) > 0 and (came := waited(self._reader, left_s)) is not None:
+            depth_mm = self._depth(came.header.stamp)
+            if self._depths is not None and depth_mm is None:
+                continue  # depths are lost like any other sample of a sensor
+            image = _decoded(came) if self._topic.endswith(COMPRESSED) else _image(came)
+            ago_s = time.time() - came.header.stamp.sec - came.header.stamp.nanosec * 1e-9
+            image = image if depth_mm is None else together(image, depth_mm)
+            return image, ago_s if 0 <= ago_s <= OLDEST_S and self._slower == 1.0 else None
+        raise OSError(f"nothing comes on {self._topic}" + (" with depths of its stamps" if self._depths else ""))
 
     def close(self) -> None:
         """As in `Source`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 from bracket_cell.plant.dds import SENSOR, Node, waited
@@ -12,26 +13,37 @@ from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 
 STATES, SET_DIGITAL = "ur_msgs/msg/IOStates", 1  # FUN_SET_DIGITAL_OUT
-LISTENS_S, ANSWER_S = 0.05, 1.0
+LISTENS_S, ANSWER_S = 0.02, 0.4  # [s] for a message; of an answer to each request
+FIRST_S = 5  # times an answer's: the first message, and the service, must be found in
 
 
 class Ros2Signals:
-    """Implements `Signals`; a thread listens, and sets outputs until the driver says that they are set."""
+    """Implements `Signals`; a thread listens, and sets outputs until the driver says that they are set.
+
+    Raises:
+        DeviceFault: nothing is told of the terminals, or nobody sets them.
+    """
 
     Settings = Ros2SignalSettings
 
     def __init__(self, settings: Ros2SignalSettings, clock: Clock) -> None:
         node, own = Node(settings), f"{settings.namespace}/io_and_status_controller"
         self._settings, self._clock = settings, clock
-        self._slower: float = getattr(clock, "slower", 1.0)
+        self._answer_s: float = ANSWER_S * getattr(clock, "slower", 1.0)
         self._topic = f"{own}/io_states"
         self._reader: Any = node.subscription(self._topic, STATES, SENSOR)
         self._setting = Caller(node, f"{own}/set_io", "ur_msgs/srv/SetIO", settings.middleware)
         self._inputs: dict[str, bool] = {}
         self._outputs: dict[str, bool] = {}
         self._wanted: dict[str, bool] = {}
-        self._came_s, self._trouble = clock.now_s(), ""
+        self._asked: tuple[str, bool, float] | None = None  # the output that is being set, and since when
+        self._trouble = ""
         self._lock, self._closed = threading.Lock(), threading.Event()
+        if (first := waited(self._reader, FIRST_S * self._answer_s)) is None:
+            raise DeviceFault("signals", f"nothing comes on {self._topic}")
+        self._note(first)
+        if settings.outputs and not self._setting.there(FIRST_S * self._answer_s):
+            raise DeviceFault("signals", f"no node has the service {self._setting.name}")
         self._thread = threading.Thread(target=self._run, name="signals", daemon=True)
         self._thread.start()
 
@@ -65,7 +77,7 @@ class Ros2Signals:
     def close(self) -> None:
         """Listen no more."""
         self._closed.set()
-        self._thread.join(ANSWER_S * 2)
+        self._thread.join(2 * LISTENS_S + 1.0)
 
     def _run(self) -> None:
         while not self._closed.is_set():
@@ -83,13 +95,22 @@ class Ros2Signals:
             self._outputs = {name: outputs[pin] for name, pin in self._settings.outputs.items() if pin in outputs}
 
     def _set(self) -> None:
+        """Have one output set, and meanwhile listen on; whatever is not set is asked for again."""
         with self._lock:
-            wanted = dict(self._wanted)
-        for name, value in wanted.items():
-            pin = self._settings.outputs[name]
-            done = self._setting.call(ANSWER_S * self._slower, fun=SET_DIGITAL, pin=pin, state=float(value))
-            with self._lock:
-                self._trouble = "" if done is not None and done.success else f"{self._setting.name} did not set {name}"
-                if not self._trouble and self._wanted.get(name) is value:
-                    del self._wanted[name]
-                    self._outputs[name] = value
+            wanted = next(iter(self._wanted.items()), None)
+        if self._asked is None and wanted is not None:
+            name, value = wanted
+            self._setting.ask(fun=SET_DIGITAL, pin=self._settings.outputs[name], state=float(value))
+            self._asked = name, value, time.monotonic()
+        if self._asked is None:
+            return
+        name, value, since_s = self._asked
+        done = self._setting.answer(1e-3)
+        if done is None and time.monotonic() - since_s < self._answer_s:
+            return
+        self._asked = None
+        with self._lock:
+            self._trouble = "" if done is not None and done.success else f"{self._setting.name} did not set {name}"
+            if not self._trouble and self._wanted.get(name) is value:
+                del self._wanted[name]
+                self._outputs[name] = value

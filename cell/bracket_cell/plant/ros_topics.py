@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bracket_cell.plant.dds import Node, Quality
+from bracket_cell.plant.dds import LAST, Node, Quality
 from bracket_cell.plant.ros_types import message
 from bracket_cell.settings import Ros2Settings
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
@@ -20,7 +20,6 @@ DIAGNOSED_S = 1.0  # [s] between diagnostics that did not change
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 LEVELS: dict[Level, int] = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/Log
 TRANSFORMS = Quality(kept=100)  # tf2's own
-LAST = Quality(kept=1, lasting=True)
 
 
 class RosTopics(Observer):

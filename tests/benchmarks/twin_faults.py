@@ -2,6 +2,7 @@
 
     python -m tests.benchmarks.twin_faults --faults rtde_cut gripper_power --states down carry --out rows.jsonl
 
+`--wire ros2` drives arm and gripper by topics of ROS 2, and an overhead camera that is lost when its topic is silent.
 The robot alone fetches a part and puts it into its hole, as in `cell lab eval faults`; arm and gripper are driven
 through their wires, hands, holes and parts come from the truth. Somebody mends what is wrong after 1.5 s and
 acknowledges after 3 s. Rows that are in the file already are not run again.
@@ -12,11 +13,13 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 from rich.console import Console
@@ -28,10 +31,20 @@ from bracket_cell.faults.injection import Injection, attended
 from bracket_cell.faults.named_faults import EITHER, RECOVERS, STOPS
 from bracket_cell.faults.work_state import STATES
 from bracket_cell.learned.calibration.check import CalibrationCheck
+from bracket_cell.plant.ros_arm import Ros2Arm
+from bracket_cell.plant.ros_camera import Ros2Camera
+from bracket_cell.plant.ros_gripper import Ros2Gripper
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.drivers.robotiq import ModbusGripper, UrcapGripper
-from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings, UrSettings
+from bracket_cell.skills.drivers.settings import (
+    RobotiqModbusSettings,
+    RobotiqUrcapSettings,
+    Ros2ArmSettings,
+    Ros2CameraSettings,
+    Ros2GripperSettings,
+    UrSettings,
+)
 from bracket_cell.skills.drivers.ur import UrArm
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
@@ -39,8 +52,9 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import CellError
+from bracket_ground.files.model import Model
 from bracket_ground.interfaces.clock import WallClock
-from bracket_ground.interfaces.devices import Camera, Devices
+from bracket_ground.interfaces.devices import Camera, Devices, Gripper
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from bracket_ground.interfaces.product import Product
@@ -92,6 +106,15 @@ CASES = {
     "gripper_replugged": Case(("gripper_replugged",), RECOVERS),
     "gripper_unpowered": Case(("gripper_power_off",), STOPS),
     "gripper_power": Case(("gripper_power_off", "gripper_power_on"), RECOVERS, holding_ends=STOPS),
+}
+ANY_WIRE = ("protective_stop", "safeguard", "emergency_stop", "slider", "controller_restarted", "payload_wrong")
+ROS_CASES = {name: CASES[name] for name in ANY_WIRE} | {
+    "joints_late": Case(("joints_late",), EITHER),  # as long as the table waits for it
+    "joints_silent": Case(("joints_silent",), RECOVERS),
+    "joints_cut": Case(("joints_cut",), RECOVERS),  # its driver is started again
+    "gripper_silent": Case(("gripper_silent",), RECOVERS, ("gripper_silent",)),
+    "overhead_lost": Case(("overhead_lost",), RECOVERS, ("overhead_lost",)),
+    "overhead_gone": Case(("overhead_lost",), STOPS),
 }
 
 
@@ -163,6 +186,17 @@ class Locked:
         return self.answer(frame)  # of what was kept when the frame was taken
 
 
+@dataclass(frozen=True)
+class Published(Locked):
+    """A camera whose frames count only while images come by its topic."""
+
+    images: Ros2Camera
+
+    def latest(self) -> Frame | None:
+        self.images.latest()
+        return super().latest()
+
+
 class WorldTime(WallClock):
     """The twin's time."""
 
@@ -182,7 +216,7 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
         # There are no images to judge, and who searches them for the plate holds up the twin, which is in this process.
         stack.enter_context(patch.object(CalibrationCheck, "judge", return_value=""))
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        of_arm, of_gripper = UrSettings(host=host), _gripper(wire, host, Path(folder))
+        settings = _settings(wire, host, Path(folder))
         arms: list[TwinArm] = []
 
         def made(world: World) -> TwinArm:
@@ -197,28 +231,50 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
         sim = SimCell(
             product, configuration.bench, simulation, "virtual", "twin", 0, goal, worker=False, rendered=False, arm=made
         )  # fmt: skip
-        plain = {"arm": of_arm.model_dump(), "gripper": of_gripper.model_dump()}
+        plain = {role: one.model_dump() for role, one in settings.items()}
         twin = TwinCell(sim, arms[0], plain, "ur10", PERIOD_S, slower)
         stack.callback(twin.close)
         twin.serve()
         clock = WorldTime(twin)
-        arm = UrArm(of_arm, clock, product, configuration.robot)
+        arm = _arm(settings["arm"], clock, product, configuration)
         stack.callback(arm.close)
-        gripper = (
-            ModbusGripper(of_gripper, clock)
-            if isinstance(of_gripper, RobotiqModbusSettings)
-            else UrcapGripper(of_gripper, clock)
-        )
+        gripper = _gripper(settings["gripper"], clock, configuration)
         stack.callback(gripper.close)
         beside = without_pixels(sim, configuration, product)
         assert beside.host is not None
         overhead, wrist = (Locked(twin, camera, beside.host.begin) for camera in (beside.overhead, beside.wrist))
         devices = replace(beside, clock=clock, arm=arm, gripper=gripper, host=overhead, overhead=overhead, wrist=wrist)
+        if isinstance(camera := settings.get("overhead"), Ros2CameraSettings):
+            images = Ros2Camera(camera, clock, configuration.bench, "overhead")
+            stack.callback(images.close)
+            overhead = Published(twin, overhead.camera, overhead.answer, images)
+            devices = replace(devices, host=overhead, overhead=overhead)
         yield twin, lambda fault: _run(configuration, product, devices, fault)
 
 
-def _gripper(wire: str, host: str, folder: Path) -> RobotiqModbusSettings | RobotiqUrcapSettings:
-    return RobotiqModbusSettings(port=str(folder / "adapter")) if wire == "modbus" else RobotiqUrcapSettings(host=host)
+def _settings(wire: str, host: str, folder: Path) -> dict[str, Model]:
+    """Of the devices, by role."""
+    if wire == "ros2":
+        where: dict[str, Any] = {"domain": 1 + os.getpid() % 200}
+        nodes = where | {"middleware": "cyclonedds"}
+        camera = Ros2CameraSettings(**where, topic="/overhead/image_raw/compressed")
+        return {"arm": Ros2ArmSettings(**nodes), "gripper": Ros2GripperSettings(**nodes), "overhead": camera}
+    modbus = RobotiqModbusSettings(port=str(folder / "adapter"))
+    return {"arm": UrSettings(host=host), "gripper": modbus if wire == "modbus" else RobotiqUrcapSettings(host=host)}
+
+
+def _arm(settings: Model, clock: WallClock, product: Product, configuration: Configuration) -> Ros2Arm | UrArm:
+    made = Ros2Arm if isinstance(settings, Ros2ArmSettings) else UrArm
+    return made(settings, clock, product, configuration.robot)  # type: ignore[arg-type]
+
+
+def _gripper(settings: Model, clock: WallClock, configuration: Configuration) -> Gripper:
+    if isinstance(settings, Ros2GripperSettings):
+        return Ros2Gripper(settings, clock, configuration.robot)
+    if isinstance(settings, RobotiqModbusSettings):
+        return ModbusGripper(settings, clock)
+    assert isinstance(settings, RobotiqUrcapSettings)
+    return UrcapGripper(settings, clock)
 
 
 def _run(configuration: Configuration, product: Product, devices: Devices, fault: WireFault) -> Outcome:
@@ -230,7 +286,7 @@ def _run(configuration: Configuration, product: Product, devices: Devices, fault
 
 def tried(name: str, state: str, wire: str, slower: float) -> Row:
     """One run with one fault."""
-    case = CASES[name]
+    case = (ROS_CASES if wire == "ros2" else CASES)[name]
     with opened(wire, slower) as (twin, run):
         fault = WireFault(case, state, twin)
         try:
@@ -262,9 +318,9 @@ def table(rows: Sequence[Row]) -> Table:
 def main() -> None:
     """Run what is asked for, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faults", nargs="*", choices=CASES, default=list(CASES))
+    parser.add_argument("--faults", nargs="*", choices=CASES | ROS_CASES)
     parser.add_argument("--states", nargs="*", choices=STATES, default=["above", "down", "grasp", "carry", "release"])
-    parser.add_argument("--wire", choices=("modbus", "urcap"), default="modbus", help="of the gripper")
+    parser.add_argument("--wire", choices=("modbus", "urcap", "ros2"), default="modbus")
     parser.add_argument("--slower", type=float, default=4.0)
     parser.add_argument("--out", type=Path, required=True, help="a line of JSON for each run")
     asked = parser.parse_args()
@@ -272,7 +328,7 @@ def main() -> None:
     done = {(row.fault, row.state) for row in rows}
     gc.freeze()  # a search of garbage holds up the twin, which is in this process
     gc.set_threshold(SEARCHES_GARBAGE)
-    for name in asked.faults:
+    for name in asked.faults or (ROS_CASES if asked.wire == "ros2" else CASES):
         for state in asked.states:
             if (name, state) not in done:
                 rows.append(tried(name, state, asked.wire, asked.slower))

@@ -82,8 +82,8 @@ def test_silent_joints_are_an_old_state_with_a_reason_and_the_arm_stands_on_its_
     assert old.mode == "normal"
     bench.until(lambda state: bench.clock.now_s() - state.time_s < 0.1, 20.0)
     bench.share = 1.0
-    rested = bench.rest()
-    assert (rested.mode, rested.reason) == ("normal", "")
+    bench.rest()
+    assert bench.until(lambda state: not state.reason)[-1].mode == "normal"  # one late sample is a reason for a moment
     assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
 
 

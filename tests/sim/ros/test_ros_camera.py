@@ -56,6 +56,7 @@ def test_colours_and_depths_of_one_stamp_come_and_a_lost_depth_is_no_fault_of_it
     cell = light_cell({"overhead": SETTINGS.model_dump()}, "ur10", 1.0)
     (served,) = cell.serve()
     assert isinstance(served, RosCamera)
+    served.close()  # what the twin sees itself; the test sends its own
     overhead = Ros2Camera(SETTINGS, WallClock(), DEEP, "overhead")
     rng = np.random.default_rng(5)
     size = BENCH.overhead.height_px, BENCH.overhead.width_px

@@ -87,6 +87,8 @@ def order_id(row: Row) -> str:
 
 def as_type(value: object, kind: type) -> object:
     """A value as its column holds it; None for what is empty, or does not fit."""
+    if type(value) is kind and value != "":
+        return value
     value = _cell(value)
     if value is None or value == "":
         return None
@@ -102,9 +104,7 @@ def as_type(value: object, kind: type) -> object:
 
 
 def _cell(value: object) -> object:
-    return (
-        value if type(value) in PLAIN or isinstance(value, bool | int | float | str) else json.dumps(value, default=str)
-    )
+    return value if value is None or isinstance(value, bool | int | float | str) else json.dumps(value, default=str)
 
 
 def _type(kinds: set[type]) -> type:

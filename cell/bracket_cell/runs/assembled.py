@@ -191,8 +191,8 @@ def _simulated(options: RunOptions, configuration: Configuration, product: Produ
     world = simulator()
     if options.world is not None:
         return world.connected(configuration, product, options.world, options.pace)
-    if options.pace == "real" and options.pixels:
+    if options.pace == "real" and options.pixels and options.slower == 1.0:
         return world.own_world(configuration, product, options.seed, options.goal)
     detect = partial(detectors_of, configuration.bench, product, configuration.perception)
     devices = world.opened(configuration, product, options.seed, options.goal, options.pixels, detect)
-    return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices
+    return replace(devices, clock=PacedClock(devices.clock, options.slower)) if options.pace == "real" else devices

@@ -237,7 +237,7 @@ def run_controller(
             devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
         slower: float = getattr(devices.clock, "slower", 1.0)
-        if pace == "real":
+        if pace == "real" and devices.host is None:
             arm, gone = devices.arm, devices.gone
             executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state(), slower))
         else:

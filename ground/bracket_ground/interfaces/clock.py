@@ -43,14 +43,14 @@ class WallClock:
 
 
 class PacedClock:
-    """The wall's time, with a simulated world that keeps up with it as well as it can (`--real-time`).
+    """The wall's time or `slower`, with a simulated world that keeps up as well as it can (`--real-time`).
 
     A world that is slower than the wall falls behind: then what it tells is old, and ticks begin late, as they would on
     a real cell whose computer is too slow. It begins with the first sleep: nothing goes stale while detectors load.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(self, clock: Clock, slower: float = 1.0) -> None:
+        self._clock, self.slower = clock, slower
         self._wall: WallClock | None = None
         self._offset_s = clock.now_s()
 
@@ -58,7 +58,7 @@ class PacedClock:
         return self._offset_s if self._wall is None else self._wall.now_s() + self._offset_s
 
     def sleep_until(self, time_s: float) -> None:
-        self._wall = self._wall or WallClock()
+        self._wall = self._wall or WallClock(self.slower)
         self._clock.sleep_until(time_s)
         self._wall.sleep_until(time_s - self._offset_s)
         for _ in range(CATCH_UP_TRIES):

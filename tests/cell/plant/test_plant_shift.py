@@ -28,10 +28,10 @@ from tests.cell.plant.test_sparkplug import Host, broker, free_port, needs_broke
 
 __all__ = ["folder"]
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore"), needs_broker]
-COILS = {"begin": 0, "recipe_1": 1, "recipe_2": 2, "ack": 3}
+COILS = {"begin": 0, "recipe_1": 1, "recipe_2": 2, "ack": 3, "finish": 4}
 SHOWN = {"ready": 0, "running": 1, "held": 2, "over": 3, "watchdog": 4}
 GOAL, RECIPE = "g1", 2
-AWAY_S, BRACKET_S, POLL_S = 20.0, 400.0, 0.1  # of the cell the first two
+AWAY_S, BRACKET_S, POLL_S = 20.0, 400.0, 0.1  # the second of the cell's time
 
 
 class Plc:
@@ -62,12 +62,12 @@ class Plc:
             assert time.monotonic() < end_s, f"{bit} never came: {self.bits}"
 
     def bracket(self, slower: float, meanwhile: Callable[[], None]) -> None:
-        """Recipe, begin, and wait until the cell is ready again."""
+        """Recipe, begin, no further bracket, and wait until the cell is ready again."""
         digits = {f"recipe_{digit + 1}": bool(RECIPE >> digit & 1) for digit in range(2)}
-        self.until("ready", BRACKET_S * slower, begin=False, **digits)
+        self.until("ready", BRACKET_S * slower, begin=False, finish=False, **digits)
         self.until("running", BRACKET_S * slower, begin=True, **digits)
         meanwhile()
-        self.until("ready", BRACKET_S * slower, begin=False, **digits)
+        self.until("ready", BRACKET_S * slower, begin=False, finish=True, **digits)
 
     def close(self) -> None:
         self._client.close()  # type: ignore[no-untyped-call]
@@ -82,7 +82,7 @@ def configured(made: Path, ports: dict[str, int], trusted: Path) -> Path:
     data["plant"] = {
         "bits": {
             "shows": {name: name for name in SHOWN},
-            "orders": {"acknowledge": "ack"},
+            "orders": {"acknowledge": "ack", "finish": "finish"},
             "begin": "begin",
             "recipe": ["recipe_1", "recipe_2"],
         },
@@ -119,7 +119,7 @@ def test_a_shift_by_bits_alone_and_by_methods_loses_nothing(tmp_path: Path, fold
 
     def network_is_gone() -> None:
         plc.close()
-        time.sleep(AWAY_S * slower)
+        time.sleep(AWAY_S)
         plc.until("running", 60 * slower)
 
     running, again = broker(ports["mqtt"], tmp_path), broker(ports["mqtt"], tmp_path)
@@ -151,7 +151,8 @@ def by_methods(port: int, folder: Path, slower: float) -> None:
         cell = at.nodes.objects.get_child("2:Cell")
         assert cell.call_method("2:Start", ua.Variant(False)) == [True, ""]
         state_is(at, "EXECUTE", 120 * slower)
-    time.sleep(AWAY_S * slower)
+        assert cell.call_method("2:Complete") == [True, ""]
+    time.sleep(AWAY_S)
     with client(server) as at:
         state_is(at, "COMPLETE", BRACKET_S * slower)
 

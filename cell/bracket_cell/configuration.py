@@ -43,7 +43,7 @@ from bracket_ground.interfaces.bench import Bench, Calibration
 from bracket_ground.interfaces.faults import FaultTable, shipped_faults, shipped_table, weaker
 from bracket_ground.interfaces.gripper import NamedGripper
 from bracket_ground.interfaces.places import EMPTY
-from bracket_ground.interfaces.product import Product
+from bracket_ground.interfaces.product import PartType, Product
 from bracket_ground.interfaces.robot import NamedRobot, default_robot
 
 DEFAULT_CONFIGURATION = shipped("bracket_cell.config", "cell.yaml")
@@ -375,6 +375,12 @@ def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIG
     wrong: list[tuple[Location, str]] = [
         (("bench", "bins_m"), f"no bin for part type {part!r} of {product.name!r}") for part in missing
     ]
+    wrong += [
+        ((*at, "built_at"), f"{kind.built_at!r} must be a place of the bench that {what}")
+        for name, kind in product.wholes.items()
+        if (what := _cannot_build(bench, name, kind))
+        for at in [("product", "parts", name)]
+    ]
     for name, spots in bench.places.items():
         where, legal = ("bench", "places", name), ", ".join(product.parts)
         if name in product.positions:
@@ -383,5 +389,16 @@ def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIG
             unknown = sorted({*getattr(spots, key)} - {*product.parts, EMPTY})
             wrong += [((*where, key), f"no part type {part!r} in {product.name!r}; legal: {legal}") for part in unknown]
     if wrong:
-        raise InputError(*(Problem(place_of(Path(path), location), what) for location, what in wrong))
+        raise InputError(*(_located(Path(path), configuration, location, what) for location, what in wrong))
     return product
+
+
+def _cannot_build(bench: Bench, name: str, kind: PartType) -> str:
+    """What the place must have where a sub-assembly is built; empty where it has that."""
+    place = bench.places.get(kind.built_at)
+    if place is None:
+        return f"is in bench.places; legal: {', '.join(bench.places) or 'none yet'}"
+    if place.known_by != "seen":
+        return f"the camera sees (known_by: seen), to tell when {name} is built"
+    missing = [one for one in (kind.made_of[0], name) if not place.takes(one)]
+    return f"holds {', '.join(missing)}, too" if missing else ""

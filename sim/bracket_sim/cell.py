@@ -30,6 +30,7 @@ from bracket_sim.scene.parts import ScenePart
 from bracket_sim.scene.person import Storage
 from bracket_sim.scene.settings import HARDWARE, SimSettings
 from bracket_sim.scene.storage import at_places, lay_out
+from bracket_sim.scene.wholes import Joining
 from bracket_sim.scene.world import World, build_world
 from bracket_sim.truth.contacts import ContactMonitor
 from bracket_sim.truth.ground_truth_perception import ground_truth_perception
@@ -196,7 +197,7 @@ class SimCell:
         """Simulated time, in which all that acts and samples goes on."""
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
-        actors: list[Actor] = [arm, self.gripper_node, self.stock, self._mishaps, *nodes]
+        actors: list[Actor] = [arm, self.gripper_node, self.stock, self._mishaps, Joining(self.world), *nodes]
         return SimClock(self.world, actors, [self.score, *cameras.values()], samplers)
 
     def _devices(

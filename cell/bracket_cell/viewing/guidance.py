@@ -28,7 +28,11 @@ def guidance_sentences(
         words = Message("No {part} is left to place", part=title(part))
         if positions:
             words = Message("The {part} goes into {holes}", part=title(part), holes=all_of(positions))
-        sentences.append(words)
+        if product is None or product.most[part]:
+            sentences.append(words)
+        if product is not None and positions and (whole := product.wholes.get(part)):
+            built = {"place": whole.built_at, "parts": all_of([title(one) for one in whole.made_of])}
+            sentences.append(Message("Build the {part} at {place} of {parts}", part=title(part), **built))
     if any_part:
         sentences.append(Message("What goes into {holes} is not sure yet", holes=all_of(any_part)))
     shown = {position for to in (*guidance.values(), any_part) for position in to}

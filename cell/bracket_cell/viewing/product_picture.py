@@ -106,4 +106,6 @@ def _words(product: Product, step: str, goal: str | None = None) -> str:
         return f"{fastening.title or fastening.how} at {', '.join(fastening.at)}{torque}"
     goals = product.goals if goal is None else [goal]
     types = dict.fromkeys(part for name in goals for part in product.accepted(name).get(step, ()))
-    return " or ".join(product.title(part) if goal else part for part in types)
+    wholes = [product.wholes[part] for part in types if part in product.wholes]
+    built = [f", built at {kind.built_at} of {', '.join(kind.made_of)}" for kind in wholes]
+    return " or ".join(product.title(part) if goal else part for part in types) + "".join(built)

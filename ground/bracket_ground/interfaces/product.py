@@ -28,6 +28,7 @@ from bracket_ground.interfaces.variants import (
     with_listed_goals,
     with_quantities,
 )
+from bracket_ground.interfaces.wholes import unfit_wholes, with_wholes
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 BOX = "box"
@@ -51,6 +52,9 @@ class PartType(Model):
         shape: the solids that the body is made of, which together fill size_m; `box` is a plain box.
         mesh: file (.stl or .obj, in metres) in place of a shape: the hulls of its shells, in the part's frame.
             `cell new part` makes it.
+        made_of: of a sub-assembly, the types that it is built of, from the bottom up: they stand on each other. Size,
+            shape, peg and mass follow, and the colour is that of the uppermost.
+        built_at: of a sub-assembly, the place of the bench where it is built; from there it is put in whole.
     """
 
     title: str
@@ -63,6 +67,8 @@ class PartType(Model):
     finish: Literal["paint", "steel"] = "paint"
     shape: tuple[Solid, ...] = ()
     mesh: Path | None = None
+    made_of: tuple[str, ...] = ()
+    built_at: str = ""
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
@@ -200,8 +206,13 @@ class Product(Model):
 
     @cached_property
     def assembled(self) -> tuple[str, ...]:
-        """Types that are in some goal; the others stand at places of the bench alone."""
-        return tuple(name for name, part in self.parts.items() if part.quantity)
+        """Types that lie ready in bins; the others are built, or stand at places of the bench alone."""
+        return tuple(name for name, part in self.parts.items() if part.quantity and not part.made_of)
+
+    @cached_property
+    def wholes(self) -> dict[str, PartType]:
+        """Sub-assemblies."""
+        return {name: part for name, part in self.parts.items() if part.made_of}
 
     def longest_m(self, types: Collection[str]) -> float:
         """The longest body of some types; of all where there are none."""
@@ -353,7 +364,8 @@ class Product(Model):
         """Goals by slot name become lists, brackets copies, and quantities that are left out what the goals take."""
         if not isinstance(value, dict):
             return value
-        listed, folder = with_listed_goals(value), Path((info.context or {}).get("folder", "."))
+        listed = with_wholes(with_listed_goals(value), PartType, info.context)
+        folder = Path((info.context or {}).get("folder", "."))
 
         def read(other: Path) -> dict[str, Any]:
             if has_key(path := folder / other, "brackets"):
@@ -379,7 +391,7 @@ class Product(Model):
             problems.append(
                 (("brackets",), "copies can be made of a bracket, goals and parts as files have them alone")
             )
-        problems = problems or self._unused() or self._unordered()
+        problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered()
         if problems:
             raise Disagreement(problems)
         return self
@@ -412,7 +424,7 @@ class Product(Model):
         return [
             (("parts", name), f"no goal takes a part of type {name}; if none should, its quantity is 0")
             for name, kind in self.parts.items()
-            if kind.quantity and not self.most[name]
+            if kind.quantity and not self.most[name] and not any(name in one.made_of for one in self.wholes.values())
         ]
 
     def _unordered(self) -> list[tuple[Location, str]]:

@@ -53,6 +53,11 @@ class Solid(Model):
         corners = tuple((float(x), float(y), float(z)) for x, y, z in points_m)
         return Solid(solid="hull", size_m=size, centre_m=centre, corners_m=corners)
 
+    def raised(self, by_m: float) -> Solid:
+        """The same, higher."""
+        (x, y, z), corners = self.centre_m, tuple((a, b, c + by_m) for a, b, c in self.corners_m)
+        return self.model_copy(update={"centre_m": (x, y, z + by_m), "corners_m": corners})
+
     @model_validator(mode="after")
     def _has_corners(self) -> Solid:
         if (self.solid == "hull") != (len(self.corners_m) >= LEAST_CORNERS):

@@ -13,6 +13,7 @@ from pydantic import BaseModel, StrictFloat, StrictInt, ValidationError
 
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Coordinate
+from bracket_ground.interfaces.wholes import parts_of_wholes
 
 EMPTY = "empty"  # in a goal: nothing goes into this slot
 Choice = str | tuple[str, ...]  # a part type, several of which any one is right, or EMPTY
@@ -129,7 +130,9 @@ def can_be_expanded(file: dict[str, Any]) -> bool:
         _Shape.model_validate(file)
     except ValidationError:
         return False
-    return all(isinstance(part.get("quantity", 1), int) for part in file["parts"].values())
+    named = [part.get("made_of", ()) for part in file["parts"].values()]
+    plain = all(isinstance(one, list | tuple) and all(isinstance(part, str) for part in one) for one in named)
+    return plain and all(isinstance(part.get("quantity", 1), int) for part in file["parts"].values())
 
 
 def with_listed_goals(file: dict[str, Any]) -> dict[str, Any]:
@@ -156,5 +159,7 @@ def with_quantities(file: dict[str, Any]) -> dict[str, Any]:
         limits = file.get("goal_quantities", {}).get(name, {})
         taken = Counter(part for one in goal for part in types_of(one if isinstance(one, str) else tuple(one)))
         most |= Counter({part: min(n, limits.get(part, n)) for part, n in taken.items()})
+    for part, count in parts_of_wholes(file["parts"], Counter(most)):
+        most[part] += count
     bare = {name: part for name, part in file["parts"].items() if "quantity" not in part and most[name]}
     return {**file, "parts": file["parts"] | {name: {**part, "quantity": most[name]} for name, part in bare.items()}}

@@ -63,8 +63,9 @@ class _Spot:
 
 
 def full_set(product: Product) -> tuple[str, ...]:
-    """The types of all parts that one product needs, one entry for each part."""
-    return tuple(name for name, part in product.parts.items() for _ in range(part.quantity))
+    """The types of all single parts that goals take, one entry for each part; people build sub-assemblies."""
+    single = {name: part for name, part in product.parts.items() if product.most[name] and not part.made_of}
+    return tuple(name for name, part in single.items() for _ in range(part.quantity))
 
 
 def sample_clutter(

@@ -24,6 +24,7 @@ from bracket_sim.scene.parts import Owner, ScenePart, add_part, add_unknown_obje
 from bracket_sim.scene.robot import arm_spec
 from bracket_sim.scene.settings import PhysicsSettings
 from bracket_sim.scene.storage import Bin, own_bins, person_set
+from bracket_sim.scene.wholes import add_welds, weld_name
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
@@ -33,13 +34,13 @@ KEEPS_M_S, SLIPS_M = 2e-3, 3e-4  # how fast a held part is brought back, and how
 REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class WorldPart:
     """A part in the compiled world.
 
     Attributes:
         name: of its body, for example "o1_robot_0".
-        part: its type.
+        part: its type; that of a sub-assembly from when it was built on this body.
         owner: whose set it belongs to.
         body, qpos, qvel: body id and first indices of its free joint.
     """
@@ -60,6 +61,7 @@ class World:
         robot: the arm.
         parts: type of every part by the name of its body, in the order of the scene.
         bodies: the same parts with their places in the state, and objects of no type.
+        carriers: of parts that were joined to a sub-assembly the lowest one, by the number of their body.
         arm_qpos, arm_qvel, arm_ctrl: indices of the joints, from the base to the flange.
         holding: bodies of the fingers, or of the cup.
         diverged: the physics came to no finite state, and MuJoCo put everything back to the beginning.
@@ -83,6 +85,8 @@ class World:
         names = part_names(scene)
         self.bodies = tuple(self._world_part(name, entry) for name, entry in zip(names, scene, strict=True))
         self.parts = {body.name: body.part for body in self.bodies if body.part in product.parts}
+        self.carriers: dict[int, WorldPart] = {}
+        self._joined: dict[WorldPart, tuple[str, list[WorldPart]]] = {}  # the lowest's own type, and what is on it
         joints = [self.model.joint(name) for name in robot.joint_names]
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
@@ -171,7 +175,34 @@ class World:
             return None
         pairs = self.model.geom_bodyid[self.data.contact.geom]
         touched = [set(pairs[(pairs == finger).any(axis=1)].ravel().tolist()) for finger in self.holding]
+        touched = [found | {self.carriers[body].body for body in found & self.carriers.keys()} for found in touched]
         return next((one for one in self.bodies if touched and all(one.body in bodies for bodies in touched)), None)
+
+    def join(self, stack: Sequence[WorldPart], whole: str) -> None:
+        """Weld parts, the lowest first, to one body of a type of its own."""
+        low, *upper = stack
+        for one in upper:
+            weld = self.model.equality(weld_name(low.name, one.name)).id
+            off = self.part_pose(low).inverse() @ self.part_pose(one)
+            self.model.eq_data[weld, :10] = (0.0, 0.0, 0.0, *off.position_m, *off.quaternion_wxyz)
+            self.data.eq_active[weld] = 1
+            self.carriers[one.body] = low
+            del self.parts[one.name]
+        self.bodies = tuple(one for one in self.bodies if one not in upper)
+        self._joined[low] = low.part, upper
+        low.part = self.parts[low.name] = whole
+
+    def split(self, low: WorldPart) -> list[WorldPart]:
+        """Take a sub-assembly apart; the parts that stood on the lowest one, if there were any."""
+        low.part, upper = self._joined.pop(low, (low.part, []))
+        for one in upper:
+            self.data.eq_active[self.model.equality(weld_name(low.name, one.name)).id] = 0
+            del self.carriers[one.body]
+            self.parts[one.name] = one.part
+        self.bodies += tuple(upper)
+        if upper:
+            self.parts[low.name] = low.part
+        return upper
 
     def settle(self) -> None:
         """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.
@@ -298,6 +329,7 @@ def build_world(
         kind = product.parts[entry.part]
         kind = kind.model_copy(update={"colour_rgb": look.surfaces.painted(kind.colour_rgb)})
         add_part(spec, name, entry, kind, kinds.index(entry.part))
+    add_welds(spec, product, dict(zip(part_names(scene), scene, strict=True)))
     _add_camera(spec.worldbody, "overhead", bench.overhead, look.mounts.overhead, look.camera)
     _add_camera(spec.body("tool"), "wrist", bench.wrist, look.mounts.wrist, look.camera)
     add_lights(spec, look.light)

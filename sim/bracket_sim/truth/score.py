@@ -81,7 +81,7 @@ class Score:
 
     def _note(self, hand: Hand, bodies: NDArray[np.int32]) -> None:
         for body in set(bodies.tolist()):
-            part = self._part[body]
+            part = self._world.carriers.get(body, self._part[body])
             if not any(self._seated(part, hole) for hole in self._holes.values()):
                 self._touched[part.name] = hand
 

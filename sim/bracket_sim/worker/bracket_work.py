@@ -52,10 +52,12 @@ class BracketWork:
         done, product = self._done(), self._product
         its_turn = [position for position in self._order if not product.missing_before(position, done, self.wanted)]
         can_be_filled = [position for position in its_turn if self.placing.possible(position)]
+        whole = [position for position in can_be_filled if self.wanted[position] in product.wholes]
         words = (request or "").translate(PUNCTUATION).split()
         asked = [name for name in can_be_filled if name in words or self.wanted[name] in words]
         handed = [name for name in can_be_filled if self.placing.handed(name)]
-        return next(iter(asked + handed + can_be_filled), None)
+        left = [] if self._sight.has_arm else whole  # these the robot puts in
+        return next(iter(asked + handed + [name for name in can_be_filled if name not in whole] + left), None)
 
     def agree(self) -> None:
         """Of several arrangements that are right, want the one that what stands belongs to."""

@@ -136,6 +136,21 @@ class Placing:
             return False
         return seated and seen.part == self._wanted[position]
 
+    def build(self, whole: str) -> Script:
+        """Build a sub-assembly at its place, from the bottom up."""
+        at_m, kinds = self._sight.spot_m(whole), self._sight.kinds
+        for part in kinds[whole].made_of:
+            seen = next(filter(_graspable, self._sight.spares(part)), None)
+            if seen is None:
+                return
+            self._events.begin("transit")
+            yield from self._work.grasp(seen)
+            yield from self._work.carry(seen.body, at_m)
+            if self._work.holds(seen.body):
+                yield from self._work.insert(seen.body, at_m)
+            yield from self._let_go(seen, None)
+            at_m = at_m + np.array([0.0, 0.0, kinds[part].size_m[2]])
+
     def swap(self) -> Script:
         """Take out a part that sits well, and put one of a wrong type into its hole, without noticing that."""
         names = [name for name in self._wanted if self.right(name)]

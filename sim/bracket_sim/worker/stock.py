@@ -56,7 +56,7 @@ class Stock:
 
     def take(self, bodies: Iterable[WorldPart]) -> None:
         """Take parts away."""
-        self.kept |= {body.name: body for body in bodies}
+        self.kept |= {one.name: one for body in bodies for one in (body, *self._world.split(body))}
         self.update(0.0, 0.0)
 
     def take_held(self) -> None:

@@ -211,6 +211,10 @@ class Worker:
             if (fastening := self._job.due()) is not None:
                 yield from self._fasten(fastening)
                 continue
+            if (whole := self._sight.unbuilt(self._job.wanted.values())) is not None:
+                yield from self._job.placing.build(whole)
+                yield from self._go_to_rest()
+                continue
             position = self._job.next_position(self._request)
             if position is None:
                 yield from self._go_to_rest()

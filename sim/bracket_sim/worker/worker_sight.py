@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -67,10 +68,11 @@ class Sight:
     def __init__(self, world: WorkerWorld, product: Product, bench: Bench) -> None:
         self.bracket_m = bench.bracket.position_m
         self._model, self._data = world.model, world.data
-        self._product = product
+        self._product, self.kinds = product, product.parts
         self._bench = bench
         model = world.model
-        self._bodies = {name: (int(model.body(name).id), part) for name, part in world.parts.items()}
+        self._ids = {name: int(model.body(name).id) for name in world.parts}
+        self._parts = world.parts
         bracket = bench.bracket.pose
         self.holes_m = {
             position: bracket.transform(np.array(product.slot_m(position))) for position in product.positions
@@ -84,7 +86,7 @@ class Sight:
 
     def part(self, body: str) -> SeenPart:
         """One part by the name of its body."""
-        index, part = self._bodies[body]
+        index, part = self._ids[body], self._parts.get(body, "")
         pose = Pose(_triple(self._data.xpos[index]), _quadruple(self._data.xquat[index]))
         cosine = float(self._data.xmat[index][8])
         return SeenPart(body, part, pose, math.acos(min(max(cosine, -1.0), 1.0)))
@@ -92,7 +94,7 @@ class Sight:
     def in_hole(self, position: str) -> SeenPart | None:
         """The part in or on a hole."""
         hole = self.holes_m[position]
-        for body in self._bodies:
+        for body in self._parts:
             seen = self.part(body)
             offset = np.array(seen.pose.position_m) - hole
             near = math.hypot(offset[0], offset[1]) < NEAR_HOLE_M and abs(offset[2]) < NEAR_HOLE_HEIGHT_M
@@ -126,7 +128,8 @@ class Sight:
 
     def spares(self, part: str) -> list[SeenPart]:
         """Parts of a type on the person's side, the rightmost first: there a right hand has most room."""
-        own = [one for one in self._of_type(part) if self._on_own_side(np.array(one.pose.position_m))]
+        built = part in self._product.wholes
+        own = [one for one in self._of_type(part) if built or self._on_own_side(np.array(one.pose.position_m))]
         return sorted(own, key=lambda one: -one.pose.position_m[1])
 
     def in_tray(self, part: str) -> list[SeenPart]:
@@ -192,7 +195,22 @@ class Sight:
         return np.array([x + sum(BEFORE_BRACKET_M) / 2, y, self._product.parts[part].peg_length_m])
 
     def _of_type(self, part: str) -> list[SeenPart]:
-        return [self.part(body) for body, (_, name) in self._bodies.items() if name == part]
+        return [self.part(body) for body, name in self._parts.items() if name == part]
+
+    def spot_m(self, whole: str) -> Array:
+        """Where a sub-assembly is built: the first spot of its place (3,)."""
+        return np.array(self._bench.places[self._product.parts[whole].built_at].spot(0).position_m)
+
+    def unbuilt(self, wanted: Collection[str]) -> str | None:
+        """A sub-assembly that is wanted and not built, whose spot is free, and whose parts are at hand."""
+        there = Counter(self._parts.values())
+        for whole, count in Counter(one for one in wanted if one in self._product.wholes).items():
+            away_m = [np.linalg.norm(self._data.xpos[self._ids[one]] - self.spot_m(whole)) for one in self._parts]
+            free = min(away_m) > NEAR_HOLE_HEIGHT_M
+            needed = Counter(self._product.parts[whole].made_of)
+            if there[whole] < count and free and all(len(self.spares(one)) >= n for one, n in needed.items()):
+                return whole
+        return None
 
     def _on_own_side(self, position_m: Array) -> bool:
         near_bin = any(

@@ -13,13 +13,15 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
-from bracket_cell.trees.nodes.places import CountAt, NoteAt, Pick, Place
+from bracket_cell.trees.nodes.places import BuiltBeside, CountAt, NoteAt, Pick, Place
+from bracket_cell.trees.nodes.planning import judge
 from bracket_cell.trees.nodes.services import Services
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.perception import Action, BenchView, HoleView
 from bracket_ground.interfaces.places import BenchPlace
+from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
 from btxml.engine.node import TreeNode
 from btxml.engine.status import Status
 from btxml.testing import alone
@@ -147,3 +149,25 @@ def test_names_of_places_are_those_of_the_configuration(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the bench has no place 'fixtur'.*fixture") as refused:
         load_tree(file, node_registry(PRODUCT, configuration=CONFIGURATION))
     assert "MoveToPose" not in str(refused.value)
+
+
+def test_a_sub_assembly_is_taken_from_where_it_was_built_once_it_stands_there() -> None:
+    file = ROOT / "config" / "examples" / "subassembly" / "cell.yaml"
+    configuration = load_configuration(file)
+    product, bench = load_product(configuration, file), configuration.bench
+    to = services(product=product, bench=bench, motion=MotionPlanner(product, bench, configuration.motion))
+    node = alone(BuiltBeside(), part="pump")
+    node.setup(services=to)
+    assert node.execute() is Status.FAILURE
+    state = AssemblyState({})
+    plan = AssemblyPlan({"g0": 1.0}, {("pump", "p1"): 1.0}, "pump", {"pump": ("p1",)})
+    waits = judge(to, plan, state, "pump", "p1")
+    assert (waits.decision, str(waits.reason)) == ("wait", "no pump is built at nest")
+    to.note_at("nest", 0, to.standing_at("nest", 0, "body"))
+    assert node.execute() is Status.FAILURE, "the body alone is none"
+    to.note_at("nest", 0, to.standing_at("nest", 0, "pump"))
+    assert node.execute() is Status.SUCCESS
+    assert "built" not in str(judge(to, plan, state, "pump", "p1").reason)
+    robot = IdealRobot(bench.arm_park_rad, part_m=product.parts["pump"].size_m[1])
+    assert run(alone(Pick(), source="nest", wanted="pump"), to, robot) is Status.SUCCESS
+    assert to.memory.held_part == "pump"

@@ -26,6 +26,7 @@ LEAST_OVEREXPOSED = 0.14
 DRIFT_RAD = 0.25
 LEAST_REFERENCE = 0.35
 LEAST_DISTANCE = 0.30
+NO_CHROMA = 100.0  # that no pixel has
 _HELP = "choose a clearer colour, or train detectors that need none: cell train --all"
 
 
@@ -33,13 +34,16 @@ class ColourModel:
     """Labels pixels: 0 for the background, 1..n for the part types in the product's order, n + 1 for skin.
 
     Light scales a colour and gloss adds white. Both leave the direction of its chroma (channels over their mean,
-    minus one) alone, and so pixels are compared by that direction, then by its length, the saturation.
+    minus one) alone, and so pixels are compared by that direction, then by its length, the saturation. The uppermost
+    part of a sub-assembly counts as that: from above they look alike.
     """
 
     def __init__(self, product: Product, skin_rgb: Sequence[float] | Array) -> None:
         names = [*product.parts, "skin"]
         colours = np.array([*(part.colour_rgb for part in product.parts.values()), skin_rgb])
         references = _chroma(colours)
+        for number, name in enumerate(kind.made_of[-1] for kind in product.wholes.values()):
+            references[names.index(name)] = NO_CHROMA + number
         _refuse_alike(names, references)
         self.skin = len(names)
         self._table = _table(tuple(map(tuple, references.tolist())))

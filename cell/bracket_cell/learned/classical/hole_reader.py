@@ -49,8 +49,9 @@ def _standing_at(bench: Bench, place: BenchPlace) -> Bench:
 def _as_plate(product: Product, name: str, place: BenchPlace) -> Product:
     """A product whose bracket has the spots of a place for holes; types stay in their order, as colours know them."""
     held = [part for part in product.parts if place.takes(part)]
+    without = {"quantity", "made_of", "built_at"}
     parts = {
-        part: {**kind.model_dump(exclude={"quantity"}), **({} if part in held else {"quantity": 0})}
+        part: {**kind.model_dump(exclude=without), **({} if part in held else {"quantity": 0})}
         for part, kind in product.parts.items()
     }
     holes = {spot_name(name, number): at for number, at in enumerate(place.spots_m)}

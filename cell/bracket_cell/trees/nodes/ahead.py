@@ -93,6 +93,8 @@ class ChooseSparePart(CellNode):
             left[self._held] -= 1
         elif bench.action.kind in BUSY:
             left.subtract(list(left))
+        for whole in self.tools.product.wholes:
+            left[whole] = min(left[whole], self.services.built(whole))
         return +left
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bracket_cell.trees.nodes.poses import FramedPose
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import HELD, SkillNode
 from bracket_cell.trees.vocabulary import Location, Part
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.places import EMPTY
+from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import Skill
 from btxml.engine.errors import NodeError
 from btxml.engine.node import FAILURE, RUNNING, SUCCESS
@@ -96,6 +98,28 @@ class Pick(_AtSpot):
         if new_status is Status.INVALID and self.now.observation.gripper.holding:
             self._note(None)
         super().terminate(new_status)
+
+
+class BuiltBeside(CellNode):
+    """A sub-assembly of this type stands ready at the place where it is built."""
+
+    node_type = "Condition"
+    traits = Traits(instant=True)
+
+    part = InputPort(Part, "type of the part to fetch")
+    place = OutputPort(Location, "where it stands")
+    spot = OutputPort(FramedPose, "where it stands there")
+
+    def update(self) -> Status:
+        services, part = self.services, self.part.get()
+        if not services.built(part):
+            self.feedback_message = Message("no {part} is built", part=part)
+            return FAILURE
+        self.feedback_message = place = services.tools.product.parts[part].built_at
+        [number, *_] = (n for n, one in enumerate(services.at_place(place)) if one is not None and one.part == part)
+        self.place.set(Location(place))
+        self.spot.set(FramedPose(place, Pose((*services.tools.bench.places[place].spots_m[number], 0.0))))
+        return SUCCESS
 
 
 class Place(_AtSpot):

@@ -191,6 +191,10 @@ class WithoutGuard(CellNode):
 
 def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str) -> Verdict:
     """The guard's verdict on one placement with what is seen in this tick."""
+    kind, memory = services.tools.product.parts[part], services.memory
+    if kind.made_of and memory.held_part != part and not services.built(part):
+        words = Message("no {part} is built at {place}", part=part, place=kind.built_at)
+        return Verdict("wait", words, f"if a {part} stood at {kind.built_at}")
     view = services.now.observation.bench
     reachable = services.reachable(part, position)
     present = services.now.observation.operator.present

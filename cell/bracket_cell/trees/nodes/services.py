@@ -205,6 +205,12 @@ class Services:
             self._look_at(name)
         return self.memory.places[name]
 
+    def built(self, part: str) -> int:
+        """How many of a type stand ready where they are built; 0 of what is no sub-assembly."""
+        kind = self.tools.product.parts[part]
+        there = self.at_place(kind.built_at) if kind.made_of else ()
+        return sum(one is not None and one.part == part for one in there)
+
     def _look_at(self, name: str) -> None:
         """Take over what the camera has seen at a place since it was noted what stands there."""
         view, there = self.now.observation.bench, list(self.memory.places[name])

@@ -1,0 +1,82 @@
+"""Sub-assemblies in the physics: parts that are stacked as they belong become one body, welded, of the whole's type."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product as pairs
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from bracket_ground.interfaces.product import PartType, Product
+from bracket_sim.scene.parts import ScenePart
+
+if TYPE_CHECKING:
+    from bracket_sim.scene.world import World, WorldPart
+
+SEATED_M = 0.003  # how far off a part may stand on the one below it
+UPRIGHT = 0.996  # cosine of its largest tilt
+STILL = np.array([0.01] * 3 + [0.1] * 3)  # m/s, rad/s
+PRESSED_S = 0.3  # it stands so for so long
+
+
+def weld_name(low: str, upper: str) -> str:
+    """Of the weld between two bodies."""
+    return f"{low}+{upper}"
+
+
+def add_welds(spec: mujoco.MjSpec, product: Product, scene: Mapping[str, ScenePart]) -> None:
+    """Add a weld, not yet active, for every two parts that may become one body.
+
+    Args:
+        scene: parts by the names of their bodies.
+    """
+    for kind in product.wholes.values():
+        low, *upper = ([name for name, one in scene.items() if one.part == part] for part in kind.made_of)
+        for one, other in pairs(low, dict.fromkeys(name for names in upper for name in names)):
+            if one != other:
+                weld = spec.add_equality(name=weld_name(one, other), type=mujoco.mjtEq.mjEQ_WELD, active=False)
+                weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, one, other
+
+
+class Joining:
+    """Joins what stands on each other as a sub-assembly wants it, whoever put it there."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._wholes = world, world.product.wholes
+        self._since_s: dict[str, float] = {}
+
+    def update(self, time_s: float, _dt_s: float, /) -> None:
+        """Look at the parts once; called in every control period."""
+        for whole, kind in self._wholes.items():
+            for low in [one for one in self._world.bodies if one.part == kind.made_of[0]]:
+                stack = self._stack(low, kind)
+                if stack is None:
+                    self._since_s.pop(low.name, None)
+                elif time_s - self._since_s.setdefault(low.name, time_s) >= PRESSED_S:
+                    self._world.join(stack, whole)
+
+    def _stack(self, low: WorldPart, kind: PartType) -> list[WorldPart] | None:
+        """The parts of a sub-assembly from the bottom up, where all stand still as they should."""
+        height_m, stack = 0.0, [low]
+        for part, below in zip(kind.made_of[1:], kind.made_of, strict=False):
+            height_m += self._world.product.parts[below].size_m[2]
+            found = next(self._seated(low, part, height_m, stack), None)
+            if found is None:
+                return None
+            stack.append(found)
+        return stack if all(self._still(one) for one in stack) else None
+
+    def _seated(self, low: WorldPart, part: str, height_m: float, stack: Sequence[WorldPart]) -> Iterator[WorldPart]:
+        place = self._world.part_pose(low)
+        at_m = place.transform(np.array([0.0, 0.0, height_m]))
+        for one in self._world.bodies:
+            if one.part == part and one not in stack:
+                pose = self._world.part_pose(one)
+                level = float(pose.rotation[:, 2] @ place.rotation[:, 2]) > UPRIGHT
+                if level and float(np.abs(np.array(pose.position_m) - at_m).max()) < SEATED_M:
+                    yield one
+
+    def _still(self, one: WorldPart) -> bool:
+        return bool(np.all(np.abs(self._world.data.qvel[one.qvel : one.qvel + 6]) < STILL))

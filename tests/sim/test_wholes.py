@@ -1,0 +1,98 @@
+"""Sub-assemblies in the physics: joined where they stand as they should, carried as one, taken apart again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bracket_cell.commands.main import main
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.scene.clutter import full_set
+from bracket_sim.scene.wholes import Joining
+from bracket_sim.scene.world import World, WorldPart, build_world
+from tests import ROOT
+
+PATH = ROOT / "config" / "examples" / "subassembly" / "cell.yaml"
+PERIOD_S = 0.04
+
+
+def stacked(off_m: float = 0.0) -> tuple[World, WorldPart, WorldPart]:
+    """A body in the nest with a cap on it."""
+    configuration = load_configuration(PATH)
+    product = load_product(configuration, PATH)
+    world = build_world(product, configuration.bench)
+    body, cap = (next(one for one in world.bodies if one.part == part) for part in ("body", "cap"))
+    x, y, z = configuration.bench.places["nest"].spot(0).position_m
+    world.place(body, Pose((x, y, z)))
+    world.place(cap, Pose((x + off_m, y, z + product.parts["body"].size_m[2])))
+    world.settle()
+    return world, body, cap
+
+
+def wait(world: World, joining: Joining, periods: int = 12) -> None:
+    for number in range(periods):
+        joining.update(number * PERIOD_S, PERIOD_S)
+        world.step_period()
+
+
+def test_what_stands_as_it_should_is_one_body_of_the_wholes_type() -> None:
+    world, body, cap = stacked()
+    wait(world, Joining(world))
+    assert (body.part, world.parts[body.name]) == ("pump", "pump")
+    assert cap.name not in world.parts
+    assert cap not in world.bodies
+    before = world.part_pose(body).inverse() @ world.part_pose(cap)
+    world.data.xfrc_applied[body.body, 2] = 4.0  # more than both weigh
+    for _ in range(10):
+        world.step_period()
+    after = world.part_pose(body).inverse() @ world.part_pose(cap)
+    assert world.part_pose(body).position_m[2] > 0.06, "out of the nest"
+    assert np.allclose(before.position_m, after.position_m, atol=1e-4)
+
+
+def test_lifting_without_the_weld_leaves_the_cap_behind_the_body() -> None:
+    world, body, cap = stacked()
+    world.data.xfrc_applied[cap.body, 2] = 4.0
+    for _ in range(10):
+        world.step_period()
+    assert world.part_pose(cap).position_m[2] - world.part_pose(body).position_m[2] > 0.1
+
+
+def test_taken_apart_both_are_themselves_again() -> None:
+    world, body, cap = stacked()
+    wait(world, Joining(world))
+    assert world.split(body) == [cap]
+    assert (world.parts[body.name], world.parts[cap.name]) == ("body", "cap")
+    assert world.split(body) == []
+    world.data.xfrc_applied[cap.body, 2] = 4.0
+    for _ in range(10):
+        world.step_period()
+    assert world.part_pose(cap).position_m[2] > 0.1
+
+
+def test_a_cap_that_stands_beside_is_not_joined() -> None:
+    world, body, _ = stacked(off_m=0.2)
+    wait(world, Joining(world))
+    assert body.part == "body"
+
+
+def test_the_robots_tray_holds_no_wholes_and_none_of_their_parts() -> None:
+    configuration = load_configuration(PATH)
+    types = set(full_set(load_product(configuration, PATH)))
+    assert types == {"o2", "o3"}
+
+
+@pytest.mark.slow
+def test_the_person_builds_it_and_the_robot_puts_it_in_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--goal", "g0", "--seed", "771001", "--look", "none", "--json", "--log", str(tmp_path / "run.mcap")]
+    assert main(["run", "--config", str(PATH), *options]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert told["correct"]
+    assert told["placements"]["p1"] == "pump"
+    assert told["robot_placements"] >= 1

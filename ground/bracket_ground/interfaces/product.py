@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping
 from functools import cached_property
+from itertools import combinations
+from math import dist
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -376,7 +378,7 @@ class Product(Model):
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:
-        problems: list[tuple[Location, str]] = []
+        problems = self._misnamed()
         seen: dict[tuple[Choice, ...], str] = {}
         for goal, choices in self.goals.items():
             if what := self._misfit(goal, choices):
@@ -391,7 +393,7 @@ class Product(Model):
             problems.append(
                 (("brackets",), "copies can be made of a bracket, goals and parts as files have them alone")
             )
-        problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered()
+        problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered() or self._overlapping()
         if problems:
             raise Disagreement(problems)
         return self
@@ -418,6 +420,29 @@ class Product(Model):
             there = ", ".join(f"{self.parts[name].quantity} x {name}" for name in sorted(over))
             return f"goal {goal} needs {needed}, but the quantities are {there}"
         return None
+
+    def _misnamed(self) -> list[tuple[Location, str]]:
+        """Names that nobody could read, or that mean something else."""
+        keys: list[tuple[Location, Collection[str]]] = [
+            (("parts",), self.parts),
+            (("bracket", "holes_m"), self.positions),
+            (("goals",), self.goals),
+        ]
+        blank = [
+            ((*at, name), name) for at, names in keys for name in names if not (name.strip() and name.isprintable())
+        ]
+        told: list[tuple[Location, str]] = [(at, f"{name!r} is no name: it needs letters") for at, name in blank]
+        if EMPTY in self.parts:
+            told.append((("parts", EMPTY), f"{EMPTY!r} says that nothing goes into a slot; give the type another name"))
+        return told
+
+    def _overlapping(self) -> list[tuple[Location, str]]:
+        """Holes that run into each other."""
+        return [
+            (("bracket", "holes_m", other), f"{other} runs into {one}: between their middles are {1e3 * away_m:.0f} mm")
+            for (one, at), (other, there) in combinations(self.through.items(), 2)
+            if (away_m := dist(at, there)) < 2 * self.hole_radius_m
+        ]
 
     def _unused(self) -> list[tuple[Location, str]]:
         """Part types that no goal takes."""
@@ -446,7 +471,8 @@ class Product(Model):
             try:
                 in_order(sorted(steps), self.predecessors)
             except ValueError as error:
-                problems.append((("before",), f"no step can be the first of these: {error}"))
+                key = "before" if self.before else "carried_by"
+                problems.append(((key,), f"no step can be the first of these: {error}"))
         return problems or [
             (("carried_by", slot), what) for slot in self.carried_by if (what := self._unsupported(slot))
         ]

@@ -197,3 +197,35 @@ def test_whatever_a_product_file_holds_it_is_taken_or_refused_with_places(
         return
     with suppress(InputError):
         load_yaml(path, Product)
+
+
+@pytest.mark.parametrize(
+    ("key", "old", "new", "words"),
+    [
+        ("parts", "o1", "", "is no name"),
+        ("parts", "o1", "o\x07", "is no name"),
+        ("parts", "o1", "empty", "says that nothing goes into a slot"),
+        ("goals", "g0", " ", "is no name"),
+    ],
+)
+def test_names_that_nobody_can_read_are_refused(key: str, old: str, new: str, words: str) -> None:
+    changed = {new if name == old else name: value for name, value in BASE[key].items()}
+    goals = {
+        goal: [new if key == "parts" and part == old else part for part in to] for goal, to in BASE["goals"].items()
+    }
+    with pytest.raises(ValidationError, match=words):
+        Product.model_validate({**BASE, "goals": goals, key: changed} if key == "parts" else {**BASE, key: changed})
+
+
+def test_holes_that_run_into_each_other_are_refused() -> None:
+    holes = {**BASE["bracket"]["holes_m"], "p2": [x + 0.01 for x in BASE["bracket"]["holes_m"]["p1"]]}
+    with pytest.raises(ValidationError, match="p2 runs into p1: between their middles are 14 mm"):
+        family(bracket={**BASE["bracket"], "holes_m": holes})
+
+
+def test_slots_that_carry_each_other_are_told_where_the_file_says_it(tmp_path: Path) -> None:
+    path = tmp_path / "product.yaml"
+    path.write_text(yaml.safe_dump({**BASE, "carried_by": {"p1": "p2", "p2": "p1"}}, sort_keys=False))
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if text.startswith("carried_by"))
+    with pytest.raises(InputError, match=f":{line}:1: no step can be the first of these"):
+        load_yaml(path, Product)

@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import pytest
 
+from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
 from bracket_cell.trees.nodes.services import Services
 from bracket_ground.interfaces.perception import Action, HandSample
-from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
 from btxml.engine.status import Status
+from btxml.testing import alone
+from tests import ROOT
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
 
 IDLE, TRANSIT = Action("idle", 1.0), Action("transit", 1.0)
@@ -211,3 +214,14 @@ def test_the_tray_is_believed_for_a_while_after_a_look() -> None:
     assert [part.part for part in node.parts.entry.value.detections] == ["o2"]  # type: ignore[union-attr]
     at.now.observation = replace(at.now.observation, time_s=66.0)
     assert node.update() is Status.FAILURE
+
+
+def test_a_part_that_no_likely_goal_wants_any_more_is_put_back() -> None:
+    """Two goals take two gate valves, and the person has shown that it is the one that takes one."""
+    file = ROOT / "config" / "examples" / "subassembly" / "cell.yaml"
+    product = load_product(load_configuration(file), file)
+    at = services(product=product, held_part="o2", observation=replace(services().now.observation, gripper=HOLDING))
+    placed = AssemblyState({"p1": "o2", "p3": "o3", "p4": "o3"})
+    for share, status in ((0.5, Status.SUCCESS), (0.001, Status.FAILURE)):
+        plan = AssemblyPlan({"g0": share, "g1": 1 - share}, {}, "pump", {})
+        assert alone(HoldsNeededPart("holds"), at, state=placed, plan=plan).update() is status

@@ -105,6 +105,7 @@ class HoldsNeededPart(CellNode):
     traits = Traits(gives=(HELD,))
 
     state = InputPort(AssemblyState, "what is placed so far")
+    plan = InputPort(AssemblyPlan, "belief and plans: what no likely goal wants is not needed", optional=True)
     part = OutputPort(Part, "type of the part in the gripper")
 
     def update(self) -> Status:
@@ -115,7 +116,7 @@ class HoldsNeededPart(CellNode):
         if self.memory.held_lying:
             self.feedback_message = Message("{part} is held as it lay, and fits into no hole so", part=part)
             return Status.FAILURE
-        if remaining(self.services, self.state.get())[part] <= 0:
+        if remaining(self.services, self.state.get(), self.plan.get_or(None), most=True)[part] <= 0:
             self.feedback_message = Message("no {part} is needed any more", part=part)
             return Status.FAILURE
         self.part.set(Part(part))
@@ -143,7 +144,7 @@ class AwaitPosition(CellNode):
 
     def update(self) -> Status:
         part, state, plan = self.part.get(), self.state.get(), self.plan.get()
-        if remaining(self.services, state)[part] <= 0 or not self.now.observation.gripper.holding:
+        if remaining(self.services, state, plan, most=True)[part] <= 0 or not self.now.observation.gripper.holding:
             self.feedback_message = Message("no {part} to be placed", part=part)
             return Status.FAILURE
         position, reason = sure_position(self.services, plan, state, part)
@@ -197,17 +198,20 @@ class RecallTray(CellNode):
         return Status.SUCCESS
 
 
-def remaining(services: Services, state: AssemblyState, plan: AssemblyPlan | None = None) -> Counter[str]:
+def remaining(
+    services: Services, state: AssemblyState, plan: AssemblyPlan | None = None, *, most: bool = False
+) -> Counter[str]:
     """How many parts of each type may still be placed; what was let go in a hole counts as placed.
 
     Args:
         plan: only those that are needed in every likely goal.
+        most: those that are needed in any of them.
     """
     product, placed = services.tools.product, {**services.memory.let_go, **state.placed}
     likely = [] if plan is None else [goal for goal in product.goals if plan.goal_belief.get(goal, 0.0) >= LIKELY]
     if likely and product.varies:
         left = [product.remaining(goal, placed) for goal in likely]
-        return Counter({part: min(one[part] for one in left) for part in product.parts})
+        return Counter({part: (max if most else min)(one[part] for one in left) for part in product.parts})
     left_n = Counter(product.most)
     left_n.subtract(placed.values())
     return left_n

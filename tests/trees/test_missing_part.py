@@ -11,7 +11,10 @@ from tests import ROOT
 from tests.trees.nodes.rig import services
 
 LEAST_S = 30.0  # a person who notices after 10 s on average has noticed by then, nearly always
-MISSING = {"AssemblyFinished": "F", "BracketTaken": "F", "HoldsNeededPart": "F", "FindPart": "F", "AskForHelp": "R"}
+MISSING = {
+    **dict.fromkeys(("AssemblyFinished", "BracketTaken", "HoldsNeededPart", "BuiltBeside", "FindPart"), "F"),
+    "AskForHelp": "R",
+}
 PREDICTED = {"PredictNextObject": {"part": Part("o3")}, "ChooseSparePart": {"part": Part("o3")}}
 
 

@@ -142,6 +142,7 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
         "AssemblyFinished": "F",
         "BracketTaken": "F",
         "ChoosePosition": "FS",
+        "BuiltBeside": "F",
         "AskWhichGoal": "F",
         "AskPosition": "RS",
     }

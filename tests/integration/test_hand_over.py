@@ -77,10 +77,16 @@ def handed(person: str, seed: int, tree: Path = JOBS / "hand_over.xml") -> Count
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("person", "end"), [("careful", "taken"), ("hand_over_late", "taken"), ("hand_over_never", "kept")]
+    ("person", "seed", "end"),
+    [
+        ("careful", 7, "taken"),
+        ("hand_over_late", 7, "taken"),
+        ("hand_over_late", 990210, "taken"),
+        ("hand_over_never", 7, "kept"),
+    ],
 )
-def test_no_part_is_dropped_whoever_pulls_and_when(person: str, end: str) -> None:
-    counted = handed(person, 7)
+def test_no_part_is_dropped_whoever_pulls_and_when(person: str, seed: int, end: str) -> None:
+    counted = handed(person, seed)
     assert counted["dropped"] == 0
     assert counted[end] > 0
     assert counted["finished"] == 1

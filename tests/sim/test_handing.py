@@ -9,8 +9,12 @@ import pytest
 
 from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.command import Display
-from bracket_sim.scene.hand import hand_rest_m
+from bracket_ground.interfaces.grasping import PAD_WIDTH_M
+from bracket_ground.interfaces.pose import Pose
+from bracket_sim.scene.hand import TIP_RADIUS_M, hand_rest_m
 from bracket_sim.scene.person import Lapses, Leaving, Person, ScrewHabits, load_person
+from bracket_sim.worker.hand_primitives import TIP_AHEAD_M
+from bracket_sim.worker.worker_sight import SeenPart
 from tests.sim.worker_bench import Shift, bench, product, world_of
 
 FILES = sorted(Path(shipped("bracket_cell.config", "people")).glob("*.yaml"))
@@ -62,3 +66,18 @@ def test_a_wish_of_the_robot_without_an_arm_is_none() -> None:
     shift.worker.show(Display(message="please put o2 between the fingers"))
     assert shift.until(lambda: len(shift.placed()) == 1, 20.0)
     assert "give" not in acts(shift)
+
+
+@pytest.mark.parametrize("part", product().parts)
+@pytest.mark.parametrize("yaw_rad", [0.0, np.pi])
+def test_fingertips_pinch_a_part_ahead_of_fingers_that_hold_it(
+    part: str, yaw_rad: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fingertips that close on the fingers push them off the part, which falls."""
+    work = shift_of(Person()).worker._work
+    held = Pose.from_yaw((0.93, 0.20, 0.19), yaw_rad)
+    tool_m = np.array(held.position_m) + np.array([0.0, 0.0, 0.011])
+    monkeypatch.setattr(work._sight, "tool", lambda: (tool_m, None))
+    grip_m, _, _ = work._beside_fingers(SeenPart("held", part, held, 0.0))
+    tips_m = grip_m[0] - tool_m[0] - TIP_AHEAD_M - TIP_RADIUS_M
+    assert tips_m >= PAD_WIDTH_M / 2

@@ -26,6 +26,7 @@ BEFORE_PART_M = 0.06  # in front of a part that is held out
 BESIDE_FINGERS_M = 0.0275  # of the fingertips from the tool: half its fingers' width, and what is ahead of the pinch
 ROOM_M = 0.03  # of fingertips that work beside the robot's fingers, and do not touch them
 DRAWN_BACK_M = (0.16, 0.10, 0.0)  # from an arm that gave a part
+TIP_AHEAD_M = 0.006  # so far ahead of the pinch fingertips are as thick as at it, and hold an edge beside other fingers
 TIP_M = 0.004  # of a part that must lie between fingertips
 COMES_M = 0.012  # farther than an arm that holds on gives way to a pull
 MOST_YAW_RAD = 1.3
@@ -180,9 +181,11 @@ class HandPrimitives:
         """How far ahead of a grip (3,) to pinch, to be beside the robot's fingers: as far as there is part."""
         x, _, z = seen.pose.inverse().transform(grip_m)
         solids = self._product.parts[seen.part].solids
+        ahead = 1.0 if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else -1.0
         for beside_m in np.arange(max(wanted_m, 0.0), 0.0, -TIP_M):
-            ahead = x + beside_m if abs(fold_yaw(seen.pose.yaw_rad) - seen.pose.yaw_rad) < 1.0 else x - beside_m
-            low_m, high_m = span_m(solids, 1, {0: (ahead - TIP_M, ahead + TIP_M), 2: (z, z)}) or (0.0, 0.0)
+            at = x + ahead * beside_m
+            tip, back = sorted((at - ahead * TIP_AHEAD_M, at + ahead * TIP_M))
+            low_m, high_m = span_m(solids, 1, {0: (tip, back), 2: (z, z)}) or (0.0, 0.0)
             if high_m - low_m > self._gripping.closed_m(seen.part):
                 return float(beside_m)
         return 0.0

@@ -109,6 +109,14 @@ class Simulator(Protocol):
         """The name of what renders here, and what to do where nothing does; empty where all is well."""
         ...
 
+    def injected(self, text: str) -> Any:
+        """Faults to put into a run (a `running.inference.FaultInjection`), from FAULT@STATE[,FAULT@STATE...].
+
+        Raises:
+            InputError: there is no such fault or state.
+        """
+        ...
+
     def missing_library(self, error: Exception) -> str | None:
         """Why nothing renders, where an error came out of a graphics library; None for other errors."""
         ...

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bracket_cell.configuration import Configuration
     from bracket_ground.files.model import Location, Model
     from bracket_ground.interfaces.bench import Bench
+    from bracket_sim.faults.injection import Injection, Injections
     from bracket_sim.process.messages import Drawn, Pace
 
 
@@ -39,6 +40,17 @@ def changed(settings: Model, look: str | None = None, person: str | None = None,
         people = tuple(load_person(name.strip()) for name in person.split(","))
         changes |= {"person": people[0], "people": people if len(people) > 1 else ()}
     return settings.model_copy(update=changes)
+
+
+def injected(text: str) -> Injection | Injections:
+    """Faults to put into a run, from FAULT@STATE[,FAULT@STATE...].
+
+    Raises:
+        InputError: there is no such fault or state.
+    """
+    from bracket_sim.faults.injection import Injection
+
+    return Injection.parse(text)
 
 
 def attachments(settings: Model, seed: int) -> dict[str, tuple[str, bytes]]:

@@ -27,9 +27,6 @@ from rich.table import Table
 
 from bracket_cell.commands.run import SEARCHES_GARBAGE
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product
-from bracket_cell.faults.injection import Injection, attended
-from bracket_cell.faults.named_faults import EITHER, RECOVERS, STOPS
-from bracket_cell.faults.work_state import STATES
 from bracket_cell.learned.calibration.check import CalibrationCheck
 from bracket_cell.plant.ros_arm import Ros2Arm
 from bracket_cell.plant.ros_camera import Ros2Camera
@@ -50,6 +47,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Outcome, TickRecord
+from bracket_cell.watching.work_state import STATES
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import CellError
 from bracket_ground.files.model import Model
@@ -60,6 +58,8 @@ from bracket_ground.interfaces.perception import BenchView, PartsView
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.faults import HOLDING_STATES, TRIAL, hangs
 from bracket_sim.cell import SimCell
+from bracket_sim.faults.injection import Injection, attended
+from bracket_sim.faults.named_faults import EITHER, RECOVERS, STOPS
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of
 from bracket_sim.scene.world import World

@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from bracket_cell.configuration import load_configuration, load_faults
-from bracket_cell.faults.named_faults import FAULTS as PUT
-from bracket_cell.faults.named_faults import FaultKind
-from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, Spread
 from bracket_cell.recording.schemas import TOPICS, schema
 from bracket_cell.trees import vocabulary
 from bracket_cell.viewing.advice import ADVICE, ENDS
 from bracket_ground.files.words.catalogue import catalogue
 from bracket_ground.interfaces.faults import SIGNALS as SIGNS
 from bracket_ground.interfaces.faults import FaultTable
+from bracket_sim.faults.named_faults import FAULTS as PUT
+from bracket_sim.faults.named_faults import FaultKind
+from bracket_sim.faults.signal_faults import DETECTED, SIGNALS, Spread
 from btxml.engine.node import Control, Decorator, Node, TreeNode
 from btxml.engine.ports import InOutPort, InputPort, OutputPort, Port
 from btxml.engine.traits import Traits

@@ -22,10 +22,10 @@ from bracket_cell.configuration import (
     load_product,
     simulated,
 )
-from bracket_cell.faults.injection import Injection
 from bracket_cell.wiring.detectors import fitted
 from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.danger import DRIVEN_M_S
+from bracket_sim.faults.injection import Injection
 from tests import ROOT
 
 JOBS, EXAMPLES = ROOT / "trees" / "jobs", ROOT / "config" / "examples"

@@ -21,10 +21,10 @@ from bracket_cell.configuration import (
     simulated,
 )
 from bracket_cell.device_settings import OwnDevice
-from bracket_cell.faults.injection import Injection
 from bracket_cell.fleet.store import is_address
 from bracket_cell.kinds import DETECTORS, WEIGHTS, files_of
 from bracket_cell.recording.identity import code_version
+from bracket_cell.simulator import simulator
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_ground.errors import InputError
@@ -153,7 +153,7 @@ def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep
     }
     for fault in sweep.faults:
         if fault is not None:
-            Injection.parse(fault)
+            simulator().injected(fault)
     folder = logs if logs is None or is_address(logs) else str(Path(logs).resolve())
     return _tasks(sweep, packed, folder, keep_one_in)
 

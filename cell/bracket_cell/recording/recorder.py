@@ -11,7 +11,6 @@ import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
 
-from bracket_cell.faults.work_state import WorkState
 from bracket_cell.recording import identity as digest
 from bracket_cell.recording import joint_samples
 from bracket_cell.recording.images import Files, ImageEncoder
@@ -33,6 +32,7 @@ from bracket_cell.recording.schemas import (
 from bracket_cell.settings import LogSettings
 from bracket_cell.skills.drivers.can_gripper import CanFrame
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
+from bracket_cell.watching.work_state import WorkState
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.interfaces.devices import TruthEvent
 from bracket_ground.interfaces.frame import Frame

@@ -8,8 +8,11 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 from bracket_cell.remote.detecting import PLACES, DetectByCamera, DetectorProcess, SharedImages
 from bracket_cell.remote.worker import Pending
+from bracket_cell.watching.observer import Observer
 from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import BenchView, PartsView
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -38,6 +41,24 @@ class Executor(Protocol[Job_contra, Answer_co]):
     def close(self) -> None:
         """Let go of the detector; harmless when repeated."""
         ...
+
+
+class FaultInjection(Observer):
+    """Faults of a run on trial: proxies around devices and detectors; it observes when they are to come."""
+
+    def devices(self, devices: Devices) -> Devices:
+        """The same devices with the faults.
+
+        Raises:
+            InputError: these devices cannot have them.
+        """
+        raise NotImplementedError
+
+    def detectors(
+        self, watcher: Executor[Frame, BenchView], finder: Executor[Frame, PartsView]
+    ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
+        """The same detectors with the faults: of overhead and of wrist frames."""
+        raise NotImplementedError
 
 
 class DelayedExecutor(Generic[Job, Answer]):

@@ -23,7 +23,6 @@ from bracket_cell.configuration import (
     weaknesses,
 )
 from bracket_cell.device_settings import PagePanel
-from bracket_cell.faults.injection import Injection, Injections
 from bracket_cell.log.read.resume import read_resume_state, world_of
 from bracket_cell.production.book import Book, RunRow
 from bracket_cell.production.bookkeeper import Bookkeeper, moment_of
@@ -31,6 +30,7 @@ from bracket_cell.recording.recorder import McapRecorder
 from bracket_cell.remote import priority
 from bracket_cell.running.controller import Controller
 from bracket_cell.running.device_reader import RobotPoseHistory
+from bracket_cell.running.inference import FaultInjection
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.policy_device import PolicyDevice
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
@@ -108,7 +108,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         configuration = for_shift(configuration, options.brackets)
     configuration = options.adjusted(configuration)
     if options.inject is not None:
-        Injection.parse(options.inject)
+        simulator().injected(options.inject)  # before a file is touched
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
@@ -187,7 +187,7 @@ def _run(
     log: Path,
     watchdog: Watchdog,
 ) -> RunResult:
-    injection = None if options.inject is None else Injection.parse(options.inject)
+    injection: FaultInjection | None = None if options.inject is None else simulator().injected(options.inject)
     with ExitStack() as stack:
         parts = assemble(stack)
         parts.say_unsafe()
@@ -221,7 +221,7 @@ def run_controller(
     can_tap: Tap | None = None,
     pace: Pace = "fast",
     tree: Tree | WatchedTree | None = None,
-    injection: Injection | Injections | None = None,
+    injection: FaultInjection | None = None,
     operator: OperatorChannel | None = None,
     watchdog: Watchdog | None = None,
     supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,

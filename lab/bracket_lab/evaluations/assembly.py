@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
-from bracket_cell.faults.injection import Injection, Injections, attended
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
@@ -24,6 +23,7 @@ from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
 from bracket_sim.cell import SimCell
+from bracket_sim.faults.injection import Injection, Injections, attended
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.process.opening import open_simulation
 

@@ -17,7 +17,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.faults.injection import Injection
 from bracket_cell.running.gripper_checks import LIMITS as GRIPPER
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_cell.skills.motion.planner import MotionPlanner
@@ -28,6 +27,7 @@ from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import STANDING_RAD_S, Image, JointSamples, Observation
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.cell import SimCell
+from bracket_sim.faults.injection import Injection
 from bracket_sim.scene import palette
 
 EVERY = 4  # of the joints' samples

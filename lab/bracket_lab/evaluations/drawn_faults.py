@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from bracket_cell.configuration import DEFAULT_TREE
-from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, drawn_fault
 from bracket_cell.running.supervisor import PAUSED, Supervisor, make_supervisor
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
@@ -38,6 +37,7 @@ from bracket_lab.evaluations.evidence import Evidence
 from bracket_lab.evaluations.faults import Fork, trial
 from bracket_lab.learned.scores import wilson
 from bracket_sim.cell import SimCell
+from bracket_sim.faults.signal_faults import DETECTED, SIGNALS, drawn_fault
 
 EACH = 20  # faults that one run splits for; one more has none
 TICKS = (30, 360)  # of a run, when a fault comes

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bracket_cell.faults.work_state import STATES, WorkState
 from bracket_cell.watching.observer import Observer, TickRecord
+from bracket_cell.watching.work_state import STATES, WorkState
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample

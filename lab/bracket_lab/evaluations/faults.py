@@ -19,9 +19,6 @@ from pathlib import Path
 import cv2
 
 from bracket_cell.configuration import load_configuration, load_faults, load_product
-from bracket_cell.faults.injection import Injection
-from bracket_cell.faults.named_faults import FAULTS, FaultKind, signals_of
-from bracket_cell.faults.work_state import OTHER_STATES, STATES
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
@@ -29,6 +26,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
+from bracket_cell.watching.work_state import OTHER_STATES, STATES
 from bracket_cell.wiring.detectors import fitted
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
@@ -37,6 +35,8 @@ from bracket_ground.interfaces.faults import FaultTable
 from bracket_lab.evaluations.assembly import Assembly, Injected
 from bracket_lab.evaluations.danger import Drops, StoppingDistance
 from bracket_sim.cell import SimCell
+from bracket_sim.faults.injection import Injection
+from bracket_sim.faults.named_faults import FAULTS, FaultKind, signals_of
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of
 

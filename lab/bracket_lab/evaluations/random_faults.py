@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bracket_cell.faults.injection import Injection, Injections
-from bracket_cell.faults.named_faults import FAULTS
-from bracket_cell.faults.work_state import OTHER_STATES, STATES
+from bracket_cell.watching.work_state import OTHER_STATES, STATES
 from bracket_ground.files.row_store import Row
 from bracket_lab.evaluations.assembly import assembly
+from bracket_sim.faults.injection import Injection, Injections
+from bracket_sim.faults.named_faults import FAULTS
 
 RECOVERABLE = 0.8  # share of faults that a run can recover from
 EVERY_STATE = (*STATES, *OTHER_STATES)

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bracket_cell.faults.injection import Injection, Injections
-from bracket_cell.faults.signal_faults import DETECTED, SignalFault
 from bracket_cell.running.inference import Executor
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from bracket_ground.interfaces.pose import Pose
 from bracket_lab.evaluations.answer_evidence import AnswerEvidence
+from bracket_sim.faults.injection import Injection, Injections
+from bracket_sim.faults.signal_faults import DETECTED, SignalFault
 from tests.cell.running.test_supervisor import sound
 
 PERIOD_S = 1 / 15

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.faults.signal_faults import DETECTED, SIGNALS, SignalFault, Spread, drawn_fault
 from bracket_ground.files.row_store import Row
 from bracket_lab.evaluations.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
+from bracket_sim.faults.signal_faults import DETECTED, SIGNALS, SignalFault, Spread, drawn_fault
 
 TICK = 150  # the arm is under way, and will be for a while
 HELD_TICK = 120  # it was told to stand, as somebody paused it

@@ -12,7 +12,6 @@ import pytest
 from rich.console import Console
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.faults.injection import NOTICES_S, Attendant
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample
@@ -21,6 +20,7 @@ from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio
 from bracket_lab.evaluations.danger import TrueDistance, protective_m
 from bracket_lab.evaluations.encounters import Encounters, Tracker, encounter, passed, summary
 from bracket_lab.evaluations.random_faults import counted, troubled_assembly
+from bracket_sim.faults.injection import NOTICES_S, Attendant
 from tests.integration.cell_rig import BENCH, with_person
 
 

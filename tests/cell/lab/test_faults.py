@@ -9,11 +9,11 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.faults.injection import Injection, Injections
-from bracket_cell.faults.named_faults import FAULTS
-from bracket_cell.faults.work_state import OTHER_STATES, STATES
+from bracket_cell.watching.work_state import OTHER_STATES, STATES
 from bracket_ground.errors import InputError
 from bracket_lab.evaluations.faults import chosen, fast_rows, fault_try
+from bracket_sim.faults.injection import Injection, Injections
+from bracket_sim.faults.named_faults import FAULTS
 
 SAMPLE = {
     "carry": ("arm_frozen", "gripper_refuses", "camera_black"),

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_faults
-from bracket_cell.faults.signal_faults import ANY, Kind, SignalFault
 from bracket_cell.running.supervisor import make_supervisor
 from bracket_cell.skills.motion.planner import Load
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
@@ -19,6 +18,7 @@ from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Ob
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import Action as SeenAction
 from bracket_ground.interfaces.perception import BenchView
+from bracket_sim.faults.signal_faults import ANY, Kind, SignalFault
 from tests.cell.path_arm import PathArm
 from tests.integration.cell_rig import motion_planner
 

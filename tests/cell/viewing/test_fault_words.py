@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.faults.injection import Injection
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_ground.files.words.catalogue import catalogue
 from bracket_lab.evaluations.faults import TRIAL, trial
+from bracket_sim.faults.injection import Injection
 from tests.trees.nodes.rig import PRODUCT
 
 KEEP_AWAY = "The run is over. Keep away from the arm, press the stop button, and call maintenance"

@@ -10,7 +10,6 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 import can
 import numpy as np
 
-from bracket_cell.faults.signal_faults import GROUPS, SignalFault
 from bracket_cell.running.inference import Executor
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.command import JointTrajectory
@@ -18,6 +17,7 @@ from bracket_ground.interfaces.devices import Arm, Camera
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import ArmState, JointSamples
 from bracket_ground.interfaces.operator import OperatorOrder, OrderKind
+from bracket_sim.faults.signal_faults import GROUPS, SignalFault
 
 AGAIN_S = 0.2  # after which a repeated order comes once more, and a foreign frame
 STATUS, FRAMES = "GripperStatus", "frames"

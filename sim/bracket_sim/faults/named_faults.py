@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bracket_cell.faults.signal_faults import SignalFault
 from bracket_ground.errors import InputError
+from bracket_sim.faults.signal_faults import SignalFault
 
 PASSES_S, SHORT_S, LOSS_S = 1.5, 0.4, 2.0
 

@@ -13,19 +13,19 @@ from typing import Any
 
 import can
 
-from bracket_cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyDetector, FaultyPanel
-from bracket_cell.faults.named_faults import EITHER, FAULTS, FaultKind, signals_of
-from bracket_cell.faults.signal_faults import ORDERS, SignalFault
-from bracket_cell.faults.work_state import OTHER_STATES, STATES, WorkState
-from bracket_cell.running.inference import Executor
+from bracket_cell.running.inference import Executor, FaultInjection
 from bracket_cell.skills.drivers.can_gripper import CanGripper
-from bracket_cell.watching.observer import Observer, TickRecord
+from bracket_cell.watching.observer import TickRecord
+from bracket_cell.watching.work_state import OTHER_STATES, STATES, WorkState
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import BenchView, PartsView
+from bracket_sim.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyDetector, FaultyPanel
+from bracket_sim.faults.named_faults import EITHER, FAULTS, FaultKind, signals_of
+from bracket_sim.faults.signal_faults import ORDERS, SignalFault
 
 NOTICES_S = 3.0
 BEGINS_TICKS = 5  # a state has lasted this long when the fault comes, so that the arm is under way
@@ -70,7 +70,7 @@ def attended(devices: Devices) -> Devices:
     return replace(devices, panel=attendant, pressed=attendant.pressed)
 
 
-class Injection(Observer):
+class Injection(FaultInjection):
     """One fault in one state; also an observer, which sees the states come.
 
     Attributes:
@@ -197,7 +197,7 @@ class Injection(Observer):
         self.begin(self.fault, time_s)
 
 
-class Injections(Observer):
+class Injections(FaultInjection):
     """Several faults in one run, each in its state; an observer, too."""
 
     def __init__(self, injections: Sequence[Injection]) -> None:

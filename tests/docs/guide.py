@@ -19,6 +19,12 @@ from tests import ROOT
 
 _BLOCK = re.compile(r"```(yaml|python|xml|diff|console)\n(.*?)```", re.DOTALL)
 _FILE = re.compile(r"^(?:# |<!-- |--- )| -->$")
+PROGRAMS = {
+    "cell": [sys.executable, "-m", "bracket_cell"],
+    "python": [sys.executable],
+    # as the program, which does not look for modules in the working folder
+    "pytest": [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider"],
+}
 LONG = ("cell run", "cell train", "cell setup calibrate")
 
 
@@ -83,6 +89,22 @@ class Reader:
         file.parent.mkdir(exist_ok=True)
         file.write_text(body)
 
+    def begun(self, line: str) -> subprocess.Popen[str]:
+        """A command that goes on while they do something else; what it prints comes line by line."""
+        words = shlex.split(line, comments=True)
+        return subprocess.Popen(
+            [*PROGRAMS[words[0]], *words[1:]],
+            cwd=self.folder,
+            env={**self._environment(str(self.folder)), "PYTHONUNBUFFERED": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def _environment(self, own: str) -> dict[str, str]:
+        path = os.pathsep.join([str(ROOT), own, *filter(None, [os.environ.get("PYTHONPATH")])])
+        return {**os.environ, "PYTHONPATH": path}
+
     def _type(self, line: str) -> None:
         line, _, status = line.partition("  # status ")
         words = shlex.split(line)
@@ -91,20 +113,13 @@ class Reader:
             return
         settings = dict(word.split("=", 1) for word in _settings(words))
         command = words[len(settings) :]
-        programs = {
-            "cell": [sys.executable, "-m", "bracket_cell"],
-            "python": [sys.executable],
-            # as the program, which does not look for modules in the working folder
-            "pytest": [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider"],
-        }
         assembles = command[:2] == ["cell", "run"] and not any(word.startswith("trees/") for word in command)
         extra = ["--json"] if assembles else []
         own = str(self.folder / settings.pop("PYTHONPATH", "."))
-        path = os.pathsep.join([str(ROOT), own, *filter(None, [os.environ.get("PYTHONPATH")])])
         done = subprocess.run(
-            [*programs[command[0]], *command[1:], *extra],
+            [*PROGRAMS[command[0]], *command[1:], *extra],
             cwd=self.folder,
-            env={**os.environ, **settings, "PYTHONPATH": path},
+            env={**self._environment(own), **settings},
             capture_output=True,
             text=True,
             check=False,

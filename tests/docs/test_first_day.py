@@ -6,14 +6,24 @@ library with the first.
 
 from __future__ import annotations
 
+import re
 import shutil
+import subprocess
+import threading
 from pathlib import Path
 
 import pytest
 
+from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 
 PAGES = ("authoring.md", "leaves.md")
+ENDLESS = """<root BTCPP_format="4" main_tree_to_execute="Mine">
+  <BehaviorTree ID="Mine">
+    <KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>
+  </BehaviorTree>
+</root>
+"""
 LIBRARY_TREE = """<root BTCPP_format="4">
   <BehaviorTree ID="Rest">
     <AtMost n="1">
@@ -98,6 +108,40 @@ def test_two_cells_share_a_library_of_nodes_and_trees(day: Reader) -> None:
     told = typed(day, "cell check trees/rests.xml  # status 2")
     assert str(wrong) in told or "library/trees/rest.xml" in told
     assert "did you mean 'AtMost'?" in told
+
+
+@pytest.mark.long
+def test_a_tree_is_edited_while_it_runs(tmp_path: Path) -> None:
+    """As docs/watching.md says: an edit with a mistake is refused, and a sound one takes over."""
+    (line,) = re.findall(r"^    (cell run .*--watch.*)", (ROOT / "docs" / "watching.md").read_text(), re.MULTILINE)
+    reader = Reader(tmp_path)
+    typed(reader, "cell init one")
+    typed(reader, "cd one")
+    tree = reader.folder / "trees" / "mine.xml"
+    tree.write_text(ENDLESS)
+    with reader.begun(line) as run:
+        until(run, "nothing seen yet")
+        tree.write_text(ENDLESS.replace("AlwaysSuccess", "AlwaysSucess"))
+        refused = until(run, "the edited tree is refused, the old one goes on")
+        assert "did you mean 'AlwaysSuccess'?" in refused
+        tree.write_text(ENDLESS.replace("KeepRunningUntilFailure", "Inverter").replace("Success", "Failure"))
+        until(run, "the edited tree took over")
+        until(run, "finished: the tree succeeded")
+        assert run.wait(60) == 0
+
+
+def until(run: subprocess.Popen[str], words: str) -> str:
+    """The line with these words, once a command prints it; one that never does is ended."""
+    assert run.stdout is not None
+    read = []
+    patience = threading.Timer(120, run.kill)
+    patience.start()
+    for line in run.stdout:
+        read.append(line)
+        if words in line:
+            patience.cancel()
+            return line
+    raise AssertionError(f"{words!r} was never printed:\n{''.join(read)}")
 
 
 @pytest.mark.slow

@@ -92,7 +92,8 @@ class WatchedTree:
             self._next = self._load()
         except InputError as error:
             self._next = None
-            self._say("warning", f"the edited tree is refused, the old one goes on:\n{error}")
+            why = "; ".join(str(error).splitlines())  # a terminal shows one line
+            self._say("warning", f"the edited tree is refused, the old one goes on: {why}")
             named = [problem.place.file for problem in error.problems if isinstance(problem, Problem)]
             self._files = self._stamps([*self._files, *named])
         else:

@@ -18,10 +18,12 @@ from bracket_cell.commands.terminal import console
 from bracket_cell.runs.options import RunOptions
 
 if TYPE_CHECKING:
+    from bracket_cell.configuration import Configuration
     from bracket_cell.production.book import Book
     from bracket_cell.serving.control import CellControl
     from bracket_cell.settings import OpcuaSettings
     from bracket_ground.interfaces.devices import Signals
+    from bracket_ground.interfaces.product import Product
 
 TYPED = ("configuration", "goal", "seed", "look", "brackets", "share", "work_orders")
 SERVED = "served"  # folder beside the logs
@@ -52,7 +54,6 @@ def serve(
 
         assistant_server().run("stdio")
         return
-    from bracket_cell.configuration import load_configuration, load_product
     from bracket_cell.production.book import NAME, Book
     from bracket_cell.serving.certificate import fingerprint, with_certificate
     from bracket_cell.serving.control import CellControl
@@ -62,10 +63,7 @@ def serve(
     from bracket_cell.viewing.gate import Address
 
     asked = chosen(options, tree, real_time, entries, own, doors)
-    configuration = load_configuration(asked.configuration)
-    asked.refuse_simulated(configuration)
-    product = load_product(configuration, asked.configuration)
-    asked.load(product, configuration)
+    configuration, product = _checked(asked)
     where, say = Address.parse(asked.page or str(PAGE_PORT), "--page"), console().print
     folder = configuration.log.folder / SERVED
     book = Book(folder.parent / NAME)
@@ -93,6 +91,17 @@ def serve(
         _wait()
     if launcher.busy:
         say("the run goes on; `cell serve` finds it again", highlight=False)
+
+
+def _checked(asked: RunOptions) -> tuple[Configuration, Product]:
+    """What the runs will read; raises InputError where they could not begin."""
+    from bracket_cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(asked.configuration)
+    asked.refuse_simulated(configuration)
+    product = load_product(configuration, asked.configuration)
+    asked.load(product, configuration)
+    return configuration, product
 
 
 def _again(tree: Path | None, real_time: float | None, repeated: Mapping[str, Iterable[str] | None]) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import Controller
-from bracket_sim.twin.ur_model import MODELS, Model
+from bracket_sim.twin.ur_model import MODELS
 
 BY_HAND_RAD = 0.3
 LATE_S, SILENT_S = 0.2, 2.0
@@ -50,9 +50,6 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtd
         of.restart()
         rtde.cut()
 
-    def other(model: Model) -> None:
-        of.model = model
-
     def mended() -> None:
         of.mend()
         rtde.late_until_s = rtde.silent_until_s = 0.0
@@ -68,9 +65,7 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtd
     cell.offer("paused", "somebody pauses the program at the pendant", of.pause)
     cell.offer("moved_by_hand", f"somebody turns the last wrist by {BY_HAND_RAD} rad", moved)
     cell.offer("played", "somebody lets the paused program go on", of.play)
-    cell.offer(
-        "slider", f"the pendant's speed slider goes to {SLOW_SHARE:.0%}", lambda: setattr(of, "slider", SLOW_SHARE)
-    )
+    cell.offer("slider", f"the pendant's speed slider goes to {SLOW_SHARE:.0%}", put("slider", SLOW_SHARE))
     cell.offer("slider_full", "the slider goes to 100 %", put("slider", 1.0))
     cell.offer("fieldbus", "a fieldbus owns the lower registers", put("fieldbus", True))
     cell.offer("fieldbus_gone", "no fieldbus owns registers", put("fieldbus", False))
@@ -80,12 +75,10 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtd
     cell.offer(f"{name}_silent", f"nothing comes for {SILENT_S:g} s", lambda: later("silent_until_s", SILENT_S))
     cell.offer(f"{name}_cut", "all that tells of the arm is cut off", rtde.cut)
     cell.offer("controller_restarted", "the controller is switched off and on", restarted)
-    cell.offer(
-        "payload_wrong", f"{HEAVY_KG:g} kg more hang on the tool than told", lambda: setattr(of, "extra_kg", HEAVY_KG)
-    )
+    cell.offer("payload_wrong", f"{HEAVY_KG:g} kg more hang on the tool than told", put("extra_kg", HEAVY_KG))
     cell.offer("payload_right", "what hangs on the tool is what was told", put("extra_kg", 0.0))
     cell.offer("turned", "the last wrist tells a whole turn more", lambda: of.turned_rad.__setitem__(5, 2 * np.pi))
-    cell.offer("other_model", "the controller is one of a UR10e", lambda: other(MODELS["ur10e"]))
+    cell.offer("other_model", "the controller is one of a UR10e", put("model", MODELS["ur10e"]))
     cell.offer(
         "other_calibration",
         "the arm is another one of its make",

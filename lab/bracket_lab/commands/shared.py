@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import Annotated, cast
 
 from typer import Option
 
@@ -32,6 +32,7 @@ from bracket_ground.files.row_store import RowStore
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing.sight import seeds as split_of
 from bracket_lab.experiments.experiments import code_version
+from bracket_lab.learned.parts.data import Scene
 from bracket_lab.pictures.scoring import Scorer, load, note
 
 
@@ -138,14 +139,24 @@ class Shared:
         known = {path.name: digest_of(path.read_bytes())[:16] for path in weights}
         return RowStore(self.out, by, {**of, "code": code_version(measure.__name__), "weights": known})
 
-    def score_pictures(self, task: str, kind: str, data: Sequence[Path]) -> None:
-        """Score a detector on labelled pictures; the figures go onto the card of weights that are the user's own."""
+    def score_pictures(self, task: str, kind: str, data: Sequence[Path], page: Path | None = None) -> None:
+        """Score a detector on labelled pictures; the figures go onto the card of weights that are the user's own.
+
+        Args:
+            page: HTML to write of the worst ones, for parts.
+        """
         configuration = load_configuration(self.config)
         product = load_product(configuration, self.config)
         pictures = load(task, data, product, configuration.bench.overhead.rate_hz)
-        scores = Scorer(configuration, product, task, kind, self.weights).scores(pictures)
+        scorer = Scorer(configuration, product, task, kind, self.weights)
+        scores, wrong = scorer.scores(pictures), 0
+        if page is not None:
+            sure, wrong = scorer.worst_parts(cast(Sequence[Scene], pictures), scores, page)
+            scores |= sure
         where = ", ".join(str(folder) for folder in data)
         report_scores(f"{task}, {kind}, {len(pictures)} labelled in {where}", scores, self.as_json)
+        if page is not None:
+            console().print(f"something is wrong in {wrong} of {len(pictures)}: see {page}", highlight=False)
         if self.weights is not None and self.weights.resolve().parent != WEIGHTS.resolve():
             note(self.weights, scores)
             console().print(f"noted on the card of {self.weights}", highlight=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 from typer import Option
@@ -37,11 +38,16 @@ def evaluate_parts(
     tilt: Annotated[
         float | None, Option(min=0, max=180, help="Score parts tilted by so many degrees, in the look nominal.")
     ] = None,
+    page: Annotated[
+        Path | None, Option(help="With --data: write an HTML page of the worst pictures, and tell the mAP's interval.")
+    ] = None,
 ) -> None:
     """Score a part detector on images of trays. Kinds: centre, classical, rcnn; with --data also onnx."""
     kind = _kind(shared, ("centre", "classical", "rcnn", *["onnx"] * bool(shared.data)))
+    if page is not None and not shared.data:
+        raise InputError(f"--page {page}: goes with --data DIR, of `cell label`")
     if shared.data:
-        shared.score_pictures("parts", kind, shared.data)
+        shared.score_pictures("parts", kind, shared.data, page)
         return
     _, wanted = shared.split()
     task = _task(shared, kind)

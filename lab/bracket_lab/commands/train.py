@@ -19,7 +19,21 @@ from bracket_lab.commands.training.tasks import TASKS
 from bracket_lab.commands.training.weights import Training, writing
 
 OPTIONS = (
-    *("network", "data", "simulated", "begin", "epochs", "every", "only", "plan", "budget", "recorded", "jobs", "out"),
+    *(
+        "network",
+        "data",
+        "simulated",
+        "curve",
+        "begin",
+        "epochs",
+        "every",
+        "only",
+        "plan",
+        "budget",
+        "recorded",
+        "jobs",
+        "out",
+    ),
     *("overwrite", "config", "seed"),
 )
 FOLDER, PAPER = Path("trained"), "paper"
@@ -42,6 +56,9 @@ class TrainOptions:
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="With --data: learn from simulated data, too.")] = False
     epochs: Annotated[int | None, Option(min=1, help="With --data: passes through the data.")] = None
+    curve: Annotated[
+        bool, Option("--curve", help="With parts: learn from a quarter and half of the pictures too, to compare.")
+    ] = False
     begin: Annotated[
         str | None,
         Option(metavar="shipped|FILE", help="With hands: go on with weights that were trained before."),
@@ -105,10 +122,13 @@ def _train_on_own(wanted: TrainOptions) -> None:
         raise InputError("--all, --only, --plan and --recorded do not go with --data")
     if wanted.begin is not None and wanted.network != "hands":
         raise InputError(f"--begin {wanted.begin}: goes with hands; {wanted.network} are trained from nothing")
+    if wanted.curve and wanted.network != "parts":
+        raise InputError(f"--curve: goes with parts; not with {wanted.network}")
     task = TASKS[wanted.network]
     asked = Training(
         data=wanted.data,
         simulated=wanted.simulated,
+        curve=wanted.curve,
         begin=wanted.begin,
         epochs=wanted.epochs,
         budget=wanted.budget or (task.defaults or {}).get("budget", ""),

@@ -19,6 +19,7 @@ from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench, CameraCalibration
 from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import PartDetector
 from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.actions.data import Segments, load_segments
@@ -30,6 +31,7 @@ from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
 from bracket_lab.learned.scores import ScoreCounter
 from bracket_lab.learned.training.still_dataset import Still
 from bracket_lab.pictures.suggestions import Often
+from bracket_lab.pictures.worst import interval, judged, write_page
 from bracket_lab.wiring.latency import note_scores
 
 Scores = dict[str, float]
@@ -92,9 +94,26 @@ class Scorer:
     def _parts(self, scenes: Sequence[Scene], kind: str, weights: Path | None) -> Scores:
         findings = Findings()
         for scene in scenes:
-            detector = self._made(as_taken(self.configuration.bench, "wrist", scene), kind, weights)
-            evaluate_parts([replace(scene, believed=scene.world_from_camera)], detector, self.product, findings)
+            placed = replace(scene, believed=scene.world_from_camera)
+            evaluate_parts([placed], self._part_detector(scene, kind, weights), self.product, findings)
         return findings.scores(self.product)
+
+    def _part_detector(self, scene: Scene, kind: str, weights: Path | None) -> PartDetector:
+        made: PartDetector = self._made(as_taken(self.configuration.bench, "wrist", scene), kind, weights)
+        return made
+
+    def worst_parts(self, scenes: Sequence[Scene], scores: Scores, path: Path) -> tuple[Scores, int]:
+        """A page of the worst pictures; returns the interval of the mAP, and in how many something is wrong."""
+        own, classical = (
+            [
+                self._part_detector(scene, kind, weights).detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))
+                for scene in (replace(one, believed=one.world_from_camera) for one in scenes)
+            ]
+            for kind, weights in ((self.kind, self.weights), ("classical", None))
+        )
+        found = interval(scenes, own, self.product)
+        pictures = ([judged(*pair) for pair in zip(scenes, some, strict=True)] for some in (own, classical))
+        return found, write_page(path, f"parts, {self.kind}", {**scores, **found}, *pictures)
 
     def _hands(self, frames: Sequence[LabelledFrame], kind: str, weights: Path | None) -> Scores:
         """A hand counts as found where a palm is told within its box."""

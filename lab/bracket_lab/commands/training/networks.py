@@ -40,6 +40,7 @@ STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the
 OWN_SHARE, OWN_FOLDS = 0.2, 5  # of a user's own recordings, kept for the scores
 MOST_COMPARED = 60  # pictures on which new weights stand beside the classical detector
 BOX_STEPS, BOX_BATCH = 500, 8  # of a network that knows pictures, on own boxes: 12 minutes of one core
+CURVE = (0.25, 0.5)  # of the pictures, for a curve of the figure over their number
 NO_POSES = (
     "boxes teach no poses: parts are seen and named, and none is grasped; with --simulated, poses of the drawn parts "
     "are learned beside them"
@@ -160,15 +161,16 @@ def boxed_parts(
     if unseen := [part for part in product.parts if not seen[part]]:
         named = f"only {', '.join(sorted(seen))}" if seen else "no part"
         raise InputError(f"--data: {named} labelled in {len(scenes)} pictures; none shows {', '.join(unseen)}")
-    epochs = asked.epochs or max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // len(scenes)))
-    command = asked.command("parts", epochs=epochs)
-    facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
+    told = dict[str, float]()
+    for share in (*CURVE, 1) if asked.curve else (1,):
+        some, out = scenes[:: round(1 / share)], weights if share == 1 else weights.with_suffix(f".{share:g}.onnx")
+        epochs = asked.epochs or max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // len(some)))
+        command = asked.command("parts", epochs=epochs)
+        facts = train_parts(some, product, floor_m, out, asked.seed, epochs=epochs, command=command, quiet=False)
+        scores = beside(asked, "parts", out, kept, some)
+        told[f"map_50 of {len(some)} pictures"] = scores["map_50"]
     console().print(NO_POSES, highlight=False)
-    return {
-        **facts,
-        **{f"boxes of {part}": seen[part] for part in seen},
-        **beside(asked, "parts", weights, kept, scenes),
-    }
+    return {**facts, **{f"boxes of {part}": seen[part] for part in seen}, **(told if asked.curve else {}), **scores}
 
 
 def faster_rcnn(asked: Training, scenes: Sequence[Scene], product: Product, weights: Path) -> Scores:

@@ -30,7 +30,7 @@ from bracket_lab.learned.parts.settings import BACKBONES
 
 TRAIN_RATIO = 0.77  # 143 of the 186 scenarios of the default product, as in the paper
 ONE_KIND = {"hands", "holes"}  # networks of one kind alone: their commands have no option for it
-NOT_OF_THE_NETWORK = {"out", "overwrite", "config", "as_json"}  # options that do not change what is learned
+NOT_OF_THE_NETWORK = {"curve", "out", "overwrite", "config", "as_json"}  # options that do not change what is learned
 UNITS_S = {"s": 1, "m": 60, "h": 3600}
 
 
@@ -48,6 +48,7 @@ class Training:
         Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default."),
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="Learn from simulated data beside those of --data.")] = False
+    curve: Annotated[bool, Option("--curve", help="With --data: learn from fewer pictures too, to compare.")] = False
     begin: Annotated[
         str | None,
         Option(

@@ -27,6 +27,7 @@ from bracket_lab.learned.training.training_loop import short_numbers
 
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0
+TOLERANCE = 1e-3  # of logits and features: deep sums of 32-bit numbers differ by a few 1e-5
 LEAST_AXIS_PX = 1.0  # an axis that is seen shorter points at the camera
 TAUGHT_RATE = 1e-3  # peak of the learning rate of a network that knows pictures
 PHOTOGRAPHS = (0.7, 1.4)  # scales by which training images differ, as nobody knows how far away they were taken
@@ -208,7 +209,7 @@ def train_parts(
     images = [{"image": rng.uniform(-0.5, 0.5, (1, 3, *reversed(INPUT_PX))).astype(np.float32)} for _ in range(2)]
     answer = CentreAnswer(cast(CentreNet, first.network))
     met_with = seen_by_centre(shown, product, floor_m) if poses else ()
-    first.write(task, CENTRE_OUTPUTS, images, lambda: facts, answer=answer, met_with=met_with)
+    first.write(task, CENTRE_OUTPUTS, images, lambda: facts, answer=answer, met_with=met_with, tolerance=TOLERANCE)
     beside = task.beside(pose_file(out))
     if poses:
         second, rng = pose_recipe(scenes, product, floor_m, seed, pose), np.random.default_rng(0)

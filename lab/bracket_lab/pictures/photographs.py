@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.pictures.handless import Compositor
 from bracket_lab.pictures.sources import PICTURES
+from bracket_lab.pictures.worn import CutHand, dressed
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
 PALM_OUTLINE = (0, 1, 5, 9, 13, 17)
@@ -34,30 +34,13 @@ SURE, LIKELY = 0.16, 0.42  # width of a finger that is surely hand, and of what 
 WORKED_PX = 64.0  # from palm to wrist where hands are cut out; larger photographs are made smaller
 ROUNDS = 4  # of GrabCut
 HEIGHTS_M, SIZES = (0.0, 0.3), 0.12  # of palms; standard deviation of the logarithm of a hand's size
+ODD_SIZES, ODD_SHARE = (0.7, 1.7), 0.3  # of hands nearer to the camera or farther away than at the usual bench
 TURN_RAD, ANY_TURN = 1.2, 0.25  # fingers point away from the person, give or take; share that point anywhere
 INSIDE_PX = 40  # of a hand's middle, from the image's edge
 BARE_SHARE = 0.25  # of hands that stay before what lay behind them
 GAIN = 0.2  # of the light, channel by channel
 SLEEVE = (0.75, 1.15)  # half its width, by the length from palm to wrist
 BARE_ARMS = 0.4  # share of arms without a sleeve: they have the hand's colour
-
-
-@dataclass(frozen=True, eq=False)
-class CutHand:
-    """A hand, and what it was cut out of.
-
-    Attributes:
-        image, behind: (height, width, 3) with the hand, and without it.
-        mask: (height, width) share of the hand in each pixel.
-        points_px: (21, 2) landmarks.
-        left: it is a left hand.
-    """
-
-    image: Image
-    behind: Image
-    mask: NDArray[np.float32]
-    points_px: Array
-    left: bool
 
 
 def photographs_of(folder: Path) -> list[Path]:
@@ -122,6 +105,8 @@ def compose(
     """
     size = setup.width_px, setup.height_px
     height_m, larger = rng.uniform(*HEIGHTS_M), math.exp(rng.normal(0.0, SIZES))
+    if rng.random() < ODD_SHARE:
+        larger = math.exp(rng.uniform(*np.log(ODD_SIZES)))
     length_px = setup.focal_px * PALM_TO_WRIST_M * larger / (setup.mount.position_m[2] - height_m)
     turn = -math.pi / 2 + (rng.uniform(-math.pi, math.pi) if rng.random() < ANY_TURN else rng.normal(0.0, TURN_RAD / 2))
     move = _onto(hand, length_px, turn, size, rng, [] if onto is None else [one.box_px for one in onto[1]])
@@ -218,6 +203,8 @@ def write_photographs(files: Sequence[Path], compositor: Compositor) -> int:
             for copy in range(compositor.copies):
                 frame = compositor.frame(1 - BARE_SHARE, rng)
                 under = None if frame is None else (read_image(frame.file), frame.row.hands)
-                image, rows = compose(hand, under, compositor.setup, rng)
+                named = bench_points(hand.points_px)
+                worn = dressed(hand, named["palm"], named["pinch"], rng)
+                image, rows = compose(worn, under, compositor.setup, rng)
                 compositor.write(f"{number:05d}-{which}-{copy}", f"photograph-{number:05d}", image, rows)
     return seen

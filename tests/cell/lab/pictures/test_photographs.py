@@ -19,7 +19,8 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import frames_of, load_hands
 from bracket_lab.pictures.handless import Compositor
-from bracket_lab.pictures.photographs import CutHand, compose, cut_hands, photographs_of, write_photographs
+from bracket_lab.pictures.photographs import compose, cut_hands, photographs_of, write_photographs
+from bracket_lab.pictures.worn import CutHand, dressed, gloved, with_tool
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead
 SKIN, WALL = (220, 150, 120), (40, 90, 60)
@@ -132,3 +133,47 @@ def test_a_folder_without_photographs_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds no photographs; legal are \.png"):
         photographs_of(tmp_path)
     assert list(cut_hands(np.zeros((50, 50, 3), np.uint8), Teacher(None))) == []  # type: ignore[arg-type]
+
+
+def test_a_glove_hides_the_skins_colour_and_keeps_what_lies_around() -> None:
+    hand = cut()
+    worn = gloved(hand, (40, 120, 200))
+    inside, outside = hand.mask > 0.99, hand.mask == 0
+    red, _, blue = worn.image[inside].astype(float).mean(axis=0)
+    assert blue > 2 * red
+    assert (worn.image[outside] == hand.image[outside]).all()
+    assert (worn.mask == hand.mask).all()
+
+
+def test_a_tool_reaches_beyond_the_fingers_and_is_laid_onto_the_bench_with_the_hand() -> None:
+    hand = cut()
+    named = bench_points(hand.points_px)
+    for seed in range(5):
+        held = with_tool(hand, named["palm"], named["pinch"], np.random.default_rng(seed))
+        column, row = (named["pinch"] + 0.6 * (named["pinch"] - named["palm"])).round().astype(int)
+        assert hand.mask[row, column] < 0.5 < held.mask[row, column]
+        assert (held.points_px == hand.points_px).all()
+
+
+def test_some_hands_wear_and_hold_something_and_the_same_seed_gives_the_same() -> None:
+    hand = cut()
+    named = bench_points(hand.points_px)
+    changed = []
+    for seed in range(60):
+        one, same = (dressed(hand, named["palm"], named["pinch"], np.random.default_rng(seed)) for _ in range(2))
+        assert (one.image == same.image).all()
+        changed.append((bool((one.image != hand.image).any()), bool((one.mask != hand.mask).any())))
+    shares = np.mean(changed, axis=0)
+    assert 0.35 < shares[0] < 0.75
+    assert 0.1 < shares[1] < 0.5
+
+
+def test_hands_of_all_sizes_are_laid_onto_benches() -> None:
+    lengths = []
+    for seed in range(60):
+        _, rows = compose(cut(), None, SETUP, np.random.default_rng(seed))
+        points = rows[0].points_px
+        lengths.append(np.linalg.norm(np.subtract(points["palm"], points["wrist"])))
+    usual = float(np.median(lengths))
+    assert min(lengths) < 0.8 * usual
+    assert max(lengths) > 1.45 * usual

@@ -73,7 +73,7 @@ class PlantBits(Observer):
         if recipe != self._recipe and 0 < recipe <= len(self._goals):
             self._put(OperatorOrder("goal", self._goals[recipe - 1]))
         self._recipe = recipe
-        self._was = known
+        self._was = {**self._was, **known}  # a PLC that was silent may have risen meanwhile
 
 
 class Control(Protocol):

@@ -93,6 +93,15 @@ def test_an_input_orders_when_it_becomes_true_and_not_when_a_run_begins_with_it(
     assert [(order.kind, order.value) for order in rig.ordered] == [("pause", "now"), ("acknowledge", "")]
 
 
+def test_a_bit_that_rises_while_the_plc_is_silent_orders_once_it_is_heard_again() -> None:
+    rig = Rig()
+    rig.tick(finish=False)
+    rig.tick()  # silent
+    rig.tick(finish=True)
+    rig.tick(finish=True)
+    assert [order.kind for order in rig.ordered] == ["finish"]
+
+
 def test_a_recipe_is_a_number() -> None:
     rig = Rig()
     for r1, r2 in ((False, False), (True, False), (True, False), (False, True), (False, False), (True, True)):

@@ -64,7 +64,7 @@ def test_a_hand_in_the_way_of_the_moving_arm_is_a_contact(cell: SimCell) -> None
     cell.worker.intrude("freeze", speed_m_s=1.6)
     wait(cell, 6.0)
     [first, *_] = contacts(cell).all()
-    assert first.robot in {"gripper", "tool", "finger_left", "finger_right", "wrist_3_link", "wrist_2_link"}
+    assert first.robot in {"gripper", "tool", "finger_left", "finger_right", "arm wrist_3_link", "arm wrist_2_link"}
     assert first.speed_m_s > 0.25
     assert first.force_n > 20.0
     report = cell.report()

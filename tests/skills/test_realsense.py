@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration
+from bracket_cell.runs import calibrating
 from bracket_cell.skills.drivers import cameras
 from bracket_cell.skills.drivers.settings import RealsenseSettings
 from bracket_ground.errors import DeviceFault
@@ -53,6 +54,7 @@ class Pipeline:
 
     aligned: bool
     number = 0
+    model, coeffs = "inverse_brown_conrady", (0.0,) * 5  # of a D435's colour camera
 
     def start(self, config: Config) -> Made:
         if any(size not in SIZES for size in config.streams.values()):
@@ -60,7 +62,11 @@ class Pipeline:
         self.streams = config.streams
         options = SimpleNamespace(set_option=lambda *_: None)
         device = Made(first_color_sensor=options, first_depth_sensor=Made(get_depth_scale=UNIT_M))
-        return Made(get_device=device)
+        width, height = config.streams[COLOUR]
+        told = {"fx": 615.2 * width / 640, "fy": 614.9 * width / 640, "ppx": 0.51 * width, "ppy": 0.49 * height}
+        lens = SimpleNamespace(**told, model=self.model, coeffs=self.coeffs)
+        video = Made(as_video_stream_profile=Made(get_intrinsics=lens))
+        return Made(get_device=device, get_stream=video)
 
     def wait_for_frames(self, limit_ms: int) -> Made:
         del limit_ms
@@ -98,6 +104,7 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     fake.format = SimpleNamespace(rgb8="rgb8", z16="z16")
     names = ("enable_auto_exposure", "enable_auto_white_balance", "exposure", "global_time_enabled")
     fake.option = SimpleNamespace(**{name: name for name in names})
+    fake.distortion = SimpleNamespace(brown_conrady="brown_conrady")
     fake.timestamp_domain = SimpleNamespace(global_time="host")
     fake.pipeline, fake.config, fake.align = Pipeline, Config, Align
     sensor = Made(get_stream_profiles=[profile(stream, size) for stream in (COLOUR, DEPTH) for size in SIZES])
@@ -135,6 +142,45 @@ def test_depths_come_in_millimetres_by_the_pixels_of_the_colours(driver: Any) ->
 def test_a_bench_without_depth_gets_none(driver: Any) -> None:
     frame = first_frame(driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead"))
     assert frame.depth_mm is None
+
+
+def lens_of(driver: Any) -> Any:
+    camera = driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead")
+    camera.close()
+    return camera.lens
+
+
+def test_the_lens_that_it_knows_is_told(driver: Any) -> None:
+    lens = lens_of(driver)
+    assert (lens.focal_px, lens.focal_y_px, lens.principal_px) == (615.2, 614.9, (0.51 * 640, 0.49 * 480))
+
+
+@pytest.mark.parametrize(
+    ("model", "k1", "known"),
+    [("brown_conrady", 0.1, 0.1), ("inverse_brown_conrady", 0.1, None), ("brown_conrady", 9.0, None)],
+)
+def test_bends_of_another_model_are_not_taken_for_its_own(
+    driver: Any, monkeypatch: pytest.MonkeyPatch, model: str, k1: float, known: float | None
+) -> None:
+    monkeypatch.setattr(Pipeline, "model", model)
+    monkeypatch.setattr(Pipeline, "coeffs", (k1, 0.0, 0.0, 0.0, 0.0))
+    assert getattr(lens_of(driver), "distortion_k1", None) == known
+
+
+@pytest.mark.usefixtures("driver")
+def test_the_doctor_compares_its_lens_with_the_bench() -> None:
+    found = cameras.examine(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead")
+    wrong = [one.remedy for one in found if "focal lengths 615.2, 614.9" in one.what]
+    assert wrong == ["the bench file says focal_px: 530, focal_y_px: 530"]
+
+
+def test_a_calibration_begins_with_the_lens_that_it_knows(driver: Any) -> None:
+    configuration = load_configuration()
+    lens = lens_of(driver)
+    setup = calibrating._seen_through(configuration, "overhead", lens).bench.overhead
+    assert (setup.model.focals_px == (615.2, 614.9)).all()
+    assert setup.mount == configuration.bench.overhead.mount
+    assert calibrating._seen_through(configuration, "overhead", None) is configuration
 
 
 def test_a_size_that_it_has_not_is_refused_with_those_that_it_has(driver: Any) -> None:

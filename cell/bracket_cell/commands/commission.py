@@ -23,6 +23,7 @@ from bracket_cell.commands.options import (
 )
 from bracket_cell.commands.terminal import console, print_json, table, wait_for_enter
 from bracket_cell.configuration import CALIBRATION, Configuration, load_configuration, load_product, located, simulated
+from bracket_cell.learned.calibration.board import CharucoBoard
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.runs.calibrating import Calibrated, stamped_delays_s
 from bracket_cell.runs.calibrating import calibrate as calibration_of
@@ -55,6 +56,10 @@ def calibrate(
             help="Calibrate only the overhead camera: nothing moves, and the file's wrist camera is kept.",
         ),
     ] = False,
+    board: Annotated[
+        Path | None,
+        typer.Option(help="Find the lenses by a ChArUco board that you show: a file with squares, square_m, marker_m."),
+    ] = None,
     overwrite: OverwriteOption = False,
     slower: SlowerOption = 1.0,
     as_json: JsonOption = False,
@@ -67,13 +72,14 @@ def calibrate(
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
     writable(path, ".yaml", ".yml")
+    shown = load_yaml(board, CharucoBoard) if board is not None else None
     wrist = load_yaml(path, Calibration).wrist if overhead_only and path.exists() else None
     configuration = simulated(load_configuration(config), look, PERSON)
     product = load_product(configuration, config)
     say = console().print
     say("keep away: the arm moves over the bracket" if not overhead_only else "overhead camera")
     found, cameras, delays_s = calibration_of(
-        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False), slower
+        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False), slower, shown
     )
     say(table("cameras", {name: one.trouble or _words(one) for name, one in cameras.items()}))
     for role in stamped_delays_s(configuration) if cameras.keys() >= {"wrist"} else ():

@@ -19,13 +19,13 @@ from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.frame import together
+from bracket_ground.interfaces.intrinsics import BROWN
 
 FRAME_S = 1.0  # in which a frame must come
 OLDEST_S = 10.0  # a stamp that is farther from the wall clock is of another clock, as of a simulation
 DEPTH_S, DEPTHS_N = 0.1, 8  # that a depth image may come after its image; of those that are kept
-INFO_S, FOCAL_OFF, CENTRE_OFF_PX, BENDS_OFF = 3.0, 0.02, 16.0, 0.02  # of CameraInfo: to wait; what may differ from
-# the bench file. A k1 of .02 moves the corners of 640 x 480 pixels (focal length 600) by 4 px.
-BROWN, RECTIFIED = ("plumb_bob", "rational_polynomial"), "image_rect"  # of CameraInfo; in topics of image_proc
+INFO_S = 3.0  # to wait for CameraInfo
+RECTIFIED = "image_rect"  # in topics of image_proc
 COMPRESSED = "/compressed"
 TO_RGB = {
     "rgb8": None,
@@ -131,22 +131,9 @@ def _lens(info: Any, bench: Bench, role: str, settings: Ros2CameraSettings) -> D
     if info is None:
         return DeviceCheck(f"camera {role}: its lens", f"nothing comes on {settings.info}")
     setup: CameraSetup = getattr(bench, role)
-    model, rectified = setup.model, RECTIFIED in settings.topic
-    matrix = np.reshape(info.p, (3, 4)) if rectified else np.reshape(info.k, (3, 3))
-    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    rectified = RECTIFIED in settings.topic
+    matrix = np.reshape(info.p, (3, 4))[:, :3] if rectified else np.reshape(info.k, (3, 3))
     bends = np.array([*([] if rectified else info.d), *[0.0] * 5])
-    told = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
-    told += f"{info.width} x {info.height} pixels"
-    column, row = model.middle_px
-    if (info.width, info.height) != (setup.width_px, setup.height_px):
-        return DeviceCheck(told, f"the bench file says {setup.width_px} x {setup.height_px}")
-    if np.abs(np.array([fx, fy]) / model.focals_px - 1).max() > FOCAL_OFF:
-        return DeviceCheck(told, "the bench file says focal_px: {:g}, focal_y_px: {:g}".format(*model.focals_px))
-    if max(abs(cx - column), abs(cy - row)) > CENTRE_OFF_PX:
-        return DeviceCheck(told, f"the bench file says principal_px: [{column:g}, {row:g}]")
-    if bends.any() and (info.distortion_model not in BROWN or bends[5:].any()):
-        return DeviceCheck(told, f"its distortion is {info.distortion_model!r}: publish rectified images")
-    if np.abs(bends[:5] - model.distortion).max() > BENDS_OFF:
-        what = "the bench file says k1, k2, p1, p2, k3 = {:g}, {:g}, {:g}, {:g}, {:g}".format(*model.distortion)
-        return DeviceCheck(told, f"{what}; its images {', '.join(f'{value:g}' for value in bends[:5])}")
-    return DeviceCheck(told)
+    brown = not bends.any() or (info.distortion_model in BROWN and not bends[5:].any())
+    odd = "" if brown else f"its distortion is {info.distortion_model!r}: publish rectified images"
+    return cameras.lens_check(role, setup, (info.width, info.height), matrix, bends[:5], odd)

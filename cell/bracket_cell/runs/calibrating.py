@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.learned.calibration.board import MORE, VIEWS, BoardReader, CharucoBoard
 from bracket_cell.learned.calibration.check import WORLD, trouble
 from bracket_cell.learned.calibration.solve import (
     Fit,
@@ -23,7 +24,9 @@ from bracket_cell.runs.slow_motion import move_to, next_frame, opened, placed
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench, Calibration, CameraCalibration, CameraSetup
-from bracket_ground.interfaces.devices import Devices
+from bracket_ground.interfaces.clock import Clock
+from bracket_ground.interfaces.devices import Camera, Devices
+from bracket_ground.interfaces.intrinsics import Lens
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 
@@ -34,6 +37,7 @@ QUARTERS = (0.2, math.pi / 2 - 0.25, -math.pi / 2 + 0.15)  # turns of the camera
 # edges that run along rows of pixels would be seen half a pixel off, all their points alike
 MOST_VIEWS, LEAST_VIEWS = 9, 4
 FRAMES = 3
+SHOWN_S = 60.0  # in which another view of a board must be shown
 FAR_M, FAR_RAD = 0.03, math.radians(4)  # from where the bench file says; then that is to be measured again
 DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
@@ -68,20 +72,32 @@ class Calibrated:
 
 
 def calibrate(
-    configuration: Configuration, product: Product, seed: int, overhead_only: bool, tell: Tell, slower: float = 1.0
+    configuration: Configuration,
+    product: Product,
+    seed: int,
+    overhead_only: bool,
+    tell: Tell,
+    slower: float = 1.0,
+    board: CharucoBoard | None = None,
 ) -> tuple[Calibration | None, dict[str, Calibrated], dict[str, float]]:
-    """Calibrate the cameras of a cell.
+    """Calibrate the cameras of a cell, from the lenses that a board shows, or that the cameras themselves know.
 
     Returns:
         what was found, None where some of it is not to be used; all about each camera; and how late the stamps of real
         cameras are, where the arm was seen to move.
 
     Raises:
-        DeviceFault: a device could not be opened, or gave up.
+        DeviceFault: a device could not be opened, or gave up, or the board was not seen well enough.
     """
     motion = MotionPlanner(product, configuration.bench.drawn, configuration.motion)
     delays_s: dict[str, float] = {}
     with opened(configuration, product, seed, slower) as devices:
+        for role in ("overhead",) if overhead_only else ("overhead", "wrist"):
+            camera: Camera = getattr(devices, role)
+            lens = (
+                getattr(camera, "lens", None) if board is None else shown_lens(camera, devices.clock, board, role, tell)
+            )
+            configuration = _seen_through(configuration, role, lens)
         cameras = {"overhead": calibrate_overhead(devices, configuration, product)}
         if not overhead_only and not cameras["overhead"].trouble:
             cameras["wrist"] = calibrate_wrist(devices, configuration, product, motion, tell)
@@ -90,6 +106,35 @@ def calibrate(
     if any(one.trouble for one in cameras.values()):
         return None, cameras, delays_s
     return Calibration(**{name: one.calibration for name, one in cameras.items()}), cameras, delays_s
+
+
+def shown_lens(camera: Camera, clock: Clock, board: CharucoBoard, role: str, tell: Tell) -> Lens:
+    """The lens of a camera that a person shows a board to.
+
+    Raises:
+        DeviceFault: no frame came, or the views do not tell it.
+    """
+    reader, until_s = BoardReader(board), clock.now_s() + SHOWN_S
+    tell(f"hold the board before the {role} camera, still, in {VIEWS} places: {MORE}")
+    while len(reader.views) < VIEWS and clock.now_s() < until_s:
+        if reader.add(next_frame(camera, clock).image):
+            tell(f"view {len(reader.views)} of {VIEWS}")
+            until_s = clock.now_s() + SHOWN_S
+    try:
+        lens, rms_px = reader.lens()
+    except ValueError as error:
+        raise DeviceFault(f"camera {role}", str(error)) from None
+    tell(f"{role}: focal lengths {lens.focal_px:.1f} and {lens.focal_y_px:.1f} px, fit {rms_px:.2f} px")
+    return lens
+
+
+def _seen_through(configuration: Configuration, role: str, lens: Lens | None) -> Configuration:
+    """The same cell, a camera of which has another lens."""
+    if lens is None:
+        return configuration
+    bench = configuration.bench.drawn
+    setup = getattr(bench, role).model_copy(update=lens.model_dump())
+    return configuration.model_copy(update={"bench": bench.model_copy(update={role: setup})})
 
 
 def stamped_delays_s(configuration: Configuration) -> dict[str, float]:

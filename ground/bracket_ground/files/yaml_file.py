@@ -27,6 +27,7 @@ IN_YAML = {  # what a value should be, by pydantic's names of errors, where its 
     **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
     "path_type": "a path",
 }
+OPENCV = "%YAML:"  # with which its FileStorage begins, and which is no legal directive
 SEXAGESIMAL = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
@@ -122,6 +123,8 @@ def place_of(path: Path, location: Location) -> Place:
 
 def _read(path: Path) -> tuple[Node, object, list[Problem]]:
     text = read_text(path)
+    if text.startswith(OPENCV):
+        text = f"#{text[1:]}"
     try:
         return _parsed(path, text, FAST)
     except NOT_YAML:

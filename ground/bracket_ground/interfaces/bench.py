@@ -7,37 +7,31 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Gap, Joints, Length, Point
 from bracket_ground.interfaces.camera_model import CameraModel
+from bracket_ground.interfaces.intrinsics import Lens, with_intrinsics
 from bracket_ground.interfaces.meshes import MeshFile, read_mesh
 from bracket_ground.interfaces.places import FRAMES, BenchPlace, Mount
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.solid import Solid
 
 
-class CameraCalibration(Model):
+class CameraCalibration(Lens):
     """How a camera was found to hang and to see.
 
     Attributes:
-        mount, focal_px, focal_y_px, principal_px: see `CameraSetup`.
-        distortion_k1, distortion_k2, distortion_p1, distortion_p2, distortion_k3: of the lens; see `CameraSetup`.
+        mount: see `CameraSetup`.
         rms_px: by how much what was seen is off after the fit.
     """
 
     mount: Mount
-    focal_px: float = Field(ge=10, le=100_000)
-    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
-    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
-    focal_y_px: float | None = Field(default=None, ge=10, le=100_000)
-    principal_px: tuple[float, float] | None = None
-    distortion_p1: float = Field(default=0.0, ge=-0.1, le=0.1)
-    distortion_p2: float = Field(default=0.0, ge=-0.1, le=0.1)
-    distortion_k3: float = Field(default=0.0, ge=-0.5, le=0.5)
     rms_px: float = Field(default=0.0, ge=0, le=100)
 
 
@@ -52,17 +46,13 @@ class Calibration(Model):
     wrist: CameraCalibration | None = None
 
 
-class CameraSetup(Model):
+class CameraSetup(Lens):
     """Calibration of a camera.
 
     Attributes:
         width_px, height_px: size of its images.
-        focal_px: focal length along the image's rows, OpenCV's fx.
-        focal_y_px: along its columns, fy; as `focal_px` where it is left out.
-        principal_px: the principal point (cx, cy); the image's middle where it is left out.
-        distortion_k1, distortion_k2, distortion_k3: radial distortion of the lens as OpenCV counts it (Brown-Conrady);
-            0 for undistorted images.
-        distortion_p1, distortion_p2: its tangential distortion.
+        intrinsics: file with lens and size of the images in place of their keys, relative to this one: camera_info of
+            ROS, or OpenCV's FileStorage, as YAML.
         rate_hz: frames per second.
         triggered: it sends a frame only when asked.
         depth: it sends a depth image with each frame, as stereo cameras do; of the overhead camera only.
@@ -72,19 +62,26 @@ class CameraSetup(Model):
 
     width_px: int = Field(ge=16, le=4096)
     height_px: int = Field(ge=16, le=4096)
-    focal_px: float = Field(ge=10, le=100_000)
-    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
-    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
-    focal_y_px: float | None = Field(default=None, ge=10, le=100_000)
-    principal_px: tuple[float, float] | None = None
-    distortion_p1: float = Field(default=0.0, ge=-0.1, le=0.1)
-    distortion_p2: float = Field(default=0.0, ge=-0.1, le=0.1)
-    distortion_k3: float = Field(default=0.0, ge=-0.5, le=0.5)
+    intrinsics: Path | None = None
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
     depth: bool = False
     mount: Mount
     _drawn: CameraSetup | None = PrivateAttr(default=None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reads_intrinsics(cls, value: Any, info: ValidationInfo) -> Any:
+        if not isinstance(value, dict) or not isinstance(value.get("intrinsics"), str):
+            return value
+        return with_intrinsics(value, Path((info.context or {}).get("folder", ".")))
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        """What a file of intrinsics may hold is not required."""
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        schema["required"] = [name for name in schema["required"] if name in ("rate_hz", "mount")]
+        return schema
 
     @property
     def drawn(self) -> CameraSetup:

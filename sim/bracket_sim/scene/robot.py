@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from xml.etree import ElementTree
 
 import mujoco
 
 from bracket_ground.interfaces.robot import RobotModel, Servos
+from bracket_ground.interfaces.urdf import FLANGE
 from bracket_sim.scene import palette
 
 # Servos of an arm whose file has none: so stiff for its torque, between these, with these shares of that. They are
@@ -22,11 +24,21 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
     """The arm with position servos, meshes as its only geometry, and `tool0` kept as a body."""
     # MuJoCo's `discardvisual` would delete every geom without contacts from the final model; the text has none left.
     options = '<mujoco><compiler strippath="false" fusestatic="false" discardvisual="false"/></mujoco>'
-    spec = mujoco.MjSpec.from_string(robot.urdf_text.replace("</robot>", options + "</robot>"))
+    spec = mujoco.MjSpec.from_string(_named_apart(robot.urdf_text).replace("</robot>", options + "</robot>"))
     spec.compiler.balanceinertia = True  # public descriptions round their inertias
     _drive_joints(spec, robot)
     _finish_links(spec, robot.joint_names[TOUCHING_FROM])
     return spec
+
+
+def _named_apart(text: str) -> str:
+    """A URDF whose links have names that the scene has not. `world` is MuJoCo's own: its mount would be lost."""
+    root = ElementTree.fromstring(text)
+    for link in root.iter():
+        for key in {"link": ("name",), "parent": ("link",), "child": ("link",)}.get(link.tag, ()):
+            if (name := link.get(key, FLANGE)) != FLANGE:
+                link.set(key, f"arm {name}")
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def servos(robot: RobotModel) -> Servos:

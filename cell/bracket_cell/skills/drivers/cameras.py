@@ -26,6 +26,8 @@ from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.frame import Frame, apart
+from bracket_ground.interfaces.intrinsics import Lens
+from bracket_ground.interfaces.pose import Array
 
 OPEN_MS, READ_MS = 3000, 500  # after which a stream that is silent is given up; OpenCV waits 30 s by itself
 RETRY_S = 0.2  # after which a camera that is gone is opened again
@@ -33,6 +35,8 @@ CLOSES_S = 2.0  # in which a camera that is let go of has done so; a driver may 
 AT_ONCE_SHARE = 0.25  # of a period: a frame that comes sooner after the one before waited in a buffer
 LOOKED_S, OLD_S, SLOW, DARK = 2.0, 0.2, 0.8, 8.0  # of `examine`: how long; share of the rate; mean grey level
 LEAST_DEPTH = 0.8  # of `examine`: share of a standing bench's pixels that a stereo camera knows the depth of
+FOCAL_OFF, CENTRE_OFF_PX, BENDS_OFF = 0.02, 16.0, 0.02  # of `lens_check`: what may differ from the bench file. A k1
+# of .02 moves the corners of 640 x 480 pixels (focal length 600) by 4 px.
 GRANTED = 0.02  # share by which a granted setting may differ from what was asked for
 FIXED = 1.0  # V4L2: exposure by hand
 Image = NDArray[np.uint8]
@@ -68,6 +72,9 @@ class GrabbingCamera:
 
     Args:
         open_source: raises OSError where there is none.
+
+    Attributes:
+        lens: as the camera itself knows it; None where it knows none.
     """
 
     def __init__(
@@ -90,6 +97,7 @@ class GrabbingCamera:
             self._source: Source | None = open_source(self._setup)
         except (OSError, cv2.error) as error:
             raise self._fault(f"cannot be opened: {_words(error)}") from error
+        self.lens: Lens | None = getattr(self._source, "lens", None)
         self._thread = threading.Thread(target=self._run, name=f"camera {role}", daemon=True)
         self._thread.start()
 
@@ -327,6 +335,10 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
         return
     finally:
         camera.close()
+    if (lens := camera.lens) is not None:
+        seen = getattr(bench, role).model_copy(update=lens.model_dump()).model
+        size = seen.width_px, seen.height_px
+        yield lens_check(role, getattr(bench, role), size, seen.matrix, np.array(seen.distortion))
     yield _of_frames(what, frames, rate_hz, age_s)
     if frames and (depth_mm := frames[-1].depth_mm) is not None:
         share = float((depth_mm > 0).mean())
@@ -337,6 +349,34 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
         told if settings.delay_s is not None else f"{what}: how late its stamps are",
         "" if settings.delay_s is not None else "not known: `cell setup calibrate` measures it: delay_s",
     )
+
+
+def lens_check(
+    role: str, setup: CameraSetup, size_px: tuple[int, int], matrix: Array, bends: Array, odd: str = ""
+) -> DeviceCheck:
+    """Whether the bench file has the lens that a camera tells.
+
+    Args:
+        matrix: (3, 3) as OpenCV has it.
+        bends: (5,) k1, k2, p1, p2, k3.
+        odd: why its distortion is none of these; empty where it is.
+    """
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    told = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
+    told += "{} x {} pixels".format(*size_px)
+    model, (column, row) = setup.model, setup.model.middle_px
+    if size_px != (setup.width_px, setup.height_px):
+        return DeviceCheck(told, f"the bench file says {setup.width_px} x {setup.height_px}")
+    if np.abs(np.array([fx, fy]) / model.focals_px - 1).max() > FOCAL_OFF:
+        return DeviceCheck(told, "the bench file says focal_px: {:g}, focal_y_px: {:g}".format(*model.focals_px))
+    if max(abs(cx - column), abs(cy - row)) > CENTRE_OFF_PX:
+        return DeviceCheck(told, f"the bench file says principal_px: [{column:g}, {row:g}]")
+    if odd:
+        return DeviceCheck(told, odd)
+    if np.abs(bends - model.distortion).max() > BENDS_OFF:
+        what = "the bench file says k1, k2, p1, p2, k3 = {:g}, {:g}, {:g}, {:g}, {:g}".format(*model.distortion)
+        return DeviceCheck(told, f"{what}; its images {', '.join(f'{value:g}' for value in bends)}")
+    return DeviceCheck(told)
 
 
 def _of_frames(what: str, frames: list[Frame], rate_hz: float, age_s: float) -> DeviceCheck:

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pyrealsense2
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from bracket_cell.skills.drivers.cameras import GrabbingCamera, Image
 from bracket_cell.skills.drivers.settings import RealsenseSettings
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.frame import together
+from bracket_ground.interfaces.intrinsics import Lens
 
 FRAME_MS = 1000  # in which a frame must come
 MOST_MM = np.iinfo(np.uint16).max
@@ -22,6 +24,9 @@ Mode = tuple[int, int, int]  # width, height, images a second
 
 class _Pipeline:
     """Implements `Source`.
+
+    Attributes:
+        lens: of the colour images, as the camera was calibrated by its maker; None where it is of another model.
 
     Raises:
         OSError: there is no such camera, or it does not take the settings.
@@ -40,7 +45,9 @@ class _Pipeline:
             config.enable_stream(stream.depth, *mode[:2], pixel.z16, mode[2])
         self._align = pyrealsense2.align(stream.color) if setup.depth else None
         try:
-            device = self._pipeline.start(config).get_device()
+            profile = self._pipeline.start(config)
+            device, video = profile.get_device(), profile.get_stream(stream.color).as_video_stream_profile()
+            self.lens = _lens(video.get_intrinsics())
         except RuntimeError as error:
             raise OSError(f"RealSense: {error}{_legal(mode, setup.depth)}") from error
         try:
@@ -84,6 +91,16 @@ class _Pipeline:
     def close(self) -> None:
         """As in `Source`."""
         self._pipeline.stop()
+
+
+def _lens(told: Any) -> Lens | None:
+    """A lens of librealsense; none where its bends are of another model than OpenCV's, or such as no lens has."""
+    if any(told.coeffs) and told.model != pyrealsense2.distortion.brown_conrady:
+        return None
+    try:
+        return Lens.opencv([[told.fx, 0.0, told.ppx], [0.0, told.fy, told.ppy], [0.0, 0.0, 1.0]], told.coeffs)
+    except ValidationError:
+        return None
 
 
 def _legal(asked: Mode, depth: bool) -> str:

@@ -5,22 +5,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import mujoco
 import numpy as np
 
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s, tool_force_n
 from bracket_sim.scene.world import World
 
+ELBOW = 2  # joint about which the elbow bends
 LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
 HAND_RAD_S, HAND_RAD_S2 = 0.6, 3.0  # of an arm that somebody moves by hand
 SPEED_TOLERANCE = 1.08  # beyond a joint's speed by the data sheet the controller stops by itself; 3.4 of 3.14 rad/s
 
+# Set points whose speed changes faster than this over the lookahead fail the controller's check of its path (C204); the
+# maker gives no number. The driver's own stay below 8 rad/s2.
+SANE_RAD_S2 = 50.0
+
 Mode = Literal["hold", "servo", "speed", "move", "stop"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """General limits of the safety configuration; by default the widest that a controller takes (its user manual).
+
+    Attributes:
+        tool_m_s, elbow_m_s: of the TCP and of the elbow.
+        momentum_kg_m_s: of all that moves.
+    """
+
+    tool_m_s: float = 5.0
+    elbow_m_s: float = 5.0
+    momentum_kg_m_s: float = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One measurement of the joints, (n,) each; and what pushes the tool, (3,) in the world."""
+    """One measurement of the joints, (n,) each; and what pushes the tool, (3,) in the world.
+
+    Attributes:
+        tool_m_s: (6,) how the TCP moves and turns, in the world.
+        elbow_m, elbow_m_s: (3,) each, in the world.
+        momentum_kg_m_s: of all that moves.
+    """
 
     time_s: float
     positions_rad: Array
@@ -29,6 +55,10 @@ class Measured:
     targets_rad: Array
     target_speeds_rad_s: Array
     force_n: Array
+    tool_m_s: Array
+    elbow_m: Array
+    elbow_m_s: Array
+    momentum_kg_m_s: float
 
 
 class TwinArm:
@@ -40,6 +70,8 @@ class TwinArm:
         scale: of all speeds, 0 to 1: slider and safety of the controller.
         held_back: why the joints could not follow; empty where they could.
         mode: what is being done.
+        limits: of the safety configuration.
+        gain_rad_s2: how fast the speed of set points changes in this cycle, (n,).
     """
 
     def __init__(self, world: World) -> None:
@@ -48,7 +80,13 @@ class TwinArm:
         self._reference = world.data.qpos[world.arm_qpos].copy()
         self._goal, self._acceleration, self._lookahead_s = self._reference.copy(), 1.0, LOOKAHEAD_S
         self._moves: list[tuple[Array, float, float]] = []
-        self._late_periods = self._fast_periods = 0
+        self._late_periods = self._fast_periods = self._over_periods = 0
+        model = world.model
+        self._tool = int(model.body("tool").id)
+        self._elbow = int(model.jnt_bodyid[model.dof_jntid[world.arm_qvel][ELBOW]])
+        self._root = int(model.body_rootid[self._elbow])
+        self._chased: Array | None = None
+        self.limits, self.gain_rad_s2 = Limits(), np.zeros_like(self._reference)
         self.mode: Mode = "hold"
         self.driven_rad_s: Array = np.zeros_like(self._reference)
         self.scale, self.held_back = 1.0, ""
@@ -84,6 +122,7 @@ class TwinArm:
         """Move the set points by one cycle."""
         here, velocity = self._reference, self._velocity(dt_s)
         self._reference = here + velocity * dt_s
+        self.gain_rad_s2 = (velocity - self.driven_rad_s) / dt_s
         self.driven_rad_s = velocity
         self._world.data.ctrl[self._world.arm_ctrl] = here + velocity * (dt_s / 2 + self._lag_s)
         self._watch()
@@ -96,8 +135,10 @@ class TwinArm:
         """How fast the set points move in this cycle, (n,)."""
         now = self.driven_rad_s
         if self.mode == "servo":
-            chased: Array = (self._goal - self._reference) / (self._lookahead_s + dt_s) * self.scale
-            return chased
+            chased: Array = (self._goal - self._reference) / (self._lookahead_s + dt_s)
+            self._check_path(chased)
+            return chased * self.scale
+        self._chased = None
         if self.mode == "speed":
             return _towards(now, self._goal * self.scale, self._acceleration * dt_s)
         if self.mode == "move" and self._moves:
@@ -106,6 +147,14 @@ class TwinArm:
         if not slowed.any():
             self.mode = "hold"
         return slowed
+
+    def _check_path(self, chased: Array) -> None:
+        """Stop where set points jump: as fast as these would speed a joint up, nobody plans."""
+        before = self.driven_rad_s if self._chased is None else self._chased
+        gain = float(np.abs(chased - before).max()) / self._lookahead_s
+        self._chased = chased
+        if gain > SANE_RAD_S2:
+            self.held_back = f"set points jump: a joint would speed up by {gain:.0f} rad/s2, limit {SANE_RAD_S2:g}"
 
     def _on_the_move(self, dt_s: float) -> Array:
         """A trapezoid of the leading joint; the others keep their share of it."""
@@ -130,22 +179,48 @@ class TwinArm:
         joint = int(np.argmax(speeds / self._most_rad_s))
         fast, most = float(speeds[joint]), float(self._most_rad_s[joint])
         self._fast_periods = self._fast_periods + 1 if fast > most else 0
-        if self._late_periods >= TRACKING_PERIODS:
+        over = self._over()
+        self._over_periods = self._over_periods + 1 if over else 0
+        if self._over_periods >= TRACKING_PERIODS:
+            self.held_back = over
+        elif self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
         elif self._fast_periods >= TRACKING_PERIODS:
             self.held_back = f"{self._world.robot.joint_names[joint]} turns at {fast:.2f} rad/s, limit {most:.2f} rad/s"
 
+    def _over(self) -> str:
+        """Which general limit is broken, in words; empty for none."""
+        seen, limits = self.measured, self.limits
+        for what, value, most, unit in (
+            ("the tool moves at", float(np.linalg.norm(seen.tool_m_s[:3])), limits.tool_m_s, "m/s"),
+            ("the elbow moves at", float(np.linalg.norm(seen.elbow_m_s)), limits.elbow_m_s, "m/s"),
+            ("the arm's momentum is", seen.momentum_kg_m_s, limits.momentum_kg_m_s, "kg m/s"),
+        ):
+            if value > most:
+                return f"{what} {value:.2f} {unit}, limit {most:g}"
+        return ""
+
     def freeze(self) -> None:
         """Hold where the joints are."""
         self._reference, self.driven_rad_s = self.measured.positions_rad.copy(), np.zeros_like(self._reference)
-        self.mode, self.held_back, self._late_periods = "hold", "", 0
+        self.mode, self.held_back, self._late_periods, self._over_periods = "hold", "", 0, 0
 
     def _measurement(self, time_s: float) -> Measured:
         data, world = self._world.data, self._world
         joints, speeds = data.qpos[world.arm_qpos].copy(), data.qvel[world.arm_qvel].copy()
         moments = data.qfrc_actuator[world.arm_qvel].copy()
         targets, force_n = (self._reference.copy(), self.driven_rad_s.copy()), tool_force_n(world)
-        return Measured(time_s, joints, speeds, moments, *targets, force_n)
+        mujoco.mj_subtreeVel(world.model, data)
+        momentum = float(world.model.body_subtreemass[self._root] * np.linalg.norm(data.subtree_linvel[self._root]))
+        tool, elbow = (self._moving(body) for body in (self._tool, self._elbow))
+        bent = data.xpos[self._elbow].copy(), elbow[:3]
+        return Measured(time_s, joints, speeds, moments, *targets, force_n, tool, *bent, momentum)
+
+    def _moving(self, body: int) -> Array:
+        """How a body's origin moves and turns, (6,) in the world."""
+        found = np.zeros(6)
+        mujoco.mj_objectVelocity(self._world.model, self._world.data, mujoco.mjtObj.mjOBJ_XBODY, body, found, 0)
+        return np.concatenate([found[3:], found[:3]])
 
 
 def _towards(now: Array, goal: Array, step: float) -> Array:

@@ -20,6 +20,7 @@ BRAKING_RAD_S2 = 10.0  # of a stop that the controller makes by itself
 PAYLOAD_OFF_KG, PAYLOAD_SPEED_RAD_S, PAYLOAD_PERIODS = 1.0, 1.0, 12  # a wrong payload is felt at speed
 REALTIME = {6, 9, 10, 11, *range(24, 28), 38, 58, *range(66, 72)}  # commands that nothing waits for
 ACTUAL_TOOL_KG = 0.93
+ANALOG = ("standard_analog_input0", "standard_analog_input1", "tool_analog_input0", "tool_analog_input1")
 
 
 class Runtime(IntEnum):
@@ -71,6 +72,7 @@ class Controller:
         boots: how often the controller was started.
         slider_writes: how often a client wrote the slider.
         inputs, outputs: bits of the digital terminals: standard, configurable from bit 8 on, tool from bit 16 on.
+        analog: values of the analogue inputs, in [V] or [A].
     """
 
     def __init__(self, cell: TwinCell) -> None:
@@ -83,6 +85,7 @@ class Controller:
         self.fieldbus, self.remote, self.slider = False, True, 1.0
         self.renewed: dict[int, float] = {}
         self.inputs = self.outputs = 0
+        self.analog = dict.fromkeys(ANALOG, 0.0)
         self.boots, self.slider_writes, self._epoch_s = 0, 0, 0.0
         self._program: int | None = None  # its offset of registers
         self._watchdog_s: float | None = None

@@ -13,8 +13,10 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from bracket_ground.interfaces.pose import Array
-from bracket_sim.twin.controller import Controller, RobotMode, Runtime, Safety
+from bracket_sim.twin.controller import ANALOG, Controller, RobotMode, Runtime, Safety
 from bracket_sim.twin.sockets import Port
 
 PORT = 30004
@@ -24,15 +26,20 @@ FORMS = {
     "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
 SIXES = (
-    "target_qdd", "target_current", "actual_current", "joint_control_output", "actual_TCP_speed",
-    "target_TCP_speed", "joint_temperatures", "actual_joint_voltage", "ft_raw_wrench", "actual_current_as_torque",
-    "actual_current_window", "payload_inertia",
+    "target_current", "actual_current", "joint_control_output", "target_TCP_speed", "joint_temperatures",
+    "actual_joint_voltage", "ft_raw_wrench", "actual_current_as_torque", "actual_current_window", "payload_inertia",
 )  # fmt: skip
 DOUBLES = (
-    "actual_execution_time", "actual_momentum", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current",
-    "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",
-    "tool_analog_input0", "tool_analog_input1", "tool_output_current", "tcp_force_scalar",
+    "actual_execution_time", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current",
+    "standard_analog_output0", "standard_analog_output1", "tool_output_current", "tool_temperature", "io_current",
+    "euromap67_24V_voltage", "euromap67_24V_current", "joint_position_deviation_ratio", "collision_detection_ratio",
 )  # fmt: skip
+WORDS = {  # integers that stay as they are
+    "analog_io_types": 0, "euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_mode": 255,
+    "tool_output_mode": 0, "tool_digital_output0_mode": 0, "tool_digital_output1_mode": 0, "script_control_line": 0,
+    "time_scale_source": 0, "tool_analog_input_types": 0,
+}  # fmt: skip
+BYTES = ("tool_output_mode", "tool_digital_output0_mode", "tool_digital_output1_mode")
 INPUTS = {
     "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE", "standard_digital_output_mask": "UINT8",
     "standard_digital_output": "UINT8", "configurable_digital_output_mask": "UINT8",
@@ -47,6 +54,7 @@ KINDS = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}
 SAFETY_BITS = {Safety.NORMAL: 0, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
 REGISTERS = {"int": 48, "double": 48, "bit": 128}
 TERMINALS = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
+IN_BASE = np.array([-1.0, -1.0, 1.0] * 2)  # the controller's base frame is turned by half a turn against the world
 Value = float | Sequence[float] | Array
 Read = Callable[[Controller], Value]
 
@@ -62,6 +70,16 @@ def _safety_bits(of: Controller) -> int:
     return 1 << SAFETY_BITS[of.safety] | int(emergency) << 7 | int(stopped) << 10
 
 
+def _bits(attribute: str, first: int) -> Read:
+    """32 bit registers as one number."""
+
+    def read(of: Controller) -> Value:
+        bits: Sequence[bool] = getattr(of.registers, attribute)[first : first + 32]
+        return sum(1 << number for number, bit in enumerate(bits) if bit)
+
+    return read
+
+
 OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "timestamp": ("DOUBLE", lambda of: of.arm.measured.time_s - of.cell.now_s() + of.now_s),
     "actual_q": ("VECTOR6D", lambda of: of.arm.measured.positions_rad + of.turned_rad),
@@ -71,7 +89,7 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "target_moment": ("VECTOR6D", lambda of: of.arm.measured.moments_nm),
     "actual_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.positions_rad, of.tcp)),
     "target_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.targets_rad, of.tcp)),
-    "actual_TCP_force": ("VECTOR6D", lambda of: (*(of.arm.measured.force_n * (-1.0, -1.0, 1.0)), 0.0, 0.0, 0.0)),
+    "actual_TCP_force": ("VECTOR6D", lambda of: (*(of.arm.measured.force_n * IN_BASE[:3]), 0.0, 0.0, 0.0)),
     "robot_mode": ("INT32", lambda of: of.robot_mode),
     "safety_mode": ("INT32", lambda of: of.safety),
     "safety_status": ("INT32", lambda of: of.safety),
@@ -90,7 +108,22 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "actual_digital_input_bits": ("UINT64", lambda of: of.inputs),
     "actual_digital_output_bits": ("UINT64", lambda of: of.outputs),
     "tool_output_voltage": ("INT32", lambda _: 0),
-    "tool_analog_input_types": ("UINT32", lambda _: 0),
+    "target_qdd": ("VECTOR6D", lambda of: of.arm.gain_rad_s2),
+    "actual_TCP_speed": ("VECTOR6D", lambda of: of.arm.measured.tool_m_s * IN_BASE),
+    "actual_momentum": ("DOUBLE", lambda of: of.arm.measured.momentum_kg_m_s),
+    "elbow_position": ("VECTOR3D", lambda of: of.arm.measured.elbow_m * IN_BASE[:3]),
+    "elbow_velocity": ("VECTOR3D", lambda of: of.arm.measured.elbow_m_s * IN_BASE[:3]),
+    "tcp_force_scalar": ("DOUBLE", lambda of: float(np.linalg.norm(of.arm.measured.force_n))),
+    **{
+        name: ("UINT8" if name in BYTES else "UINT32", lambda _, value=value: value)  # type: ignore[misc]
+        for name, value in WORDS.items()
+    },
+    **{one: ("DOUBLE", lambda of, one=one: of.analog[one]) for one in ANALOG},  # type: ignore[misc]
+    **{
+        f"{way}_bit_registers{first}_to_{first + 31}": ("UINT32", _bits(attribute, first))
+        for way, attribute in (("input", "bits_in"), ("output", "bits_out"))
+        for first in (0, 32)
+    },
 }
 
 

@@ -15,7 +15,7 @@ from bracket_sim.twin.controller import UrWires
 from tests.sim.twin.rig import light_cell, own_host, slower_now
 
 INPUTS = {"gate": "digital 3", "button": "configurable 1", "tool": "tool 0", "plc": "register 70", "reduced": "reduced",
-          "open": "safeguard_stop"}  # fmt: skip
+          "open": "safeguard_stop", "pressed": "analog 1 > 4.5", "flows": "tool analog 0 > 0.012"}  # fmt: skip
 OUTPUTS = {"light": "digital 2", "lamp": "configurable 7", "valve": "tool 1", "ready": "register 64"}
 
 
@@ -50,6 +50,7 @@ def test_terminals_registers_and_facts_are_read(wires: tuple[UrWires, str, float
     assert {name: told[name] for name in INPUTS} == dict.fromkeys(INPUTS, False)
     of.inputs = 1 << 3 | 1 << 9 | 1 << 16
     of.registers.bits_out[70] = True
+    of.analog |= {"standard_analog_input1": 4.6, "tool_analog_input0": 0.0121}
     of.safeguard(closed=False)
     expected = {**dict.fromkeys(INPUTS, True), "reduced": False}
     assert wait_for(lambda: {name: signals.read()[name] for name in INPUTS} == expected, clock)

@@ -52,6 +52,7 @@ class ModbusSignalSettings(Model):
 
 
 UR_TERMINAL = r"(digital [0-7]|configurable [0-7]|tool [01]|register (6[4-9]|[7-9]\d|1[01]\d|12[0-7]))"
+UR_ANALOG = r"(tool )?analog [01] [<>] -?\d{1,3}(\.\d{1,4})?"
 UR_FACT = "(reduced|protective_stop|recovery|safeguard_stop|emergency_stop|violation|fault|stopped)"
 
 
@@ -62,15 +63,19 @@ class UrSignalSettings(Model):
         kind: this driver.
         host: address of the controller.
         inputs: for each signal, by the names that tree files use, a terminal (`digital 0` to 7, `configurable 0` to 7,
-            `tool 0` or 1), a boolean register of the controller's program (`register 64` to 127), or what its safety
-            tells: reduced, protective_stop, recovery, safeguard_stop, emergency_stop, violation, fault, stopped.
+            `tool 0` or 1), a boolean register of the controller's program (`register 64` to 127), what its safety
+            tells (reduced, protective_stop, recovery, safeguard_stop, emergency_stop, violation, fault, stopped), or
+            whether an analogue input is over or under a value in V or A, as the controller has it: `analog 0 > 4.5`,
+            `tool analog 1 < 0.012`.
         outputs: terminal or register of each signal that is set.
         timeout_s: silence for this long is a fault.
     """
 
     kind: Literal["ur"] = "ur"
     host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
-    inputs: dict[str, Annotated[str, Field(pattern=f"^({UR_TERMINAL}|{UR_FACT})$")]] = Field(default_factory=dict)
+    inputs: dict[str, Annotated[str, Field(pattern=f"^({UR_TERMINAL}|{UR_FACT}|{UR_ANALOG})$")]] = Field(
+        default_factory=dict
+    )
     outputs: dict[str, Annotated[str, Field(pattern=f"^{UR_TERMINAL}$")]] = Field(default_factory=dict)
     timeout_s: float = Field(default=0.5, gt=0, le=60)
 

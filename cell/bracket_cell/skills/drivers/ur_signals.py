@@ -1,11 +1,12 @@
 """Lights, buttons and gates on the terminals of a Universal Robots controller and its tool, and what its safety tells.
 
 Source: Universal Robots, "Real-Time Data Exchange (RTDE) guide": bits of `actual_digital_input_bits` (standard 0 to 7,
-configurable 8 to 15, tool 16 and 17), of `safety_status_bits`, and the masks of the digital outputs.
+configurable 8 to 15, tool 16 and 17), of `safety_status_bits`, analogue inputs, and the masks of the digital outputs.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ FACTS = {
     "fault": 9, "stopped": 10,
 }  # fmt: skip
 REGISTER = "register"
+ANALOG = re.compile(r"((?:tool )?analog [01]) ([<>]) (\S+)\Z")
 
 
 @dataclass(frozen=True)
@@ -34,17 +36,22 @@ class Told:
         bits: of all digital inputs.
         safety: bits of its safety's status.
         registers: boolean registers that are read, by number.
+        analog: analogue inputs that are read, by terminal, in [V] or [A].
     """
 
     time_s: float
     bits: int
     safety: int
     registers: Mapping[int, bool]
+    analog: Mapping[str, float]
 
     def holds(self, terminal: str) -> bool:
         """Whether a terminal, a register or a fact is true."""
         if terminal in FACTS:
             return bool(self.safety >> FACTS[terminal] & 1)
+        if (asked := ANALOG.match(terminal)) is not None:
+            value, limit = self.analog[asked[1]], float(asked[3])
+            return value > limit if asked[2] == ">" else value < limit
         kind, number = _parted(terminal)
         return self.registers[number] if kind == REGISTER else bool(self.bits >> FIRST_BITS[kind] + number & 1)
 
@@ -55,10 +62,13 @@ class _Terminals(RtdeConnection):
     period_s = 1.0 / RATE_HZ
 
     def __init__(self, host: str, limit_s: float, reads: Iterable[str], sets: Mapping[str, bool]) -> None:
-        self._numbers = sorted({number for kind, number in map(_parted, set(reads) - {*FACTS}) if kind == REGISTER})
+        compared = {terminal: found[1] for terminal in reads if (found := ANALOG.match(terminal))}
+        bits = {*reads} - {*FACTS} - {*compared}
+        self._numbers = sorted({number for kind, number in map(_parted, bits) if kind == REGISTER})
+        self._analog = sorted({*compared.values()})
         outputs = ("timestamp", "actual_digital_input_bits", "safety_status_bits")
         registers = (f"output_bit_register_{number}" for number in self._numbers)
-        super().__init__(host, (*outputs, *registers), RATE_HZ, limit_s)
+        super().__init__(host, (*outputs, *registers, *map(_analog, self._analog)), RATE_HZ, limit_s)
         self._names = list(_inputs(sets)) if sets else []
         if self._names:
             answer = self.asked("I", ",".join(self._names).encode())
@@ -72,8 +82,10 @@ class _Terminals(RtdeConnection):
 
     def receive(self) -> Told:
         """The next word of the terminals; raises OSError."""
-        time_s, bits, safety, *registers = self.values()
-        return Told(time_s, int(bits), int(safety), dict(zip(self._numbers, map(bool, registers), strict=True)))
+        time_s, bits, safety, *others = self.values()
+        registers, values = others[: len(self._numbers)], others[len(self._numbers) :]
+        told = dict(zip(self._numbers, map(bool, registers), strict=True))
+        return Told(time_s, int(bits), int(safety), told, dict(zip(self._analog, values, strict=True)))
 
     def put(self, sets: Mapping[str, bool]) -> None:
         """Set all outputs; raises OSError."""
@@ -144,6 +156,12 @@ class UrSignals:
 def _parted(terminal: str) -> tuple[str, int]:
     kind, _, number = terminal.partition(" ")
     return kind, int(number)
+
+
+def _analog(terminal: str) -> str:
+    """What the guide calls `analog 0` or `tool analog 0`."""
+    where, number = ("tool" if terminal.startswith("tool") else "standard"), terminal[-1]
+    return f"{where}_analog_input{number}"
 
 
 def _inputs(sets: Mapping[str, bool]) -> dict[str, int]:

@@ -11,7 +11,7 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import load_configuration, load_product, located
 from bracket_cell.kinds import DETECTORS, PLANNERS, KindSettings, _callable, _installed, files_of, kind_of
-from bracket_cell.wiring.detectors import Detectors, check_detectors, fitted, latency_s
+from bracket_cell.wiring.detectors import Detectors, check_detectors, latency_s, with_detectors_for
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.errors import InputError, ModelError
 from bracket_ground.files.files import shipped
@@ -128,7 +128,7 @@ def test_a_class_of_ones_own_is_made_with_what_it_asks_for(home: Path) -> None:
 
 def test_the_errors_that_a_tracker_says_it_has_count_for_separation(home: Path) -> None:
     configuration = load_configuration(configured(home, 'hands: {kind: "own_kinds:Tracker"}'))
-    seen, _ = fitted(configuration, load_product(configuration))
+    seen, _ = with_detectors_for(configuration, load_product(configuration))
     assert seen.motion.separation.hand_error_m == pytest.approx(0.045)
 
 

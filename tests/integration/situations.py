@@ -22,7 +22,7 @@ from bracket_cell.configuration import (
     load_product,
     simulated,
 )
-from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.danger import DRIVEN_M_S
 from bracket_sim.faults.injection import Injection
@@ -87,7 +87,7 @@ def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]
     longest = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": longest})
     product = load_product(configuration, situation.cell)
-    configuration, _ = fitted(configuration, product)
+    configuration, _ = with_detectors_for(configuration, product)
     injection = None if situation.inject is None else Injection.parse(situation.inject)
     with opened(configuration, product, situation.tree, seed, rendered=False) as found:
         outcome = found.run([], injection)

@@ -9,7 +9,7 @@ import yaml
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import load_configuration, load_product
-from bracket_cell.wiring.detectors import fitting
+from bracket_cell.wiring.detectors import detectors_for
 from bracket_ground.files.files import shipped
 
 pytestmark = pytest.mark.slow  # torch is only in the processes that it starts
@@ -49,11 +49,11 @@ def test_one_command_trains_what_knows_a_fourth_part_type(tmp_path: Path, capsys
     config, out = cell_with_an_elbow(tmp_path), tmp_path / "trained"
     before = load_configuration(config)
     product = load_product(before, config)
-    assert fitting(before.perception, product)[0].kind == "classical"
+    assert detectors_for(before.perception, product)[0].kind == "classical"
     words = ["train", "--config", str(config), "--out", str(out), "--budget", "40s"]
     detectors = [word for name in ("hands", "actions", "holes", "parts") for word in ("--only", name)]
     assert main([*words, *detectors]) == 0
     line = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("perception:"))
     config.write_text(yaml.safe_dump(yaml.safe_load(config.read_text()) | yaml.safe_load(line), sort_keys=False))
     after = load_configuration(config)
-    assert fitting(after.perception, product) == (after.perception, "")
+    assert detectors_for(after.perception, product) == (after.perception, "")

@@ -19,7 +19,7 @@ from bracket_cell.commands.options import (
     JsonOption,
     SchedulerOption,
     WithOption,
-    own_files,
+    user_files,
 )
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.runs.options import GOAL_HELP, PERSON_HELP
@@ -93,7 +93,7 @@ def compare(
         goals=(goal,),
         pixels=pixels,
     )
-    nodes, _ = own_files(own)
+    nodes, _ = user_files(own)
     labels = [against.name] if against else []
     first, *_, last = (*labels, *(_label(tree, trees) for tree in trees))
     with run_all(tasks(asked, None, nodes), count(asked), out, workers, scheduler) as rows:

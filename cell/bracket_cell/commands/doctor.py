@@ -27,7 +27,7 @@ from bracket_cell.packages import LABORATORY, SIMULATOR, damaged_packages, how_t
 from bracket_cell.simulator import installed, simulator
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.wiring.bench_checks import bench_problems
-from bracket_cell.wiring.detectors import check_detectors, fitted
+from bracket_cell.wiring.detectors import check_detectors, with_detectors_for
 from bracket_cell.wiring.devices import examined, find_drivers
 from bracket_cell.wiring.limits import described
 from bracket_ground.errors import CellError, Problem, SettingError
@@ -274,7 +274,7 @@ def _detectors(configuration: Configuration, product: Product) -> Finding:
     """The trained detectors, as a run makes them; that a product of one's own is seen by colour is a note."""
     what = f"detectors {configuration.perception.words}"
     try:
-        seen, told = fitted(configuration, product)
+        seen, told = with_detectors_for(configuration, product)
         check_detectors(seen.bench, product, seen.perception)
     except SettingError as error:
         return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train --all makes weights")

@@ -27,7 +27,7 @@ from bracket_cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from bracket_cell.commands.options import OUT_HELP, HtmlOption, JsonOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import OUT_HELP, HtmlOption, JsonOption, WithOption, always_loaded, user_files
 from bracket_cell.production.book import NAME, Book, csv_lines
 from bracket_ground.errors import CellError, InputError
 
@@ -168,7 +168,7 @@ def rules(
     """Judge logs by rules; list each violation with tick and reason. Status 1 where there are any."""
     from bracket_cell.log.report.rules import judge, rule_lines
 
-    files, beside = own_files(own)
+    files, beside = user_files(own)
     judged = [judge(one, rules, (*files, *always_loaded()), beside) for one in log]
     if as_json:
         for one in judged:

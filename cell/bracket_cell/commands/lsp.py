@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bracket_cell.commands.options import NamesOption, WithOption, always_loaded, beside_config, own_files, registry_of
+from bracket_cell.commands.options import NamesOption, WithOption, always_loaded, beside_config, registry_of, user_files
 from bracket_cell.packages import needed, version
 from bracket_ground.errors import InputError
 from btxml.engine.errors import Place, Problem, TreeFileError
@@ -44,7 +44,7 @@ class Workshop:
 
     def __init__(self, config: Path | None, own: Iterable[str] | None) -> None:
         self._config = config or beside_config()
-        self._nodes, self.beside = own_files(own)
+        self._nodes, self.beside = user_files(own)
         self._registry: Registry | None = None
         self._stamps: list[float] = []
         self.complaint = ""

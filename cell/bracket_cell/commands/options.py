@@ -98,7 +98,7 @@ SetOption = Annotated[
 ]
 
 
-def takes(record: type, *names: str, **defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def command_from(record: type, *names: str, **defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Make a command of a function whose first argument is a record of options.
 
     Each field's annotation says how the option is named and explained; this is its only declaration.
@@ -194,7 +194,7 @@ def doors_of(given: Iterable[str] | None) -> dict[str, Any]:
     return opened
 
 
-def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+def user_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
     """What `--with` names: files, folders and packages with nodes, and tree files and folders with them."""
     nodes, trees = list[str](), list[Path]()
     for one in given or ():

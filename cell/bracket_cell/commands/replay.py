@@ -22,7 +22,7 @@ from bracket_cell.commands.log_terminal import (
     tell_comparison,
     tell_json,
 )
-from bracket_cell.commands.options import CONFIG_HELP, HtmlOption, JsonOption, WithOption, always_loaded, own_files
+from bracket_cell.commands.options import CONFIG_HELP, HtmlOption, JsonOption, WithOption, always_loaded, user_files
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log, files_of
 from bracket_cell.log.replay.compare import Difference
@@ -107,7 +107,7 @@ def replay(
 def _changes(
     tree: Path | None, config: Path | None, weights: list[str] | None, own: list[str] | None, perception: str | None
 ) -> Changes:
-    nodes, beside = own_files(own)
+    nodes, beside = user_files(own)
     return Changes(tree, config, _weights(weights or []), (*nodes, *always_loaded()), beside, perception)
 
 

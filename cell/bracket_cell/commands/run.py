@@ -16,10 +16,10 @@ from bracket_cell.commands.options import (
     OpenOption,
     SetOption,
     WithOption,
+    command_from,
     doors_of,
     entries_of,
-    own_files,
-    takes,
+    user_files,
 )
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.runs.options import RunOptions
@@ -51,7 +51,7 @@ RealTimeOption = Annotated[
 NO_LOOK = "none"  # nothing is rendered
 
 
-@takes(RunOptions, *OPTIONS, configuration=CONFIGURATION)
+@command_from(RunOptions, *OPTIONS, configuration=CONFIGURATION)
 def run(
     options: RunOptions,
     tree: TreeArgument = None,
@@ -74,7 +74,7 @@ def chosen(
     doors: Iterable[str] | None,
 ) -> RunOptions:
     """The options of a run with what is typed in another form than they have."""
-    nodes, beside = own_files(own)
+    nodes, beside = user_files(own)
     return replace(
         options,
         tree=tree or (TREE if options.brackets is None else SHIFT_TREE),

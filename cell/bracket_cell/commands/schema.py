@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.options import NamesOption, WithOption, always_loaded, own_files, registry_of
+from bracket_cell.commands.options import NamesOption, WithOption, always_loaded, registry_of, user_files
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import Configuration
 from bracket_cell.simulator import installed
@@ -35,7 +35,7 @@ def schema(
 ) -> None:
     """Write schemas of all files that you edit, YAML and trees, for editors."""
     say = console()
-    for path in write_schemas(folder.resolve(), registry_of(config, (*own_files(own)[0], *always_loaded()))):
+    for path in write_schemas(folder.resolve(), registry_of(config, (*user_files(own)[0], *always_loaded()))):
         say.print(f"{path}", highlight=False)
     say.print(f"first line of a YAML file: {modeline(str(folder.resolve() / 'cell.json'))}", highlight=False)
 

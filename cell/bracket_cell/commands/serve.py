@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bracket_cell.commands.options import CONFIGURATION, PAGE_PORT, OpenOption, SetOption, WithOption, takes, words_of
+from bracket_cell.commands.options import (
+    CONFIGURATION,
+    PAGE_PORT,
+    OpenOption,
+    SetOption,
+    WithOption,
+    command_from,
+    words_of,
+)
 from bracket_cell.commands.run import RealTimeOption, TreeArgument, chosen
 from bracket_cell.commands.terminal import console
 from bracket_cell.runs.options import RunOptions
@@ -30,7 +38,7 @@ SERVED = "served"  # folder beside the logs
 BROWSERS = "browsers.jsonl"
 
 
-@takes(RunOptions, *TYPED, "page", configuration=CONFIGURATION, brackets=0)
+@command_from(RunOptions, *TYPED, "page", configuration=CONFIGURATION, brackets=0)
 def serve(
     options: RunOptions,
     tree: TreeArgument = None,

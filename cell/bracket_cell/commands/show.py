@@ -18,7 +18,7 @@ from bracket_cell.commands.options import (
     OverwriteOption,
     WithOption,
     always_loaded,
-    own_files,
+    user_files,
 )
 from bracket_cell.commands.terminal import console
 from bracket_ground.errors import InputError, LogError
@@ -76,7 +76,7 @@ def show(
         raise InputError("--at goes with a log")
     for drawing in filter(None, (svg, png, html)):
         spared(drawing, filter(None, [source]), overwrite)
-    nodes, trees = own_files(own)
+    nodes, trees = user_files(own)
     nodes = (*nodes, *always_loaded())
     if source is None:
         _show_running(running or 0, svg, png)

@@ -19,8 +19,8 @@ from bracket_cell.commands.options import (
     bench_of,
     beside_config,
     entries_of,
-    own_files,
     registry_of,
+    user_files,
 )
 from bracket_cell.commands.terminal import BAD_INPUT, print_json
 from bracket_cell.trees.bench import breakable
@@ -53,7 +53,7 @@ def check(
     config = None if no_config else config or beside_config(files)
     if any(file.suffix != ".xml" for file in files) and (status := _robots(files, config, as_json)) is not None:
         return status
-    nodes, beside = own_files(own)
+    nodes, beside = user_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     levels = findings(files, registry_of(config, nodes), known)
     problems, warnings, notes = ([input_problem(each) for each in level] for level in levels)
@@ -148,7 +148,7 @@ def nodes(
     own: WithOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports; or one of them."""
-    registry = node_registry(more=(*own_files(own)[0], *always_loaded()))
+    registry = node_registry(more=(*user_files(own)[0], *always_loaded()))
     chosen = tuple(registry.classes) if name is None else named(registry, name)
     if style is NodeFormat.text:
         sys.stdout.write(palette_text(registry, chosen))

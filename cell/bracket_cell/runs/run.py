@@ -49,7 +49,7 @@ from bracket_cell.viewing.moments import Moments
 from bracket_cell.viewing.run_summary import run_summary
 from bracket_cell.watching.observer import End, Observer, Outcome
 from bracket_cell.wiring.bench_checks import refuse_blocked
-from bracket_cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from bracket_cell.wiring.detectors import check_detectors, lock_step, with_detectors_for, worker_processes
 from bracket_cell.wiring.devices import find_drivers
 from bracket_cell.wiring.reload import WatchedTree
 from bracket_cell.wiring.ruled import RuledTree
@@ -112,7 +112,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
-        configuration, told = fitted(configuration, product)
+        configuration, told = with_detectors_for(configuration, product)
         if told:
             console.print(told, highlight=False)
         if told := unnamed_calibration(options.configuration, configuration):

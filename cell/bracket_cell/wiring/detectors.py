@@ -106,7 +106,7 @@ class Detectors:
             raise SettingError((("planners", "grasp"), str(error))) from error
 
 
-def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
+def detectors_for(perception: Perception, product: Product) -> tuple[Perception, str]:
     """The detectors that this product can have, and what people should know of it; empty where there is nothing.
 
     Detectors that are chosen all at once as `learned` know the part types and positions that their weights were trained
@@ -150,15 +150,15 @@ def for_camera(perception: Perception, real: bool) -> tuple[Perception, str]:
     return both, ""
 
 
-def fitted(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
+def with_detectors_for(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
     """The configuration with the detectors that this product can have, and a separation that knows their errors.
 
     Raises:
-        SettingError: see `fitting`.
+        SettingError: see `detectors_for`.
     """
     real = "overhead" not in configuration.devices.simulated
     perception, of_hands = for_camera(configuration.perception, real)
-    perception, told = fitting(perception, product)
+    perception, told = detectors_for(perception, product)
     separation = configuration.motion.separation
     error_m = max(separation.hand_error_m, hand_error_m(perception))
     separation = separation.model_copy(update={"hand_error_m": error_m})

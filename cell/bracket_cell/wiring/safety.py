@@ -18,7 +18,7 @@ from bracket_cell.skills.motion.collision import standing_m
 from bracket_cell.skills.motion.contact import clamps
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.wiring import limits
-from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel
@@ -95,7 +95,7 @@ def safety_from(path: Path) -> SafetyConfiguration:
     """
     configuration = load_configuration(path)
     with located(path, configuration):
-        configuration, _ = fitted(configuration, product := load_product(configuration, path))
+        configuration, _ = with_detectors_for(configuration, product := load_product(configuration, path))
     return safety_of(configuration, product, load_faults(configuration))
 
 

@@ -21,7 +21,7 @@ def shipped_faults() -> Path:
     return shipped("bracket_cell.config", "faults.yaml")
 
 
-class Sign(NamedTuple):
+class FailureMode(NamedTuple):
     """What a signal means.
 
     Attributes:
@@ -38,121 +38,129 @@ STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
 FRAMES, HAND = "new frames, each with its own number and stamp", "a hand was seen, and left by an edge of the view"
 RULE = "`cell check` knows what the rule names"
 NOTHING = "nothing: it counts as absent until it is told"
-SIGNALS: Mapping[str, Sign] = {
-    "arm_lost": Sign(
+SIGNALS: Mapping[str, FailureMode] = {
+    "arm_lost": FailureMode(
         "the arm's state cannot be read or is older than 0.25 s, or the arm refuses a command; acknowledged, it gets a "
         "new path",
         ARM_ANSWERS,
     ),
-    "arm_lost_long": Sign("the arm stays lost", ARM_ANSWERS),
-    "arm_not_plausible": Sign(
+    "arm_lost_long": FailureMode("the arm stays lost", ARM_ANSWERS),
+    "arm_not_plausible": FailureMode(
         "the arm's state has a value that is not finite, beyond its limits, or joints too few or many; or they move "
         "otherwise than its speeds say",
         "differences of positions and told speeds agree",
     ),
-    "arm_stale": Sign(
+    "arm_stale": FailureMode(
         "two states of the arm in a row are missing, or the same one comes for 0.1 s while the arm moves", ARM_MOVES
     ),
-    "arm_time_wrong": Sign("the arm's stamp is still to come, or goes backwards", "stamps increase, up to now"),
-    "arm_off_path": Sign(
+    "arm_time_wrong": FailureMode("the arm's stamp is still to come, or goes backwards", "stamps increase, up to now"),
+    "arm_off_path": FailureMode(
         "the arm is more than 0.025 rad from where its trajectory has it, or does not follow it", ARM_MOVES
     ),
-    "arm_off_path_long": Sign("it stays off its path, such as by somebody who leans on it", ARM_MOVES),
-    "arm_not_obeying": Sign(
+    "arm_off_path_long": FailureMode("it stays off its path, such as by somebody who leans on it", ARM_MOVES),
+    "arm_not_obeying": FailureMode(
         "the arm goes on faster than it may after reaction and braking, does not stand when it must, does not go on, "
         "or tells the same for 0.3 s while it moves",
         ARM_MOVES,
     ),
-    "arm_slower": Sign("for a second the arm goes at less than a fifth of the speed that it may", ARM_MOVES),
-    "arm_path_unknown": Sign(
+    "arm_slower": FailureMode("for a second the arm goes at less than a fifth of the speed that it may", ARM_MOVES),
+    "arm_path_unknown": FailureMode(
         "the arm moves and does not tell `path_s`, or is not there: share is computed", "`path_s` is told"
     ),
-    "arm_protective_stop": Sign("the arm stopped by itself because it was held back", ARM_ANSWERS),
-    "arm_safeguard_stop": Sign(
+    "arm_protective_stop": FailureMode("the arm stopped by itself because it was held back", ARM_ANSWERS),
+    "arm_safeguard_stop": FailureMode(
         "the arm's safeguard input is open; it is acknowledged once it is closed, when nobody is inside", ARM_ANSWERS
     ),
-    "arm_emergency_stop": Sign("an emergency stop is pressed", ARM_ANSWERS),
-    "arm_fault": Sign("the arm reports a fault", ARM_ANSWERS),
-    "arm_not_controlled": Sign(
+    "arm_emergency_stop": FailureMode("an emergency stop is pressed", ARM_ANSWERS),
+    "arm_fault": FailureMode("the arm reports a fault", ARM_ANSWERS),
+    "arm_not_controlled": FailureMode(
         "the arm takes no commands: local control, its program stopped or paused, no power, brakes on", ARM_ANSWERS
     ),
-    "arm_reduced": Sign("the arm's reduced mode is on", ARM_ANSWERS),
-    "gripper_lost": Sign(
+    "arm_reduced": FailureMode("the arm's reduced mode is on", ARM_ANSWERS),
+    "gripper_lost": FailureMode(
         "no heartbeat, a dead bus, or no status for a second; acknowledged, the arm gets a new path",
         "the node's heartbeat",
     ),
-    "gripper_lost_long": Sign("the gripper stays lost", "the node's heartbeat"),
-    "gripper_fault": Sign("a major fault of the gripper", STATUS),
-    "gripper_stale": Sign("no status of the gripper for more than 0.1 s, although its heartbeat comes", STATUS),
-    "gripper_not_plausible": Sign(
+    "gripper_lost_long": FailureMode("the gripper stays lost", "the node's heartbeat"),
+    "gripper_fault": FailureMode("a major fault of the gripper", STATUS),
+    "gripper_stale": FailureMode("no status of the gripper for more than 0.1 s, although its heartbeat comes", STATUS),
+    "gripper_not_plausible": FailureMode(
         "the gripper tells an opening that it cannot have or cannot have reached yet, or one that its own status "
         "contradicts, such as contact where the fingers never moved",
         STATUS,
     ),
-    "gripper_not_obeying": Sign(
+    "gripper_not_obeying": FailureMode(
         "for 0.2 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
     ),
-    "gripper_refuses": Sign("an active gripper takes no commands (gFLT 5, 7 or unknown), or its node is stopped", ECHO),
-    "gripper_restarted_empty": Sign("the gripper lost its activation; nothing was between its fingers", STATUS),
-    "gripper_restarted_holding": Sign("the gripper lost its activation with a part between its fingers", STATUS),
-    "gripper_two_nodes": Sign("statuses there and back again: two nodes speak under the gripper's identifier", STATUS),
-    "gripper_other_master": Sign("somebody else commands the gripper on its bus", NOTHING),
-    "gripper_bus_errors": Sign(
+    "gripper_refuses": FailureMode(
+        "an active gripper takes no commands (gFLT 5, 7 or unknown), or its node is stopped", ECHO
+    ),
+    "gripper_restarted_empty": FailureMode("the gripper lost its activation; nothing was between its fingers", STATUS),
+    "gripper_restarted_holding": FailureMode("the gripper lost its activation with a part between its fingers", STATUS),
+    "gripper_two_nodes": FailureMode(
+        "statuses there and back again: two nodes speak under the gripper's identifier", STATUS
+    ),
+    "gripper_other_master": FailureMode("somebody else commands the gripper on its bus", NOTHING),
+    "gripper_bus_errors": FailureMode(
         "error frames, more frames than can be read, or heartbeats that contradict one another or are unknown",
         "frames without errors",
     ),
-    "detector_lost": Sign("the process of a detector died", "it answers"),
-    "camera_lost": Sign(
+    "detector_lost": FailureMode("the process of a detector died", "it answers"),
+    "camera_lost": FailureMode(
         "a camera raises an error, what detects in its images does not answer, or the wrist image still shows a part "
         "that the robot took away",
         FRAMES,
     ),
-    "signals_lost": Sign("the module or PLC with the digital signals is silent", "its words, or its questions"),
-    "bench_stale": Sign("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
-    "bench_in_the_future": Sign("the view of the bench has a time stamp that is still to come", "stamps up to now"),
-    "camera_unhealthy": Sign(
+    "signals_lost": FailureMode("the module or PLC with the digital signals is silent", "its words, or its questions"),
+    "bench_stale": FailureMode("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
+    "bench_in_the_future": FailureMode(
+        "the view of the bench has a time stamp that is still to come", "stamps up to now"
+    ),
+    "camera_unhealthy": FailureMode(
         "the overhead image, or a part of it, is dark, glaring, frozen, noise, discoloured or blurred",
         "every part of an image has new pixels, in the light and colours of the first ones",
     ),
-    "bench_not_seen": Sign(
+    "bench_not_seen": FailureMode(
         "the overhead image shows another place, a moved or covered view, or one from some time ago, as where the arm "
         "is seen moving later than its joints say",
         "edges of plate and tray are seen where the calibration has them, three times a second, and the rest looks as "
         "it did but for robot and hands",
     ),
-    "camera_moved": Sign(
+    "camera_moved": FailureMode(
         "a camera sees holes or tray more than 10 mm off, at the start or once a minute", "holes and tray are found"
     ),
-    "hand_not_plausible": Sign(
+    "hand_not_plausible": FailureMode(
         "the answer about an overhead image has a hand that cannot be: a number that is not finite, a place, height or "
         "speed that no hand in view has, a box outside of the image, or a stamp of its own that is older or later",
         "every hand is where the camera looks, in the frame that was answered",
     ),
-    "hand_unknown": Sign("the hand vanished inside the view without leaving by its edge", HAND),
-    "hand_detector_blind": Sign(
+    "hand_unknown": FailureMode("the hand vanished inside the view without leaving by its edge", HAND),
+    "hand_detector_blind": FailureMode(
         "a hole was filled or emptied, the gripper held nothing, and no hand was seen within 1 s",
         "a hand is seen where parts change",
     ),
-    "hand_cues_disagree": Sign(
+    "hand_cues_disagree": FailureMode(
         "something large reaches into the view over the person's edge, and no hand is seen there",
         "hands are where the image differs from the empty bench",
     ),
-    "hand_depth_missing": Sign("the depth camera knows no depth under a hand for half a second", "depths under hands"),
-    "hand_near": Sign(
+    "hand_depth_missing": FailureMode(
+        "the depth camera knows no depth under a hand for half a second", "depths under hands"
+    ),
+    "hand_near": FailureMode(
         "the hand is nearer than the protective distance at full speed: the share of speed is computed", HAND
     ),
-    "hand_too_near": Sign(
+    "hand_too_near": FailureMode(
         "the hand is nearer than the protective distance at the slow speed; the arm may only leave it", HAND
     ),
-    "blind_area": Sign(
+    "blind_area": FailureMode(
         "no hand is seen, and the tool works where the overhead camera does not look: share is computed", HAND
     ),
-    "tick_late": Sign("a tick began more than two periods late", "the clock"),
-    "tick_very_late": Sign("a tick began more than ten periods late", "the clock"),
-    "rule_warns": Sign("a rule of the tree is broken, whose action is warn", RULE),
-    "rule_holds": Sign("a rule of the tree is broken, whose action is hold", RULE),
-    "rule_stops": Sign("a rule of the tree is broken, whose action is stop", RULE),
-    "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
+    "tick_late": FailureMode("a tick began more than two periods late", "the clock"),
+    "tick_very_late": FailureMode("a tick began more than ten periods late", "the clock"),
+    "rule_warns": FailureMode("a rule of the tree is broken, whose action is warn", RULE),
+    "rule_holds": FailureMode("a rule of the tree is broken, whose action is hold", RULE),
+    "rule_stops": FailureMode("a rule of the tree is broken, whose action is stop", RULE),
+    "command_contested": FailureMode("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
 HAND_TOO_NEAR, OFF_PATH, OFF_PATH_LONG = "hand_too_near", "arm_off_path", "arm_off_path_long"
 LOST = ("arm_lost", "gripper_lost")

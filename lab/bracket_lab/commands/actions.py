@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes, writable
+from bracket_cell.commands.options import command_from, writable
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.learned.actions.settings import TRAINABLE, Classes
 from bracket_ground.errors import InputError
@@ -24,7 +24,7 @@ from bracket_lab.evaluations.actions import Tally, at_pace, evaluate_segments, s
 _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "cameras", "out", "config", "as_json")
 
 
-@takes(Shared, *_OPTIONS, seeds="900000:900004")
+@command_from(Shared, *_OPTIONS, seeds="900000:900004")
 def evaluate(
     shared: Shared,
     pace: Annotated[

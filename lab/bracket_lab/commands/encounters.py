@@ -10,7 +10,7 @@ from typing import Annotated
 from rich.console import Console
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import DEFAULT_TREE
 from bracket_cell.fleet.engine import mapped
@@ -24,7 +24,7 @@ BESIDE = ("careful", "ordinary")  # persons for whom the price of separation is 
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
 
-@takes(
+@command_from(
     *(Shared, "person", "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json"),
     person="careless",
     seeds="0:1000",

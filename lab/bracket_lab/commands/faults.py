@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.fleet.engine import mapped
 from bracket_ground.files.row_store import Row, RowStore
@@ -22,7 +22,7 @@ from bracket_lab.evaluations.random_faults import counted, troubled_assembly
 OF_ASSEMBLY = 3  # faults
 
 
-@takes(Shared, "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json", seeds="1")
+@command_from(Shared, "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json", seeds="1")
 def faults(
     shared: Shared,
     fault: Annotated[list[str] | None, Option(help="Only these faults; all by default.")] = None,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_ground.errors import InputError
@@ -14,7 +14,7 @@ from bracket_lab.commands.shared import Shared
 from bracket_lab.commands.training.made_data import make_data
 
 
-@takes(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")
+@command_from(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")
 def figure10(
     shared: Shared,
     epochs: Annotated[int, Option(min=1, help="Passes through the data.")] = 10,

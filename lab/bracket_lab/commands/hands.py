@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, takes
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption, command_from
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import Configuration, load_configuration, load_product
 from bracket_cell.learned.hands.mediapipe.hands import MediaPipeHands, model_folder
@@ -80,7 +80,7 @@ def compose(
         console().print(table(str(out), told))
 
 
-@takes(Shared, *_OPTIONS, physics=True)
+@command_from(Shared, *_OPTIONS, physics=True)
 def evaluate(
     shared: Shared,
     stretches: Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import product_of, report_scores
 from bracket_cell.configuration import load_configuration
 from bracket_cell.learned.grasp.crops import load_crops
@@ -22,7 +22,7 @@ from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
 from bracket_lab.wiring.drawn_frames import tray_camera
 
 
-@takes(Shared, "kind", "weights", "seed", "config", "as_json")
+@command_from(Shared, "kind", "weights", "seed", "config", "as_json")
 def evaluate_grasp_planner(
     shared: Shared,
     scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000,
@@ -43,7 +43,7 @@ def evaluate_grasp_planner(
         report_scores("grasp", evaluate_grasp(planner, product, shared.seed, scenes, look=look), shared.as_json)
 
 
-@takes(Shared, "kind", "weights", "seed", "config", "as_json")
+@command_from(Shared, "kind", "weights", "seed", "config", "as_json")
 def evaluate_semantic_planner(shared: Shared) -> None:
     """Score the semantic planner. Kinds: factored, paper, htn, bayes."""
     product = product_of(shared.config)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.log_terminal import read
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, takes
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, command_from
 from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.fleet.engine import mapped
@@ -37,7 +37,9 @@ def of_logs(
             print_json({"log": str(log), **found})
 
 
-@takes(Shared, "look", "person", "seeds", "out", "workers", "scheduler", "config", "as_json", seeds="900000:900020")
+@command_from(
+    Shared, "look", "person", "seeds", "out", "workers", "scheduler", "config", "as_json", seeds="900000:900020"
+)
 def evaluate(shared: Shared) -> None:
     """Score what a robot spares the person: the same bracket beside it and alone, from the truth, without images."""
     configuration, product = shared.cell()

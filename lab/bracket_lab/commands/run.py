@@ -17,13 +17,13 @@ from bracket_cell.commands.options import (
     SeedOption,
     SetOption,
     WithOption,
-    takes,
+    command_from,
 )
 from bracket_cell.commands.run import OPTIONS, RealTimeOption, TreeArgument, assemble, chosen
 from bracket_cell.commands.terminal import console
 from bracket_cell.configuration import for_shift, load_configuration, load_product, located, simulated
 from bracket_cell.runs.options import RunOptions
-from bracket_cell.wiring.detectors import detectors_of, fitted
+from bracket_cell.wiring.detectors import detectors_of, with_detectors_for
 from bracket_sim.process.opening import open_world
 
 ADDRESS = Path("runs/world.sock")
@@ -47,7 +47,7 @@ def world(
     at.parent.mkdir(0o700, parents=True, exist_ok=True)
     with located(config, configuration):
         product = load_product(configuration, config)
-        configuration, _ = fitted(configuration, product)
+        configuration, _ = with_detectors_for(configuration, product)
         detect = partial(detectors_of, configuration.bench, product, configuration.perception)
         server, devices = open_world(configuration, product, seed, goal, at, detect)
     try:
@@ -59,7 +59,9 @@ def world(
         devices.close()
 
 
-@takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", "unsafe_table", configuration=CONFIGURATION)
+@command_from(
+    RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", "unsafe_table", configuration=CONFIGURATION
+)
 def run(
     options: RunOptions,
     tree: TreeArgument = None,

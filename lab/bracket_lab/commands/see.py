@@ -20,7 +20,7 @@ from bracket_cell.learned.hands.tracking import HandTracks
 from bracket_cell.learned.holes.model import VOTES
 from bracket_cell.recording.schemas import plain
 from bracket_cell.settings import Perception
-from bracket_cell.wiring.detectors import Detectors, fitted, for_camera, part_finder
+from bracket_cell.wiring.detectors import Detectors, for_camera, part_finder, with_detectors_for
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
@@ -106,7 +106,7 @@ def see(
 def _fitted(configuration: Configuration, product: Product, *, real: bool) -> Configuration:
     """With the detectors that this source and this product can have, and what people should know of them said."""
     looking, of_hands = for_camera(configuration.perception, real=real)
-    configuration, said = fitted(configuration.model_copy(update={"perception": looking}), product)
+    configuration, said = with_detectors_for(configuration.model_copy(update={"perception": looking}), product)
     for line in filter(None, (of_hands, said)):
         console().print(line, highlight=False)
     return configuration

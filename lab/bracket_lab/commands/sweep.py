@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.compare import WORKERS, FleetWorkersOption, OutOption, run_all
-from bracket_cell.commands.options import JsonOption, SchedulerOption, WithOption, own_files
+from bracket_cell.commands.options import JsonOption, SchedulerOption, WithOption, user_files
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.fleet.spec import count, load_sweep, tasks
 from bracket_ground.errors import InputError
@@ -33,7 +33,7 @@ def sweep(
     """
     asked = load_sweep(spec)
     total = count(asked)
-    nodes, _ = own_files(own)
+    nodes, _ = user_files(own)
     if keep > 1 and not logs:
         raise InputError("--keep says which logs --logs keeps; without it none are kept")
     with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes, keep), total, out, workers, scheduler) as rows:

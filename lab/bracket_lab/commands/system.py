@@ -11,7 +11,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import Configuration, detected_by
 from bracket_cell.fleet.engine import mapped
@@ -31,7 +31,7 @@ TREE = shipped("bracket_cell.trees", "assemble.xml")
 _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers", "scheduler", "config", "as_json")
 
 
-@takes(Shared, *_SYSTEM, person="careful", seeds="900000:900004")
+@command_from(Shared, *_SYSTEM, person="careful", seeds="900000:900004")
 def system(
     shared: Shared,
     goals: Annotated[list[int] | None, Option(help="Number of possible goals; may be repeated.")] = None,
@@ -107,7 +107,7 @@ def _configured(shared: Shared, *, by_hand: bool, at_most: float | None) -> Conf
     return configuration.model_copy(update={"controller": controller})
 
 
-@takes(Shared, "perception", "look", "seed", "config", "as_json", seed=800_000)
+@command_from(Shared, "perception", "look", "seed", "config", "as_json", seed=800_000)
 def latency(
     shared: Shared,
     frames: Annotated[int, Option(min=20, help="Frames of the overhead camera, in a row.")] = 200,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Option
 
-from bracket_cell.commands.options import takes
+from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_ground.errors import InputError
 from bracket_lab.commands.shared import Shared, share_words
@@ -17,7 +17,7 @@ from bracket_lab.evaluations.holes_and_parts import Task, score_holes, score_par
 _OPTIONS = ("kind", "weights", "data", "look", "seeds", "cameras", "steel", "config", "as_json")
 
 
-@takes(Shared, *_OPTIONS, seeds="900000:900020")
+@command_from(Shared, *_OPTIONS, seeds="900000:900020")
 def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Images of each look.")] = 10) -> None:
     """Score a hole reader on stills: any parts in the holes, hand or arm over them or not. Kinds: plate, classical."""
     kind = _kind(shared, ("plate", "classical"))
@@ -31,7 +31,7 @@ def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Im
     report_scores(f"holes, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
 
 
-@takes(Shared, *_OPTIONS, seeds="900000:900050")
+@command_from(Shared, *_OPTIONS, seeds="900000:900050")
 def evaluate_parts(
     shared: Shared,
     mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,

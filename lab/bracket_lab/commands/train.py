@@ -9,7 +9,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from bracket_cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, takes
+from bracket_cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, command_from
 from bracket_cell.commands.terminal import console, product_of, report_scores
 from bracket_cell.learned.semantic.records import load_demonstrations
 from bracket_ground.errors import InputError
@@ -84,7 +84,7 @@ class TrainOptions:
     seed: SeedOption = 0
 
 
-@takes(TrainOptions, *OPTIONS)
+@command_from(TrainOptions, *OPTIONS)
 def train(wanted: TrainOptions) -> None:
     """Train planners and detectors for a product.
 

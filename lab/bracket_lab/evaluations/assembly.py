@@ -15,7 +15,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Observer, Outcome
-from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.files.files import shipped
@@ -108,7 +108,7 @@ def assembly(
         bench = configuration.bench.model_copy(update={"overhead": overhead})
         configuration = configuration.model_copy(update={"bench": bench})
     product = load_product(configuration, path)
-    configuration, _ = fitted(configuration, product)
+    configuration, _ = with_detectors_for(configuration, product)
     with opened(configuration, product, tree, seed, table, rendered=rendered, supervised=supervised) as found:
         yield found
 

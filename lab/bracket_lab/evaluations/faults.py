@@ -27,7 +27,7 @@ from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_cell.watching.work_state import OTHER_STATES, STATES
-from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
 from bracket_ground.files.row_store import Row
@@ -224,7 +224,7 @@ def trial(
     controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": controller})
     product = load_product(configuration, path)
-    configuration, _ = fitted(configuration, product)
+    configuration, _ = with_detectors_for(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     devices = configuration.devices.on_channel(f"trial-{seed}")
     configuration = configuration.model_copy(update={"devices": devices})

@@ -18,20 +18,20 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.hand import Hand, hand_rest_m
 from bracket_sim.scene.person import Person, drawn, happens
-from bracket_sim.worker.bracket_work import PUNCTUATION, BracketWork, Screwing, Waiting
-from bracket_sim.worker.event_log import ActionEvent, EventLog
-from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
-from bracket_sim.worker.intrusion import Intrusion, Sequel
-from bracket_sim.worker.placing import Placing, positions_in_order
-from bracket_sim.worker.side_tasks import (
-    Replies,
-    SideTasks,
+from bracket_sim.worker.bench_chores import (
+    BenchChores,
+    OperatorAnswers,
     choice_answer,
     goal_answer,
     help_answer,
     mend_answer,
     where_answer,
 )
+from bracket_sim.worker.bracket_work import PUNCTUATION, BracketWork, Screwing, Waiting
+from bracket_sim.worker.event_log import ActionEvent, EventLog
+from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
+from bracket_sim.worker.intrusion import Intrusion, Sequel
+from bracket_sim.worker.placing import Placing, positions_in_order
 from bracket_sim.worker.stock import Stock
 from bracket_sim.worker.worker_sight import Sight, WorkerWorld
 
@@ -102,14 +102,14 @@ class Worker:
         self._set_habits(person)
         self._begin(wanted)
         self._around = around
-        self._replies = None if around is None else Replies(person.shift, around.rng)
-        self._errands = None if around is None else self._side_tasks(around)
+        self._replies = None if around is None else OperatorAnswers(person.shift, around.rng)
+        self._errands = None if around is None else self._bench_chores(around)
         self._intruding: Script | None = None
         self._script = self._assemble()
         self.done = self.away = False
 
-    def _side_tasks(self, around: WorkerContext) -> SideTasks:
-        return SideTasks(
+    def _bench_chores(self, around: WorkerContext) -> BenchChores:
+        return BenchChores(
             self._work,
             self._sight,
             self._bench,
@@ -127,7 +127,7 @@ class Worker:
         self._wished = self._wished if self._wished == self._message else ""
         if self._replies is not None:
             self._replies.show(display.questions, self._events.time_s)
-        if self._replies is None or not display.questions:  # a question is noticed after a while, see Replies
+        if self._replies is None or not display.questions:  # a question is noticed after a while, see OperatorAnswers
             self._request = display.help_request
         if display.help_request is None:
             self._request = self._answered = None

@@ -21,7 +21,7 @@ from bracket_cell.wiring.detectors import (
     Detectors,
     bench_watcher,
     check_detectors,
-    fitting,
+    detectors_for,
     latency_s,
     part_finder,
 )
@@ -130,17 +130,17 @@ def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
 
 def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> None:
     learned = Perception(kind="learned")
-    assert fitting(learned, PRODUCT) == (learned, "")
+    assert detectors_for(learned, PRODUCT) == (learned, "")
     first, *others = PRODUCT.parts.items()
     other = PRODUCT.model_copy(update={"parts": {"valve": first[1], **dict(others)}})
-    found, told = fitting(learned, other)
+    found, told = detectors_for(learned, other)
     assert found.kind == "classical"
     assert found.chosen("hands").kind == "slim"  # a hand has no part names
     assert "knows the parts o1, o2, o3, and this product has valve, o2, o3" in told
     assert "cell train --all" in told
     own = {task: {"kind": kind} for task, kind in TRAINED_DEFAULTS.items()}
     chosen = Perception.model_validate({"kind": "learned", **own})
-    assert fitting(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced
+    assert detectors_for(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced
 
 
 def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,7 +170,7 @@ def test_separation_counts_with_the_errors_of_the_chosen_hand_tracker(
     motion = configuration.motion.model_copy(update={"separation": separation})
     perception = configuration.perception.model_copy(update={"kind": kind})
     cell = configuration.model_copy(update={"motion": motion, "perception": perception})
-    found, _ = detectors.fitted(cell, load_product(configuration))
+    found, _ = detectors.with_detectors_for(cell, load_product(configuration))
     assert found.motion.separation.hand_error_m == pytest.approx(wanted_m, abs=1e-3)
 
 

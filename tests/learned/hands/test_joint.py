@@ -12,7 +12,7 @@ from bracket_cell.learned.hands.joint import JointReader
 from bracket_cell.learned.hands.reading import Reading
 from bracket_cell.learned.hands.regions import Image
 from bracket_cell.settings import Perception
-from bracket_cell.wiring.detectors import fitted, for_camera
+from bracket_cell.wiring.detectors import for_camera, with_detectors_for
 from bracket_ground.interfaces.pose import Array
 
 IMAGE = np.zeros((360, 480, 3), np.uint8)
@@ -105,5 +105,5 @@ def test_a_real_camera_has_both_where_mediapipe_was_fetched_and_the_rest_is_said
 
 def test_the_simulated_cell_keeps_the_small_networks() -> None:
     configuration = load_configuration()
-    perception = fitted(configuration, load_product(configuration))[0].perception
+    perception = with_detectors_for(configuration, load_product(configuration))[0].perception
     assert perception.chosen("hands").kind == "slim"

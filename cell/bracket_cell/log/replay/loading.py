@@ -14,7 +14,7 @@ from bracket_cell.log.read.reader import Log, json_of
 from bracket_cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, write_files
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
-from bracket_cell.wiring.detectors import fitted
+from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.services import Planners, load_planners
 from bracket_ground.errors import InputError, LogError
 from bracket_ground.files.yaml_file import load_yaml
@@ -92,7 +92,7 @@ def _load(
             raise LogError(
                 log.path, f"has a table of faults that cannot be read: {type(error).__name__}: {error}"
             ) from None
-        configuration, _ = fitted(configuration, product)  # as the run had it
+        configuration, _ = with_detectors_for(configuration, product)  # as the run had it
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults
 

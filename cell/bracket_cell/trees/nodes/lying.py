@@ -92,7 +92,7 @@ class TakesLying(SkillNode):
         if not 0 <= index < len(parts.seen) or parts.seen[index].lies is None:
             raise NodeError(f"part number {index} is none that is seen to lie, and how")
         self._target = parts.seen[index]
-        services.takes(self._target, parts.seen[:index] + parts.seen[index + 1 :], lying=True)
+        services.note_pick(self._target, parts.seen[:index] + parts.seen[index + 1 :], lying=True)
         return self.skill()
 
     def skill(self) -> Skill:

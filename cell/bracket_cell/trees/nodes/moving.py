@@ -130,7 +130,7 @@ class PickPart(SkillNode):
 
         services, parts = self.services, self.parts.get()
         part, others = part_and_others(parts, self.index.get())
-        services.takes(part, others)
+        services.note_pick(part, others)
         self._target, self._seen_s = part, parts.time_s  # when the tray was seen is known again once the part is held
         return Pick(services.tools.motion, part, services.memory.standing)
 
@@ -156,7 +156,7 @@ class MoveAside(SkillNode):
         part = seen_part(parts, index)
         if part.lies is None and not part.upright:
             raise NodeError(f"part number {index} does not stand, and it is not clear how it lies")
-        self.services.takes(part, parts.seen[:index] + parts.seen[index + 1 :], lying=not part.upright)
+        self.services.note_pick(part, parts.seen[:index] + parts.seen[index + 1 :], lying=not part.upright)
         self._target = part
         skill = move_aside.MoveAside if part.upright else lying.LayAside
         return skill(self.tools.motion, part, self.memory.standing)

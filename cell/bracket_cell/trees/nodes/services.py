@@ -179,7 +179,7 @@ class Services:
         self.now.show(questions=(*self.now.display.questions, question))
         return question
 
-    def takes(self, part: PartDetection, others: tuple[PartDetection, ...], *, lying: bool = False) -> None:
+    def note_pick(self, part: PartDetection, others: tuple[PartDetection, ...], *, lying: bool = False) -> None:
         """Note what the gripper is about to take; while it holds something, it takes nothing."""
         memory = self.memory
         memory.tray_seen_s = NEVER_S

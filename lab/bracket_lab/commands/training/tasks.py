@@ -11,7 +11,7 @@ from typing import Any
 
 import typer
 
-from bracket_cell.commands.options import folder_for, takes, told_in, writable
+from bracket_cell.commands.options import command_from, folder_for, told_in, writable
 from bracket_cell.commands.terminal import console, print_json, report_scores
 from bracket_cell.learned.actions.settings import TRAINABLE
 from bracket_cell.learned.hands.model import finder_file, refiner_file
@@ -244,7 +244,7 @@ def train_app() -> typer.Typer:
     made = typer.Typer(no_args_is_help=True, help="Train one network, with all its options.")
     for task in TASKS.values():
         common = ("out", "overwrite", "config", *(["seed"] * task.torch), "as_json")
-        command = takes(Training, *task.options, *common, **(task.defaults or {}))(partial(_train, task=task))
+        command = command_from(Training, *task.options, *common, **(task.defaults or {}))(partial(_train, task=task))
         kinds = f" Kinds: {', '.join(task.kinds)}." if len(task.kinds) > 1 else ""
         made.command(task.name, help=f"{task.fit.__doc__}{kinds}")(command)
     return made

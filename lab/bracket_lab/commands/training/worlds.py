@@ -23,8 +23,8 @@ from bracket_cell.commands.options import (
     SchedulerOption,
     SeedsOption,
     WorkersOption,
+    command_from,
     seeds_of,
-    takes,
 )
 from bracket_cell.commands.terminal import console, print_json, table
 from bracket_cell.configuration import Configuration, load_configuration, load_product, simulated
@@ -245,7 +245,7 @@ def data_app(film: Film | None = None) -> typer.Typer:
     app = typer.Typer(no_args_is_help=True)
     for name, data_set in DATA_SETS.items():
         options = [one for one in (*data_set.common, *data_set.options) if film is not None or one != "beside_robot"]
-        make = takes(Data, *options)(partial(write_data, name=name, film=film))
+        make = command_from(Data, *options)(partial(write_data, name=name, film=film))
         app.command(name, help=data_set.help)(make)
     return app
 

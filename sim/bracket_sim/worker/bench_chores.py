@@ -20,7 +20,7 @@ OVER_TRAY_M, TRAY_HEIGHT_M = (0.06, 0.10), 0.24  # of the hand over the tray, fr
 OVER_BINS_M = 0.22
 
 
-class Replies:
+class OperatorAnswers:
     """Notices what the cell asks, each question after a while of its own, and keeps what the person presses.
 
     Args:
@@ -89,7 +89,7 @@ class Replies:
         return pressed
 
 
-class SideTasks:
+class BenchChores:
     """Scripts of the hand; each `yield` is a period.
 
     Args:

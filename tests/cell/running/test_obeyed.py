@@ -11,6 +11,7 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_faults
 from bracket_cell.running.supervisor import make_supervisor
+from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
 from bracket_cell.skills.motion.planner import Load
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
 from bracket_ground.interfaces.faults import Action, Judgement
@@ -168,6 +169,22 @@ def test_an_arm_that_moves_although_nothing_was_ordered_is_stopped() -> None:
         "arm_not_obeying",
         bench.judged[-1].words.split(";")[0],
     )
+
+
+@pytest.mark.parametrize(
+    ("row", "limits"),
+    [
+        ({"stop_s": 0.4, "stop_m": 0.2}, StopLimits(0.4, 0.2)),
+        ({"stop_s": None, "stop_m": None}, StopLimits()),
+    ],
+)
+def test_what_a_stop_may_take_by_the_table_is_what_the_monitor_allows(
+    row: dict[str, float | None], limits: StopLimits
+) -> None:
+    faults = [one.model_copy(update=row if one.signal == "arm_not_obeying" else {}) for one in TABLE.faults]
+    supervisor = make_supervisor(TABLE.model_copy(update={"faults": faults}), motion_planner())
+    (monitor,) = (kept for kept in supervisor.keeps if isinstance(kept, ArmMonitor))
+    assert monitor.limits == limits
 
 
 @cache

@@ -51,7 +51,7 @@ def _replayed(path: Path) -> tuple[str, str]:
         found = Replay(read_log(path)).run()
     except (LogError, InputError) as error:
         return "no replay", str(error).partition(": ")[2]
-    if found.identical:
+    if found.agrees:
         return "the end", "none"
     first = found.first
     assert first is not None

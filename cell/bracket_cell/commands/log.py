@@ -212,7 +212,7 @@ def diff(
     from bracket_cell.log.replay.explain import causes, changed_files
 
     names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
-    changed = [] if found.identical else changed_files(*logs)
+    changed = [] if found.agrees else changed_files(*logs)
     why = causes(found, changed)
     if html is not None:
         from bracket_cell.log.report.diff_page import write_diff

@@ -171,13 +171,13 @@ def tell_comparison(
             {**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished, "inputs_altered": altered}
             | {"changed": list(changed), "why": list(causes)}
         )
-    elif comparison.identical and whole:
-        say(f"identical: {comparison.ticks} ticks")
-    elif comparison.identical:
-        say(f"identical, but only {comparison.ticks} of {ticks_of_run} ticks could be compared")
+    elif comparison.agrees:
+        but = f" but for rounding in {comparison.rounded_ticks}, as on another processor" * (not comparison.identical)
+        only = "" if whole else f", but only {comparison.ticks} of {ticks_of_run} could be compared"
+        say(f"identical{but}: {comparison.ticks} ticks{only}")
     else:
         _tell_differences(comparison, names, changed, causes)
-    return 0 if comparison.identical and whole and not altered else DIFFERS
+    return 0 if comparison.agrees and whole and not altered else DIFFERS
 
 
 def _tell_differences(

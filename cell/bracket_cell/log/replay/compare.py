@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -20,6 +21,8 @@ from btxml.engine.status import Status
 NOTHING = "nothing"
 MEMORY = "memory"
 CAUSE, WHY = "cause", "why"  # notes that explain, and decide nothing
+# Other processors round otherwise: the last digits of learned beliefs (32-bit numbers) and of trajectories may differ.
+ROUNDING = 1e-6
 LEADING = ("command", "judgement", "verdict", "plan")
 
 
@@ -90,7 +93,8 @@ class Comparison:
 
     Attributes:
         ticks: how many were compared.
-        differing_ticks: how many of them differ in anything.
+        differing_ticks: how many of them differ in anything beyond rounding.
+        rounded_ticks: how many differ in rounding alone, as on another processor.
         first: the first difference.
         first_by_aspect, ticks_by_aspect, ticks_by_node: by name.
         at_first: all differences of the first tick that differs.
@@ -102,6 +106,7 @@ class Comparison:
 
     ticks: int = 0
     differing_ticks: int = 0
+    rounded_ticks: int = 0
     first: Difference | None = None
     first_by_aspect: dict[str, Difference] = field(default_factory=dict)
     ticks_by_aspect: Counter[str] = field(default_factory=Counter)
@@ -121,11 +126,19 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
+        """Bit for bit."""
+        return self.agrees and not self.rounded_ticks
+
+    @property
+    def agrees(self) -> bool:
+        """But for rounding."""
         return self.first is None
 
-    def add(self, differences: Sequence[Difference]) -> None:
-        """The differences of one more tick."""
+    def add(self, found: Sequence[Difference]) -> list[Difference]:
+        """The differences of one more tick; returns those beyond rounding, which alone are kept."""
+        differences = [one for one in found if not close(one.was, one.now)]
         self.ticks += 1
+        self.rounded_ticks += bool(found) and not differences
         self.differing_ticks += bool(differences)
         self.at_first = self.at_first or list(differences)
         if "command" not in self.first_by_aspect and (node := next((one.node for one in differences if one.node), "")):
@@ -137,6 +150,7 @@ class Comparison:
             self.first_by_aspect.setdefault(difference.aspect, difference)
         self.ticks_by_aspect.update({difference.aspect for difference in differences})
         self.ticks_by_node.update(difference.node for difference in differences if difference.node)
+        return differences
 
     def compared(self, number: int, time_s: float, was: Compared, now: Compared) -> None:
         """The comparisons of one more tick, before its differences are added.
@@ -171,6 +185,7 @@ class Comparison:
             "identical": self.identical,
             "ticks": self.ticks,
             "differing_ticks": self.differing_ticks,
+            "rounded_ticks": self.rounded_ticks,
             "first": self.first and vars(self.first),
             "by_decision": {
                 aspect: {"ticks": self.ticks_by_aspect[aspect], "first": vars(first)}
@@ -307,3 +322,14 @@ def _narrowed(was: Any, now: Any) -> tuple[Any, Any]:
         keys = [key for key in dict.fromkeys((*was, *now)) if was.get(key) != now.get(key)]
         return {key: was.get(key) for key in keys}, {key: now.get(key) for key in keys}
     return was, now
+
+
+def close(was: Any, now: Any) -> bool:
+    """Whether two values are the same but for rounding."""
+    if isinstance(was, Mapping) and isinstance(now, Mapping):
+        return was.keys() == now.keys() and all(close(was[key], now[key]) for key in was)
+    if isinstance(was, list | tuple) and isinstance(now, list | tuple):
+        return len(was) == len(now) and all(map(close, was, now))
+    if isinstance(was, float) and isinstance(now, float | int) and not isinstance(now, bool):
+        return math.isclose(was, now, rel_tol=ROUNDING, abs_tol=ROUNDING)
+    return bool(was == now)

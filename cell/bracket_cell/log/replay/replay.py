@@ -197,8 +197,7 @@ class Replay:
             caused = caused_by(self._causes.take(), self.names)
             comparison.compared(tick.number, tick.time_s, (tick.changes, causes_of(tick)), (now.changes, caused))
             if tick.time_s >= from_s:
-                found = differences(tick.number, tick.time_s, logged(tick), now, self._memory)
-                comparison.add(found)
+                found = comparison.add(differences(tick.number, tick.time_s, logged(tick), now, self._memory))
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
                 if self.changes.perception is not None and any(one.aspect == "command" for one in found):

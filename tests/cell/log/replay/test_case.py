@@ -10,8 +10,8 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.replay import case
-from bracket_cell.log.replay.case import check_case, close, write_case
-from bracket_cell.log.replay.compare import logged
+from bracket_cell.log.replay.case import check_case, write_case
+from bracket_cell.log.replay.compare import close, logged
 from bracket_ground.errors import InputError, LogError
 from tests import ROOT
 

@@ -124,7 +124,7 @@ def _section(section: Section, schema: dict[str, Any], place: str) -> Iterator[s
         yield ""
     yield "| key | type | default | unit, range | meaning |"
     yield "|---|---|---|---|---|"
-    required = section.schema.get("required", [])
+    required = section.schema.get("required") or section.schema.get("anyOf", [{}])[0].get("required", [])
     for key, value in section.schema["properties"].items():
         default = "" if key in required else _default(value)
         cells = [f"`{key}`", _type(value), default, _range(key, value), _meaning(value, schema)]

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
 from bracket_ground.files.units import Coordinate, Gap, Length, Rgb
@@ -37,6 +37,11 @@ BOX = "box"
 FILLS_M = 2e-4  # the solids of a shape must reach as far as size_m says, to this much
 
 
+def _made_of_parts_too(schema: dict[str, Any]) -> None:
+    """In a file a sub-assembly needs neither size nor colour nor mass: they follow from its parts."""
+    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["title", "made_of", "built_at"]}]
+
+
 class PartType(Model):
     """A type of part: a body, on a round peg if it has one; upright, the peg points down.
 
@@ -58,6 +63,8 @@ class PartType(Model):
             shape, peg and mass follow, and the colour is that of the uppermost.
         built_at: of a sub-assembly, the place of the bench where it is built; from there it is put in whole.
     """
+
+    model_config = ConfigDict(json_schema_extra=_made_of_parts_too)
 
     title: str
     quantity: int = Field(default=1, ge=0, le=100)

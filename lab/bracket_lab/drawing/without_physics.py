@@ -28,6 +28,7 @@ from bracket_sim.scene.settings import ClutterSettings
 from bracket_sim.scene.storage import Bin, Layout, lay_out
 from bracket_sim.scene.world import WorldPart, build_world
 from bracket_sim.worker.event_log import ActionEvent
+from bracket_sim.worker.hand_primitives import TIP_AHEAD_M
 from bracket_sim.worker.handing import Giver, parts_in_tray
 from bracket_sim.worker.worker import Worker
 
@@ -182,7 +183,7 @@ class KinematicBench:
             kind = self._product.parts[part.part]
             x, y, z = data.xmat[part.body].reshape(3, 3).T @ (hand_m - data.xpos[part.body])
             length_m, width_m, height_m = kind.size_m
-            if abs(x) > length_m / 2 + NEAR_M or abs(y) > width_m / 2 or not -NEAR_M < z < height_m + NEAR_M:
+            if abs(x) > length_m / 2 + TIP_AHEAD_M or abs(y) > width_m / 2 or not -NEAR_M < z < height_m + NEAR_M:
                 continue
             low, high = span_m(kind.solids, 1, {0: (x - FINGER_M, x + FINGER_M), 2: (z, z)}) or (0.0, 0.0)
             if high - low < gap_m:

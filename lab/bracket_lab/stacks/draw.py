@@ -193,7 +193,7 @@ def _count(rng: np.random.Generator, settings: StackSettings) -> int:
 
 
 def _begun(rng: np.random.Generator, settings: StackSettings, count: int) -> Standing | None:
-    """Set so many objects down, and try who rests on whom; None where one falls, or it is doubtful."""
+    """Set so many objects down, and try who rests on whom; None where one falls, or it is doubtful or too deep."""
     names = tuple(KINDS[index] for index in rng.permutation(settings.kinds)[:count])
     things = [draw_thing(name, rng) for name in names]
     stage = table_with(things, rng)
@@ -201,7 +201,9 @@ def _begun(rng: np.random.Generator, settings: StackSettings, count: int) -> Sta
         if not Stack(stage, [thing.stances for thing in things], settings, rng).build():
             return None
         rests = relations(stage)
-    return None if rests is None or stage.diverged else Standing(stage, names, rests)
+    if rests is None or stage.diverged or depth(rests) > settings.deepest:
+        return None
+    return Standing(stage, names, rests)
 
 
 @contextmanager

@@ -7,8 +7,9 @@ nodes remembered, so that the work goes on: `StartGraph` keeps the graph that it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from bracket_cell.running.controller import TickServices
 from bracket_cell.trees.nodes.moving import ActivateGripper
@@ -95,9 +96,9 @@ class WatchedTree:
             why = "; ".join(str(error).splitlines())  # a terminal shows one line
             self._say("warning", f"the edited tree is refused, the old one goes on: {why}")
             named = [problem.place.file for problem in error.problems if isinstance(problem, Problem)]
-            self._files = self._stamps([*self._files, *named])
+            self._files = self._stamps([*self._files, *named], stamps)
         else:
-            self._files = self._stamps(self._next.texts)
+            self._files = self._stamps(self._next.texts, stamps)
             self._say("info", "the edited tree is sound and waits for a safe point")
 
     def _swap(self, tree: Tree) -> None:
@@ -112,8 +113,9 @@ class WatchedTree:
         dropped = f"; not carried over: {', '.join(lost)}" if lost else ""
         self._say("info", f"the edited tree took over{dropped}")
 
-    def _stamps(self, files: Iterable[Path]) -> dict[Path, Stamp]:
-        return {file: _stamp(file) for file in (self._path, *files)}
+    def _stamps(self, files: Iterable[Path], known: Mapping[Path, Stamp] = MappingProxyType({})) -> dict[Path, Stamp]:
+        """Of files, those that are known from before they were read: who saves meanwhile has edited again."""
+        return {file: known[file] if file in known else _stamp(file) for file in (self._path, *files)}
 
     def _say(self, level: Level, text: str) -> None:
         for observer in self._observeres:

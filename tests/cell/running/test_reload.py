@@ -210,6 +210,28 @@ def test_a_broken_edit_is_refused_and_a_repaired_one_taken(make: Callable[[str],
     assert bench.watched.tree is not bench.first
 
 
+@pytest.mark.parametrize("first", ["<Wait", "<Wait/>"])
+def test_an_edit_that_is_saved_while_the_one_before_is_told_is_taken(
+    make: Callable[[str], Bench], first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make("<Wait/>")
+    bench.watched.tick()
+    load = bench.load
+
+    def loaded() -> Tree:
+        try:
+            return load()
+        finally:
+            bench.edit("<Remembers/>")
+
+    bench.edit(first)
+    monkeypatch.setattr(bench.watched, "_load", loaded)
+    bench.watched.tick()
+    monkeypatch.setattr(bench.watched, "_load", load)
+    bench.watched.tick()
+    assert [type(node) for node in bench.swaps[-1].nodes if isinstance(node, Remembers)] == [Remembers]
+
+
 def test_an_edit_that_is_broken_again_before_the_safe_point_is_not_taken(make: Callable[[str], Bench]) -> None:
     bench = make("<Drive/>")
     bench.watched.tick()

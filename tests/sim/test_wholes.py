@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import load_configuration, load_product
@@ -20,17 +21,36 @@ PATH = ROOT / "config" / "examples" / "subassembly" / "cell.yaml"
 PERIOD_S = 0.04
 
 
-def stacked(off_m: float = 0.0) -> tuple[World, WorldPart, WorldPart]:
-    """A body in the nest with a cap on it."""
-    configuration = load_configuration(PATH)
-    product = load_product(configuration, PATH)
+def stacked(off_m: float = 0.0, path: Path = PATH, *more: str) -> tuple[World, WorldPart, WorldPart]:
+    """A body in the nest with a cap on it, and with more on that."""
+    configuration = load_configuration(path)
+    product = load_product(configuration, path)
     world = build_world(product, configuration.bench)
-    body, cap = (next(one for one in world.bodies if one.part == part) for part in ("body", "cap"))
+    body, cap, *others = (next(one for one in world.bodies if one.part == part) for part in ("body", "cap", *more))
     x, y, z = configuration.bench.places["nest"].spot(0).position_m
     world.place(body, Pose((x, y, z)))
-    world.place(cap, Pose((x + off_m, y, z + product.parts["body"].size_m[2])))
+    z += product.parts["body"].size_m[2]
+    for one in (cap, *others):
+        world.place(one, Pose((x + off_m, y, z)))
+        z += product.parts[one.part].size_m[2]
     world.settle()
     return world, body, cap
+
+
+def family(folder: Path, **made_of: list[str]) -> Path:
+    """The same cell with a lid, and with further sub-assemblies, each in a goal of its own."""
+    product = yaml.safe_load((PATH.parent / "product.yaml").read_text())
+    cell = yaml.safe_load(PATH.read_text())
+    lid = {"title": "lid", "colour_rgb": [0.9, 0.1, 0.9], "peg_length_m": 0.0, "peg_diameter_m": 0.0}
+    product["parts"]["lid"] = product["parts"]["cap"] | lid
+    for number, (name, parts) in enumerate(made_of.items()):
+        product["parts"][name] = {"title": name, "made_of": parts, "built_at": "nest"}
+        product["goals"][f"g{5 + number}"] = ["o2", "o2", name, "o3"]
+        cell["bench"]["places"]["nest"]["holds"].append(name)
+    cell["bench"]["bins_m"]["lid"] = [1.02, 0.53, 0.004]
+    (folder / "product.yaml").write_text(yaml.safe_dump(product))
+    (folder / "cell.yaml").write_text(yaml.safe_dump(cell))
+    return folder / "cell.yaml"
 
 
 def wait(world: World, joining: Joining, periods: int = 12) -> None:
@@ -72,6 +92,20 @@ def test_taken_apart_both_are_themselves_again() -> None:
     for _ in range(10):
         world.step_period()
     assert world.part_pose(cap).position_m[2] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("other", "more", "built"),
+    [(["body", "lid"], (), "pump"), (["body", "cap", "lid"], ("lid",), "other"), (["body", "cap", "lid"], (), "pump")],
+)
+def test_sub_assemblies_may_share_parts_and_begin_alike(
+    other: list[str], more: tuple[str, ...], built: str, tmp_path: Path
+) -> None:
+    world, body, _ = stacked(0.0, family(tmp_path, other=other), *more)
+    wait(world, Joining(world), 30)
+    assert (body.part, world.parts[body.name]) == (built, built)
+    assert len(world.split(body)) == 1 + len(more)
+    assert body.part == "body"
 
 
 def test_a_cap_that_stands_beside_is_not_joined() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, suppress
 from typing import Protocol
 
@@ -16,13 +16,15 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.product import Product
 
 LOOKS_S, AGAIN_S, STOPS_S, BLINKS_N = 0.05, 5.0, 10.0, 40  # [s], [s], [s], looks of a watchdog's two halves
+LESS = ("pause", "finish", "stop")  # orders after which the cell does less
 PLC = "PLC"  # who begins a run, for the book
 
 
 class PlantBits(Observer):
     """An observer that sets outputs, and orders where an input becomes true.
 
-    Inputs that are true when a run begins order nothing until they were false.
+    Inputs that are true when a run begins order nothing until they were false. What rose while the PLC was silent
+    orders late only where the cell does less for it: who pressed to go on may stand elsewhere by now.
 
     Args:
         put: takes orders, as those of the page.
@@ -34,7 +36,8 @@ class PlantBits(Observer):
         self._settings, self._signals, self._put = settings, signals, put
         self._goals = tuple(product.goals)
         self._set: dict[str, bool] = {}
-        self._was: Mapping[str, bool] = {}
+        self._was: Mapping[str, bool] = {}  # as last heard
+        self._heard: Collection[str] = ()  # in the tick before
         self._asks = False
         self._recipe = 0
 
@@ -67,13 +70,14 @@ class PlantBits(Observer):
 
     def _order(self, known: Mapping[str, bool]) -> None:
         for kind, name in self._settings.orders.items():
-            if known.get(name) and self._was.get(name) is False:
+            heard = name in self._heard or kind in LESS
+            if known.get(name) and self._was.get(name) is False and heard:
                 self._put(OperatorOrder(kind, "now" if kind == "pause" else ""))
         recipe = sum(1 << digit for digit, name in enumerate(self._settings.recipe) if known.get(name))
         if recipe != self._recipe and 0 < recipe <= len(self._goals):
             self._put(OperatorOrder("goal", self._goals[recipe - 1]))
         self._recipe = recipe
-        self._was = {**self._was, **known}  # a PLC that was silent may have risen meanwhile
+        self._was, self._heard = {**self._was, **known}, known.keys()
 
 
 class Control(Protocol):

@@ -76,7 +76,7 @@ def signature_of(configuration: Path) -> Signature | None:
 
 
 def sign(configuration: Path, safety: SafetyConfiguration, by: str) -> Signature:
-    """FailureMode, and keep who signed before.
+    """Sign, and keep who signed before.
 
     Raises:
         InputError: the file cannot be written, or the one that is there was edited.

@@ -25,12 +25,12 @@ class FailureMode(NamedTuple):
     """What a signal means.
 
     Attributes:
-        seen: when it is seen.
-        alive: what proves, in a sound cell, that the sense behind it works; it is a sign of its own where that ends.
+        detected_when: what is seen of it.
+        proven_by: what proves, in a sound cell, that the sense behind it works; where that ends is a sign of its own.
     """
 
-    seen: str
-    alive: str
+    detected_when: str
+    proven_by: str
 
 
 ARM_ANSWERS, ARM_MOVES = "the arm answers in every tick", "joints and `path_s` go on while the arm moves"
@@ -255,8 +255,8 @@ class FaultTable(Model):
                 wrong.append((("faults", row), f"signal {fault.signal} is in the table twice"))
             found.add(fault.signal)
         wrong += [
-            (("faults",), f"no row for signal {name}: {sign.seen}")
-            for name, sign in SIGNALS.items()
+            (("faults",), f"no row for signal {name}: {mode.detected_when}")
+            for name, mode in SIGNALS.items()
             if name not in found
         ]
         if wrong:

@@ -68,6 +68,8 @@ def unfit_wholes(product: Product) -> Iterator[tuple[Location, str]]:
             continue
         if len(kind.made_of) < 2:
             yield at, "a sub-assembly is made of two parts or more, from the bottom up"
+        if (twin := next(one for one, other in product.wholes.items() if other.made_of == kind.made_of)) != name:
+            yield at, f"is that of {twin}, too: nobody could tell which of them was built"
         if not kind.built_at:
             yield ("parts", name), f"built_at is missing: the place of the bench where {name} is built"
         for one in dict.fromkeys(kind.made_of):

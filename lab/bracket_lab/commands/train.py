@@ -19,22 +19,8 @@ from bracket_lab.commands.training.tasks import TASKS
 from bracket_lab.commands.training.weights import Training, writing
 
 OPTIONS = (
-    *(
-        "network",
-        "data",
-        "simulated",
-        "curve",
-        "begin",
-        "epochs",
-        "every",
-        "only",
-        "plan",
-        "budget",
-        "recorded",
-        "jobs",
-        "out",
-    ),
-    *("overwrite", "config", "seed"),
+    *("network", "data", "simulated", "curve", "begin", "epochs", "every", "only", "plan", "budget"),
+    *("recorded", "jobs", "out", "overwrite", "config", "seed"),
 )
 FOLDER, PAPER = Path("trained"), "paper"
 OWN = ("hands", "holes", "parts", "actions")

@@ -147,10 +147,15 @@ def _turned(quaternion: tuple[float, float, float, float], angle_rad: float) -> 
     return tuple(float(value) for value in turned)
 
 
+def top_m(kind: PartType) -> float:
+    """How high above its foot another part stands on one of this type."""
+    return kind.size_m[2] - (0.0 if kind.shape else FITTING_M)
+
+
 def _add_plain_box(body: mujoco.MjsBody, kind: PartType, style: int, mass_kg: float) -> None:
-    length, width, height = kind.size_m
-    block_height = height - FITTING_M
-    block = add_box(body, (0, 0, block_height / 2), (length, width, block_height), kind.colour_rgb, palette.PART_TOUCH)
+    length, width, _ = kind.size_m
+    height = top_m(kind)
+    block = add_box(body, (0, 0, height / 2), (length, width, height), kind.colour_rgb, palette.PART_TOUCH)
     block.mass = mass_kg
     _add_fitting(body, kind, style)
 

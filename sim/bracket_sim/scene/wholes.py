@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from bracket_ground.interfaces.product import PartType, Product
-from bracket_sim.scene.parts import ScenePart
+from bracket_sim.scene.parts import ScenePart, top_m
 
 if TYPE_CHECKING:
     from bracket_sim.scene.world import World, WorldPart
@@ -32,12 +32,17 @@ def add_welds(spec: mujoco.MjSpec, product: Product, scene: Mapping[str, ScenePa
     Args:
         scene: parts by the names of their bodies.
     """
-    for kind in product.wholes.values():
-        low, *upper = ([name for name, one in scene.items() if one.part == part] for part in kind.made_of)
-        for one, other in pairs(low, dict.fromkeys(name for names in upper for name in names)):
-            if one != other:
-                weld = spec.add_equality(name=weld_name(one, other), type=mujoco.mjtEq.mjEQ_WELD, active=False)
-                weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, one, other
+    named = {part: [name for name, one in scene.items() if one.part == part] for part in product.parts}
+    couples = {
+        couple: None
+        for kind in product.wholes.values()
+        for part in kind.made_of[1:]
+        for couple in pairs(named[kind.made_of[0]], named[part])
+    }
+    for low, upper in couples:
+        if low != upper:
+            weld = spec.add_equality(name=weld_name(low, upper), type=mujoco.mjtEq.mjEQ_WELD, active=False)
+            weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, low, upper
 
 
 class Joining:
@@ -45,27 +50,37 @@ class Joining:
 
     def __init__(self, world: World) -> None:
         self._world, self._wholes = world, world.product.wholes
-        self._since_s: dict[str, float] = {}
+        self._since_s: dict[tuple[str, str], float] = {}  # by body and sub-assembly
 
     def update(self, time_s: float, _dt_s: float, /) -> None:
         """Look at the parts once; called in every control period."""
         for whole, kind in self._wholes.items():
-            for low in [one for one in self._world.bodies if one.part == kind.made_of[0]]:
-                stack = self._stack(low, kind)
+            for low in [one for one in self._world.bodies if self._begins(one, kind)]:
+                stack, so = self._stack(low, kind), (low.name, whole)
                 if stack is None:
-                    self._since_s.pop(low.name, None)
-                elif time_s - self._since_s.setdefault(low.name, time_s) >= PRESSED_S:
+                    self._since_s.pop(so, None)
+                elif time_s - self._since_s.setdefault(so, time_s) >= PRESSED_S:
                     self._world.join(stack, whole)
 
+    def _joined(self, low: WorldPart) -> tuple[str, ...]:
+        """What a body is made of so far: one sub-assembly may be the beginning of another."""
+        kind = self._wholes.get(low.part)
+        return (low.part,) if kind is None else kind.made_of
+
+    def _begins(self, low: WorldPart, kind: PartType) -> bool:
+        done = self._joined(low)
+        return len(done) < len(kind.made_of) and kind.made_of[: len(done)] == done
+
     def _stack(self, low: WorldPart, kind: PartType) -> list[WorldPart] | None:
-        """The parts of a sub-assembly from the bottom up, where all stand still as they should."""
-        height_m, stack = 0.0, [low]
-        for part, below in zip(kind.made_of[1:], kind.made_of, strict=False):
-            height_m += self._world.product.parts[below].size_m[2]
+        """A body and what a sub-assembly has on it, from the bottom up, where all stand still as they should."""
+        kinds, done, stack = self._world.product.parts, self._joined(low), [low]
+        height_m = sum(top_m(kinds[one]) for one in done)
+        for part in kind.made_of[len(done) :]:
             found = next(self._seated(low, part, height_m, stack), None)
             if found is None:
                 return None
             stack.append(found)
+            height_m += top_m(kinds[part])
         return stack if all(self._still(one) for one in stack) else None
 
     def _seated(self, low: WorldPart, part: str, height_m: float, stack: Sequence[WorldPart]) -> Iterator[WorldPart]:

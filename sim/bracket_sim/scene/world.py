@@ -189,7 +189,8 @@ class World:
             self.carriers[one.body] = low
             del self.parts[one.name]
         self.bodies = tuple(one for one in self.bodies if one not in upper)
-        self._joined[low] = low.part, upper
+        own, before = self._joined.get(low, (low.part, []))
+        self._joined[low] = own, [*before, *upper]
         low.part = self.parts[low.name] = whole
 
     def split(self, low: WorldPart) -> list[WorldPart]:

@@ -48,6 +48,12 @@ def test_what_cannot_be_built_is_told(pump: dict[str, Any], words: str) -> None:
         Product.model_validate({**FILE, "parts": parts})
 
 
+def test_two_of_the_same_parts_are_told() -> None:
+    parts = {**FILE["parts"], "twin": FILE["parts"]["pump"]}
+    with pytest.raises(ValueError, match="is that of pump, too"):
+        Product.model_validate({**FILE, "parts": parts})
+
+
 @pytest.mark.parametrize(
     ("nest", "words"),
     [

@@ -93,13 +93,16 @@ def test_an_input_orders_when_it_becomes_true_and_not_when_a_run_begins_with_it(
     assert [(order.kind, order.value) for order in rig.ordered] == [("pause", "now"), ("acknowledge", "")]
 
 
-def test_a_bit_that_rises_while_the_plc_is_silent_orders_once_it_is_heard_again() -> None:
+def test_what_rose_while_the_plc_was_silent_orders_less_and_never_more() -> None:
     rig = Rig()
-    rig.tick(finish=False)
+    rig.tick(finish=False, ack=False)
     rig.tick()  # silent
-    rig.tick(finish=True)
-    rig.tick(finish=True)
+    rig.tick(finish=True, ack=True)
+    rig.tick(finish=True, ack=True)
     assert [order.kind for order in rig.ordered] == ["finish"]
+    rig.tick(finish=True, ack=False)
+    rig.tick(finish=True, ack=True)
+    assert [order.kind for order in rig.ordered] == ["finish", "acknowledge"]
 
 
 def test_a_recipe_is_a_number() -> None:

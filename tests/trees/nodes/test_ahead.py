@@ -225,3 +225,20 @@ def test_a_part_that_no_likely_goal_wants_any_more_is_put_back() -> None:
     for share, status in ((0.5, Status.SUCCESS), (0.001, Status.FAILURE)):
         plan = AssemblyPlan({"g0": share, "g1": 1 - share}, {}, "pump", {})
         assert alone(HoldsNeededPart("holds"), at, state=placed, plan=plan).update() is status
+
+
+def test_a_person_who_rests_is_brought_what_only_one_likely_goal_wants() -> None:
+    """Both waited for each other: the person for the robot, the robot for a placement that tells which goal it is."""
+    file = ROOT / "config" / "examples" / "subassembly" / "cell.yaml"
+    configuration = load_configuration(file)
+    at = services(product=load_product(configuration, file), bench=configuration.bench)
+    plan = AssemblyPlan({"g0": 0.9, "g1": 0.1}, {}, "o2", {})
+    state = AssemblyState({"p3": "o3", "p1": "pump"})  # g0 takes two gate valves more, g1 one, at another place
+    node = alone(ChooseSparePart("spare"), at, state=replace(state, placed={**state.placed, "p2": "o2"}), plan=plan)
+    node.initialise()
+    told = []
+    for time_s, action in ((1.0, TRANSIT), (1.5, IDLE), (2.6, IDLE)):
+        see(at, time_s, action=action)
+        told.append(node.update())
+    assert told == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+    assert node.part.entry.value == "o2"  # type: ignore[attr-defined]

@@ -72,7 +72,8 @@ class ChooseSparePart(CellNode):
         if seen.bench.action.kind == "idle" and self.compare(rests_s, "<", self.patience_s) and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
-        spare = self._spare()
+        # who rests for so long waits, too: then a part is fetched that may be needed, and the guard acts, asks or waits
+        spare = self._spare() or (self._spare(most=True) if seen.bench.action.kind == "idle" else Counter())
         if not spare:
             self.feedback_message = "the person may take what remains"
             return Status.RUNNING
@@ -83,11 +84,15 @@ class ChooseSparePart(CellNode):
         self.feedback_message = chosen
         return Status.SUCCESS
 
-    def _spare(self) -> Counter[str]:
-        """How many of each type remain for the robot whatever the person does next."""
+    def _spare(self, *, most: bool = False) -> Counter[str]:
+        """How many of each type remain for the robot whatever the person does next.
+
+        Args:
+            most: those that are needed in any likely goal; else in every one.
+        """
         bench = self.now.observation.bench
         assert bench is not None
-        left = remaining(self.services, self.state.get(), self.plan.get())
+        left = remaining(self.services, self.state.get(), self.plan.get(), most=most)
         steady = self.compare(self.now.observation.time_s - self._held_since_s, ">=", self.steady_s)
         if self._held is not None and steady:
             left[self._held] -= 1

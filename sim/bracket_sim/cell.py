@@ -29,7 +29,7 @@ from bracket_sim.scene.look import Look
 from bracket_sim.scene.parts import ScenePart
 from bracket_sim.scene.person import Storage
 from bracket_sim.scene.settings import HARDWARE, SimSettings
-from bracket_sim.scene.storage import at_places, lay_out
+from bracket_sim.scene.storage import at_places, begun, lay_out
 from bracket_sim.scene.wholes import Joining
 from bracket_sim.scene.world import World, build_world
 from bracket_sim.truth.contacts import ContactMonitor
@@ -161,7 +161,8 @@ class SimCell:
         self._nobody = worker and settings.person.absent  # then nobody says which bracket would be right
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
-        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
+        wanted = self._job.placements if worker else {}
+        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, wanted, robot)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
         self._mishaps = Mishaps(self.world, self.stock)
 
@@ -264,12 +265,13 @@ def _world(
     look: Look,
     clutter: Sequence[ScenePart],
     rng: np.random.Generator,
-    worker: bool,
+    wanted: Mapping[str, str],
     robot: RobotModel | None,
 ) -> World:
-    """Bench and parts, with the hand where a person is; `rng` says where the person's parts lie."""
-    layout = lay_out(product, bench, settings.person.storage if worker else Storage(), rng)
-    parts = layout.parts if worker else ()
+    """Bench and parts, with the hand where a person builds what is wanted; `rng` says where the person's parts lie."""
+    worker, storage = bool(wanted), settings.person.storage if wanted else Storage()
+    layout = lay_out(product, bench, storage, rng)
+    parts = begun(product, bench, layout.parts, wanted, storage, rng) if worker else ()
     scene = (*parts, *clutter, *at_places(product, bench))
     hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person) if worker else None
     return build_world(product, bench, scene, settings.physics, hand, look, layout.bins, robot)

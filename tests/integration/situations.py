@@ -57,6 +57,7 @@ SITUATIONS: Mapping[str, Situation] = {
     "two_brackets": Situation(cell=EXAMPLES / "brackets" / "cell.yaml"),
     "gives_to_robot": Situation(tree=JOBS / "take_over.xml"),
     "hands_over": Situation(tree=JOBS / "hand_over.xml"),
+    "begun_by_others": Situation("takes_over"),
     "exchanges_tray": Situation("exchanges_tray"),
     "from_tray": Situation("from_tray"),
     "parts_elsewhere": Situation("elsewhere"),
@@ -76,7 +77,6 @@ ELSEWHERE: Mapping[str, str] = {
 CANNOT: Mapping[str, str] = {
     "two_people": "the simulator has one person, and the tracker follows that person's hands alone",
     "both_hands_act": "one stream of actions for both hands",
-    "begun_by_others": "no key says which holes are filled at the start",
     "points_at_hole": "neither the person points, nor does a detector read it as an order",
 }
 

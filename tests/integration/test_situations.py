@@ -24,5 +24,10 @@ def test_a_situation_is_said_in_a_single_way() -> None:
 
 
 @pytest.mark.slow
+def test_a_bracket_that_somebody_else_began_is_taken_over() -> None:
+    assert seen(SITUATIONS["begun_by_others"], 993101) == ("right", [])
+
+
+@pytest.mark.slow
 def test_beside_who_never_screws_the_bracket_is_right_and_nobody_is_touched() -> None:
     assert seen(SITUATIONS["never_screws"], 993100) == ("right", [])

@@ -10,8 +10,11 @@ import pytest
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_sim.scene.clutter import gap, rectangle
+from bracket_sim.scene.jobs import Job
 from bracket_sim.scene.person import PERSONS, Lapses, Person, ScrewHabits, Storage, load_person
-from bracket_sim.scene.storage import COMMON_BIN_M, lay_out, person_set
+from bracket_sim.scene.storage import COMMON_BIN_M, begun, lay_out, person_set
+from bracket_sim.scene.world import build_world
+from bracket_sim.truth.score import Score
 from bracket_sim.worker.hand_primitives import Script
 from tests.sim.worker_bench import Shift, bench, product, world_of
 
@@ -53,6 +56,18 @@ def test_an_ordinary_person_assembles(seed: int) -> None:
     shift = Shift("g1", seed, person, world_of(person, seed))
     assert shift.until(lambda: shift.worker.done, 200.0)
     assert shift.placed() == product().goal_placements("g1")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_begun_bracket_has_right_parts_of_the_set_in_some_holes(seed: int) -> None:
+    wanted, holds = product().goal_placements("g1"), Storage(begun=2)
+    parts = begun(product(), bench(), person_set(product(), bench()), wanted, holds, np.random.default_rng(seed))
+    assert sorted(part.part for part in parts) == sorted(part.part for part in person_set(product(), bench()))
+    world = build_world(product(), bench(), parts)
+    world.settle()
+    placed = Score(world, Job("g1", wanted)).placements()
+    assert len(placed) == 2
+    assert all(one.seated and one.part == wanted[at] and one.by is None for at, one in placed.items())
 
 
 def lapsing(lapses: Lapses, seed: int = 0) -> Shift:

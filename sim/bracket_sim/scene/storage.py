@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -81,6 +81,28 @@ def lay_out(
     if handing and storage.handed_over > 0:
         layout = replace(layout, parts=_some_in_tray(product, bench, layout.parts, storage.handed_over, rng))
     return layout
+
+
+def begun(
+    product: Product,
+    bench: Bench,
+    parts: Sequence[ScenePart],
+    wanted: Mapping[str, str],
+    storage: Storage,
+    rng: np.random.Generator,
+) -> tuple[ScenePart, ...]:
+    """The person's parts, some of them in holes that somebody else has filled.
+
+    Args:
+        wanted: type of the part by position; a sub-assembly and what another step comes before are nobody's beginning.
+    """
+    first = [at for at in wanted if not product.predecessors.get(at) and wanted[at] not in product.wholes]
+    found = list(parts)
+    for index in rng.permutation(len(first))[: storage.begun] if storage.begun else ():
+        place = bench.bracket.pose @ Pose(product.slot_m(first[index]))
+        number = next(number for number, one in enumerate(found) if one.part == wanted[first[index]])
+        found.append(replace(found.pop(number), world_from_part=place))
+    return tuple(found)
 
 
 def _permuted(product: Product, bench: Bench, storage: Storage, rng: np.random.Generator) -> Layout:

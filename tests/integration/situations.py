@@ -1,10 +1,11 @@
 """Situations of shops and papers, each a person's file, a tree or a cell: what became of the bracket, and contacts.
 
-Run it: python -m tests.integration.situations --seeds 5 --first-seed 100
+Run it: python -m tests.integration.situations --seeds 5 --first-seed 100 --kept runs/situations.jsonl
 Some: python -m tests.integration.situations undoes hands_over --first-seed 100
-Nothing is rendered. A row counts runs by their end: `right`, `wrong` where a part is where it should not be, or `open`
-where holes are left or the run was not finished, as in a job that hands parts over;
-contacts, those with an arm that moved, and the greatest force of either. `cannot` names what no file can say.
+With `--kept`, a run that is in the file is not made again. Nothing is rendered but where a look is the situation.
+A run ends `right`; `wrong` where a part is where it should not be; or it was not finished in time: `held` by the
+supervisor, `asked` where a question stands, else `open`. A job that is no bracket is right where it finished.
+Beside these: contacts, those with an arm that moved, and the greatest force. `cannot` names what no file says.
 """
 
 from __future__ import annotations
@@ -15,21 +16,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
+
 from bracket_cell.configuration import (
     DEFAULT_CONFIGURATION,
     DEFAULT_TREE,
+    for_shift,
     load_configuration,
     load_product,
     simulated,
 )
+from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_cell.wiring.detectors import with_detectors_for
+from bracket_ground.files.row_store import Row, RowStore
+from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.danger import DRIVEN_M_S
 from bracket_sim.faults.injection import Injection
 from tests import ROOT
+from tests.benchmarks.late_orders import Bench
 
 JOBS, EXAMPLES = ROOT / "trees" / "jobs", ROOT / "config" / "examples"
 LONGEST_S = 900.0  # simulated: five minutes away, and the bracket
+ENDS = ("right", "wrong", "held", "asked", "open")
 
 
 @dataclass(frozen=True)
@@ -39,12 +48,22 @@ class Situation:
     Attributes:
         person: a shipped person, or a file.
         inject: a fault, as of `cell run --inject`.
+        look: of the bench, which is rendered then.
+        goals: other ones than the product's, type of the part by position.
+        ordered_s: when somebody orders the goal that comes after the person's.
+        shift: the person works on through a shift, and answers.
+        bracket: it is about a bracket, that is to be right in the end.
     """
 
     person: str = "careful"
     tree: Path = DEFAULT_TREE
     inject: str | None = None
     cell: Path = DEFAULT_CONFIGURATION
+    look: str | None = None
+    goals: tuple[tuple[str, str], ...] = ()
+    ordered_s: float | None = None
+    shift: bool = False
+    bracket: bool = True
 
 
 SITUATIONS: Mapping[str, Situation] = {
@@ -55,24 +74,24 @@ SITUATIONS: Mapping[str, Situation] = {
     "never_screws": Situation("never_screws"),
     "walks_off": Situation("walks_off"),
     "two_brackets": Situation(cell=EXAMPLES / "brackets" / "cell.yaml"),
-    "gives_to_robot": Situation(tree=JOBS / "take_over.xml"),
-    "hands_over": Situation(tree=JOBS / "hand_over.xml"),
+    "gives_to_robot": Situation(tree=JOBS / "take_over.xml", bracket=False),
+    "hands_over": Situation(tree=JOBS / "hand_over.xml", bracket=False),
+    "order_changes": Situation(ordered_s=15.0),
     "begun_by_others": Situation("takes_over"),
     "exchanges_tray": Situation("exchanges_tray"),
     "from_tray": Situation("from_tray"),
     "parts_elsewhere": Situation("elsewhere"),
     "part_falls": Situation(inject="part_falls@carry"),
+    "things_on_bench": Situation(look="people:things"),
+    "gloves": Situation(look="people:person"),
     "left_handed": Situation("left_handed"),
     "seated": Situation("seated"),
     "leaning_in": Situation("leaning_in"),
+    "goals_one_swap_apart": Situation(
+        goals=(("g0", "o1 o1 o1 o2 o2 o3"), ("g1", "o1 o1 o1 o2 o3 o2"), ("g2", "o1 o2 o1 o1 o2 o3"))
+    ),
+    "unlisted_goal": Situation("builds_unlisted", shift=True),
     "third_hand": Situation(tree=ROOT / "trees" / "third_hand.xml"),
-}
-ELSEWHERE: Mapping[str, str] = {
-    "order_changes": "python -m tests.benchmarks.late_orders --moments 5",
-    "goals_one_swap_apart": "cell run --goal g1",
-    "unlisted_goal": "python -m tests.benchmarks.unlisted",
-    "things_on_bench": "cell run --look people:things",
-    "gloves": "cell run --look people:person",
 }
 CANNOT: Mapping[str, str] = {
     "two_people": "the simulator has one person, and the tracker follows that person's hands alone",
@@ -81,42 +100,76 @@ CANNOT: Mapping[str, str] = {
 }
 
 
+class Last(Observer):
+    """What the run's last tick allowed, and what was asked then."""
+
+    held = asked = False
+
+    def tick(self, record: TickRecord) -> None:
+        """Keep it."""
+        self.held = record.judgement is not None and bool(record.judgement.held_by)
+        if (display := record.command.display) is not None:
+            self.asked = bool(display.questions or display.help_request)
+
+
+def _product(situation: Situation, product: Product) -> Product:
+    """The cell's, or the same parts with the situation's goals."""
+    if not situation.goals:
+        return product
+    said = yaml.safe_load((ROOT / "config" / "products.yaml").read_text(encoding="utf-8"))
+    return Product(**{**said, "goals": {goal: parts.split() for goal, parts in situation.goals}})
+
+
 def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]]:
     """How a run ended, and its contacts: whether the arm moved, and the force [N]."""
-    configuration = simulated(load_configuration(situation.cell), None, situation.person)
+    configuration = simulated(load_configuration(situation.cell), situation.look, situation.person)
+    configuration = for_shift(configuration, 1) if situation.shift else configuration
     longest = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": longest})
-    product = load_product(configuration, situation.cell)
+    product = _product(situation, load_product(configuration, situation.cell))
     configuration, _ = with_detectors_for(configuration, product)
     injection = None if situation.inject is None else Injection.parse(situation.inject)
-    with opened(configuration, product, situation.tree, seed, rendered=False) as found:
-        outcome = found.run([], injection)
+    last = Last()
+    with opened(configuration, product, situation.tree, seed, rendered=situation.look is not None) as found:
+        if situation.ordered_s is not None:
+            goals = sorted(product.goals)
+            other = goals[(goals.index(found.cell.score.goal) + 1) % len(goals)]
+            found.cell.devices = Bench(found.cell.devices, other, situation.ordered_s).devices
+        outcome = found.run([last], injection)
         assert found.cell.contacts is not None
         contacts = [(one.first_m_s > DRIVEN_M_S, one.force_n) for one in found.cell.contacts.all()]
         told = found.cell.score.report()
-    end = "right" if told["correct"] and outcome.end == "finished" else "wrong" if told["wrong_placements"] else "open"
-    return end, contacts
+    if outcome.end == "finished" and (told["correct"] or not situation.bracket):
+        return "right", contacts
+    if situation.bracket and told["wrong_placements"]:
+        return "wrong", contacts
+    return "held" if last.held else "asked" if last.asked else "open", contacts
 
 
-def row(name: str, seeds: Sequence[int]) -> str:
-    """A line of the table."""
-    ends: Counter[str] = Counter()
-    contacts: list[tuple[bool, float]] = []
+def row(name: str, seeds: Sequence[int], kept: RowStore) -> str:
+    """A line of the table; what is not kept is run."""
     for seed in seeds:
-        end, touched = seen(SITUATIONS[name], seed)
-        ends[end] += 1
-        contacts += touched
+        if (name, seed) not in kept:
+            end, touched = seen(SITUATIONS[name], seed)
+            kept.add({"situation": name, "seed": seed, "end": end, "contacts": touched})
+    return told(name, [kept[name, seed] for seed in seeds])
+
+
+def told(name: str, runs: Sequence[Row]) -> str:
+    """A situation's line of the table."""
+    ends = Counter(str(one["end"]) for one in runs)
+    contacts = [(bool(moved), float(force_n)) for one in runs for moved, force_n in one["contacts"]]
     moving = [force_n for moved, force_n in contacts if moved]
     most = max((force_n for _, force_n in contacts), default=0.0)
-    counted = " | ".join(str(ends[end]) for end in ("right", "wrong", "open"))
+    counted = " | ".join(str(ends[end]) for end in ENDS)
     return f"| {name} | {counted} | {len(contacts)} | {len(moving)} | {max(moving, default=0.0):.0f} | {most:.0f} |"
 
 
-def table(names: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
+def table(names: Sequence[str], seeds: Sequence[int], kept: RowStore) -> Iterator[str]:
     """The lines, each as soon as it is known."""
-    yield "| situation | right | wrong | open | contacts | arm moved | most then [N] | most [N] |"
-    yield "|---|---|---|---|---|---|---|---|"
-    yield from (row(name, seeds) for name in names)
+    yield f"| situation | {' | '.join(ENDS)} | contacts | arm moved | most then [N] | most [N] |"
+    yield "|---" * (len(ENDS) + 5) + "|"
+    yield from (row(name, seeds, kept) for name in names)
 
 
 def main() -> None:
@@ -125,15 +178,16 @@ def main() -> None:
     parser.add_argument("situation", nargs="*", help=f"of {', '.join(SITUATIONS)}; all by default")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--kept", type=Path, help="a file of runs that are not made again")
     options = parser.parse_args()
     if unknown := [name for name in options.situation if name not in SITUATIONS]:
         parser.error(f"no situation {', '.join(unknown)}; legal: {', '.join(SITUATIONS)}")
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    for line in table(options.situation or list(SITUATIONS), seeds):
+    kept = RowStore(options.kept, ("situation", "seed"), {"command": "situations"})
+    for line in table(options.situation or list(SITUATIONS), seeds, kept):
         print(line, flush=True)
-    if not options.situation:
-        for title, further in (("by another command", ELSEWHERE), ("cannot", CANNOT)):
-            print(f"\n{title}:", *(f"- {name}: {words}" for name, words in further.items()), sep="\n")
+    if not options.situation and CANNOT:
+        print("\ncannot:", *(f"- {name}: {words}" for name, words in CANNOT.items()), sep="\n")
 
 
 if __name__ == "__main__":

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product, simulated
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
-from tests.integration.situations import CANNOT, ELSEWHERE, SITUATIONS, seen
+from bracket_ground.files.row_store import RowStore
+from tests.integration.situations import CANNOT, SITUATIONS, row, seen
 
 
 @pytest.mark.parametrize("name", SITUATIONS)
@@ -18,9 +21,16 @@ def test_what_a_situation_names_is_there(name: str) -> None:
 
 
 def test_a_situation_is_said_in_a_single_way() -> None:
-    said = [*SITUATIONS.values()]
-    assert len({(one.person, one.tree, one.inject, one.cell) for one in said}) == len(said)
-    assert not set(SITUATIONS) & set(ELSEWHERE) | set(ELSEWHERE) & set(CANNOT) | set(SITUATIONS) & set(CANNOT)
+    assert len(set(SITUATIONS.values())) == len(SITUATIONS)
+    assert not set(SITUATIONS) & set(CANNOT)
+    assert len(SITUATIONS) + len(CANNOT) == 26
+
+
+def test_what_is_kept_is_not_run_again_and_the_worst_contact_is_told(tmp_path: Path) -> None:
+    kept = RowStore(tmp_path / "kept.jsonl", ("situation", "seed"))
+    for seed, end, contacts in ((1, "held", [[True, 31.0]]), (2, "right", [[False, 99.0], [True, 12.0]])):
+        kept.add({"situation": "undoes", "seed": seed, "end": end, "contacts": contacts})
+    assert row("undoes", [1, 2], kept) == "| undoes | 1 | 0 | 1 | 0 | 0 | 3 | 2 | 31 | 99 |"
 
 
 @pytest.mark.slow

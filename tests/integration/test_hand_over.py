@@ -1,11 +1,14 @@
 """Hand-overs in the simulator's physics, without pixels: what becomes of each part.
 
-Run it: python -m tests.integration.test_hand_over hand_over_late --seeds 10 --first-seed 100
+Run it: python -m tests.integration.test_hand_over --offers 40 --first-seed 100 --kept runs/hand_overs.jsonl
+Persons who pull early, late and never take turns, a seed each, until so many parts were held out. A seed that is in the
+kept file is not run again.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections import Counter
 from pathlib import Path
 
@@ -13,11 +16,13 @@ import numpy as np
 import pytest
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_ground.files.row_store import RowStore
 from bracket_lab.evaluations.assembly import assembly
 from bracket_sim.cell import SimCell
 from tests import ROOT
 
 JOBS = ROOT / "trees" / "jobs"
+PERSONS = ("hand_over_early", "hand_over_late", "hand_over_never")
 LIES_RAD, TABLE_M = 0.6, 0.10
 
 
@@ -82,13 +87,14 @@ def handed(person: str, seed: int, tree: Path = JOBS / "hand_over.xml") -> Count
         ("careful", 7, "taken"),
         ("hand_over_late", 7, "taken"),
         ("hand_over_late", 990210, "taken"),
+        ("hand_over_early", 990210, "taken"),
         ("hand_over_never", 7, "kept"),
     ],
 )
 def test_no_part_is_dropped_whoever_pulls_and_when(person: str, seed: int, end: str) -> None:
     counted = handed(person, seed)
     assert counted["dropped"] == 0
-    assert counted[end] > 0
+    assert counted[end] == counted["offered"] > 0
     assert counted["finished"] == 1
 
 
@@ -100,19 +106,25 @@ def test_parts_are_taken_from_a_hand_into_the_tray() -> None:
 
 
 def main() -> None:
-    """Hand parts over to a person on several seeds and count."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("person")
-    parser.add_argument("--seeds", type=int, default=1)
+    """Hand parts over on fresh seeds and count what became of them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--person", nargs="+", default=PERSONS)
+    parser.add_argument("--offers", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--tree", type=Path, default=JOBS / "hand_over.xml")
+    parser.add_argument("--kept", type=Path, help="a file of seeds that are not run again")
     options = parser.parse_args()
-    total: Counter[str] = Counter()
-    for seed in range(options.first_seed, options.first_seed + options.seeds):
-        counted = handed(options.person, seed, options.tree)
-        total += counted
-        print(f"{options.person} {seed}: {dict(counted)}", flush=True)
-    print(f"{options.person}: {dict(total)}")
+    kept = RowStore(options.kept, ("person", "seed"), {"command": "hand_overs", "tree": options.tree.name})
+    total: dict[str, Counter[str]] = {person: Counter() for person in options.person}
+    for seed, person in zip(itertools.count(options.first_seed), itertools.cycle(options.person), strict=False):
+        if sum(counted["offered"] for counted in total.values()) >= options.offers:
+            break
+        if (person, seed) not in kept:
+            kept.add({"person": person, "seed": seed, "counted": handed(person, seed, options.tree)})
+        total[person].update(kept[person, seed]["counted"])
+        print(f"{person} {seed}: {kept[person, seed]['counted']}", flush=True)
+    for person, counted in total.items():
+        print(f"{person}: {dict(counted)}")
 
 
 if __name__ == "__main__":

@@ -81,3 +81,19 @@ def test_fingertips_pinch_a_part_ahead_of_fingers_that_hold_it(
     grip_m, _, _ = work._beside_fingers(SeenPart("held", part, held, 0.0))
     tips_m = grip_m[0] - tool_m[0] - TIP_AHEAD_M - TIP_RADIUS_M
     assert tips_m >= PAD_WIDTH_M / 2
+
+
+@pytest.mark.parametrize("part", product().parts)
+def test_a_part_is_seen_held_out_wherever_along_its_height_it_is_gripped(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shift = shift_of(Person())
+    sight = shift.worker._sight
+    body = next(one for one in shift.world.bodies if one.part == part)
+    tool_m = np.array(shift.world.part_pose(body).position_m) + np.array([0.0, 0.0, product().parts[part].size_m[2]])
+    monkeypatch.setattr(sight, "held_out_m", lambda **_: tool_m)
+    held = sight.handed(part)
+    assert held is not None
+    assert held.body == body.name
+    monkeypatch.setattr(sight, "held_out_m", lambda **_: tool_m + np.array([0.0, 0.0, 0.06]))
+    assert sight.handed(part) is None

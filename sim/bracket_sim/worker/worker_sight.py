@@ -150,8 +150,13 @@ class Sight:
         tool_m = self.held_out_m(brought=brought)
         if tool_m is None:
             return None
-        held = (one for one in self._of_type(part) if np.linalg.norm(np.array(one.pose.position_m) - tool_m) < HELD_M)
-        return next(held, None)
+        return next((one for one in self._of_type(part) if self._beside_m(one, tool_m) < HELD_M), None)
+
+    def _beside_m(self, seen: SeenPart, point_m: Array) -> float:
+        """How far a point (3,) is from a part's axis, from its bottom to its top."""
+        off_m = seen.pose.inverse().transform(point_m)
+        off_m[2] -= np.clip(off_m[2], 0.0, self.kinds[seen.part].size_m[2])
+        return float(np.linalg.norm(off_m))
 
     @property
     def open_fingers_m(self) -> Array | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -36,6 +37,7 @@ from bracket_sim.truth.contacts import ContactMonitor
 from bracket_sim.truth.ground_truth_perception import ground_truth_perception
 from bracket_sim.truth.labels import resting_event, resting_parts
 from bracket_sim.truth.score import Score
+from bracket_sim.worker.hands import Hands
 from bracket_sim.worker.mishaps import Mishaps
 from bracket_sim.worker.stock import Stock
 from bracket_sim.worker.worker import Worker, WorkerContext
@@ -60,6 +62,7 @@ class RandomStreams(NamedTuple):
         overhead, wrist: the sensors' noise.
         overhead_delivery, wrist_delivery: late and lost frames.
         stock: errands, answers, and how trays are filled again.
+        other_hands: what hands beside the first one do.
     """
 
     jobs: np.random.Generator
@@ -72,6 +75,7 @@ class RandomStreams(NamedTuple):
     wrist_delivery: np.random.Generator
     arm: np.random.Generator
     stock: np.random.Generator
+    other_hands: np.random.Generator
 
     @classmethod
     def of(cls, seed: int) -> RandomStreams:
@@ -96,6 +100,7 @@ class SimCell:
 
     Attributes:
         look: drawn by the seed from the settings' range.
+        other_hands: of the person, and of who stands beside them.
         world, score, contacts, gripper_node, worker, sight: for tests and trials; the controller gets `devices` alone.
     """
 
@@ -121,10 +126,18 @@ class SimCell:
         chance = RandomStreams.of(seed)
         self._furnish(product, bench, settings, seed, goal, chance, clutter, robot, worker=worker)
         around = WorkerContext(self.stock, self._change, settings.shift, chance.stock, settings.people)
-        wanted, person = self._job.placements, settings.person
+        wanted, person, hands = self._job.placements, settings.person, Hands()
         self.worker = (
-            Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around) if worker else None
+            Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around, hands=hands)
+            if worker
+            else None
         )
+        self.other_hands: list[Worker] = []
+        for number, other in enumerate(person.other_hands if worker else (), 1):
+            moves, does = chance.other_hands.spawn(2)
+            one = Worker(self.world, product, bench, person, wanted, moves, does, None, number, hands)
+            one.away = not other.acts
+            self.other_hands.append(one)
         self.world.settle()
         self._resting = [resting_event(one) for one in resting_parts(self.world)]
         self.arm = SimArm(self.world, trailing_s=settings.hardware.trailing_s)
@@ -196,7 +209,7 @@ class SimCell:
 
     def _clock(self, arm: Actor, driven: DrivenArm, cameras: Mapping[str, SimCamera]) -> SimClock:
         """Simulated time, in which all that acts and samples goes on."""
-        nodes = [node for node in (self.signal_node, self.worker) if node is not None]
+        nodes = [node for node in (self.signal_node, self.worker) if node is not None] + self.other_hands
         samplers: list[Observer] = [driven, *([self.contacts] if self.contacts is not None else [])]
         actors: list[Actor] = [arm, self.gripper_node, self.stock, self._mishaps, Joining(self.world), *nodes]
         return SimClock(self.world, actors, [self.score, *cameras.values()], samplers)
@@ -241,13 +254,16 @@ class SimCell:
         self._finished.append(self.report())
         self._job = self._jobs.next()
         self.score.begin(self._job)
+        for one in self.other_hands:
+            one.begin(self._job.placements)
         return self._job.placements
 
     def truth(self) -> list[TruthEvent]:
         """What happened at the bench since the last call, in order."""
         resting, self._resting = self._resting, []
         acts, contacts = self.worker.news() if self.worker else [], self.contacts.news() if self.contacts else []
-        news = [*resting, *acts, *contacts]
+        others = [replace(act, kind="other hand") for one in self.other_hands for act in one.news()]
+        news = [*resting, *acts, *others, *contacts]
         return sorted(news, key=lambda event: event.time_s)
 
     def close(self) -> None:

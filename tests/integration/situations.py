@@ -29,6 +29,7 @@ from bracket_cell.configuration import (
 from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_ground.files.row_store import Row, RowStore
+from bracket_ground.interfaces.perception import Edge
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.assembly import opened
 from bracket_lab.evaluations.danger import DRIVEN_M_S
@@ -52,6 +53,7 @@ class Situation:
         goals: other ones than the product's, type of the part by position.
         ordered_s: when somebody orders the goal that comes after the person's.
         shift: the person works on through a shift, and answers.
+        people: edges over which further people come; one stands at each of them.
         bracket: it is about a bracket, that is to be right in the end.
     """
 
@@ -64,6 +66,7 @@ class Situation:
     ordered_s: float | None = None
     shift: bool = False
     bracket: bool = True
+    people: tuple[Edge, ...] = ()
 
 
 SITUATIONS: Mapping[str, Situation] = {
@@ -78,6 +81,8 @@ SITUATIONS: Mapping[str, Situation] = {
     "hands_over": Situation(tree=JOBS / "hand_over.xml", bracket=False),
     "order_changes": Situation(ordered_s=15.0),
     "begun_by_others": Situation("takes_over"),
+    "both_hands_act": Situation("both_hands"),
+    "two_people": Situation("two_people", people=("right",)),
     "exchanges_tray": Situation("exchanges_tray"),
     "from_tray": Situation("from_tray"),
     "parts_elsewhere": Situation("elsewhere"),
@@ -94,8 +99,6 @@ SITUATIONS: Mapping[str, Situation] = {
     "third_hand": Situation(tree=ROOT / "trees" / "third_hand.xml"),
 }
 CANNOT: Mapping[str, str] = {
-    "two_people": "the simulator has one person, and the tracker follows that person's hands alone",
-    "both_hands_act": "one stream of actions for both hands",
     "points_at_hole": "neither the person points, nor does a detector read it as an order",
 }
 
@@ -124,6 +127,11 @@ def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]
     """How a run ended, and its contacts: whether the arm moved, and the force [N]."""
     configuration = simulated(load_configuration(situation.cell), situation.look, situation.person)
     configuration = for_shift(configuration, 1) if situation.shift else configuration
+    if situation.people:
+        knows = {"people": 1 + len(situation.people), "open_edges": situation.people}
+        separation = configuration.motion.separation.model_copy(update=knows)
+        motion = configuration.motion.model_copy(update={"separation": separation})
+        configuration = configuration.model_copy(update={"motion": motion})
     longest = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": longest})
     product = _product(situation, load_product(configuration, situation.cell))

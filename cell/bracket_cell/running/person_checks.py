@@ -10,7 +10,6 @@ import numpy as np
 from bracket_cell.running.fault_checks import Check, Detection, Memory
 from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
 from bracket_cell.skills.motion.near_hand import separation_of
-from bracket_cell.skills.motion.person_space import HANDS
 from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
@@ -77,7 +76,10 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
     def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
         view, joints = seen.bench, seen.arm.known_rad(monitor.outline.joints)
         with suppress(Implausible):
-            if view is not None and KnownBench(monitor.persons.view_range, view, seen.time_s).count >= HANDS:
+            if (
+                view is not None
+                and KnownBench(monitor.persons.view_range, view, seen.time_s).count >= monitor.persons.hands
+            ):
                 return None
         if joints is not None and not monitor.out_of_view(np.array(joints)):
             return None

@@ -106,8 +106,18 @@ def thumb(length_m: float) -> tuple[Segment, ...]:
 
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:
-    """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
-    rest_m = hand_rest_m(bench, habits)
+    """Add the person's hands to a world that is not yet compiled; with all controls at 0 they rest."""
+    _add_one(spec, bench, person, habits)
+    for number, other in enumerate(habits.other_hands, 1):
+        further = mujoco.MjSpec()
+        further.compiler.degree = spec.compiler.degree
+        drawn = person.model_copy(update={"hand": "drawn"})
+        _add_one(further, bench, drawn, habits.model_copy(update={"rest_m": other.rest_m}), other.turned_rad)
+        spec.attach(further, prefix=f"hand{number} ", frame=spec.worldbody.add_frame())
+
+
+def _add_one(spec: mujoco.MjSpec, bench: Bench, person: Appearance, habits: Person, turned_rad: float = 0.0) -> None:
+    rest_m = hand_rest_m(bench, habits, turned_rad)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
         hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
@@ -196,27 +206,31 @@ def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
     motor.set_to_position(kp=100.0, dampratio=1.0)
 
 
-def hand_rest_m(bench: Bench, person: Person = CAREFUL) -> tuple[float, float, float]:
+def hand_rest_m(bench: Bench, person: Person = CAREFUL, turned_rad: float = 0.0) -> tuple[float, float, float]:
     """Where the hand frame's origin is when the palm rests."""
     x, y, z = bench.hand_rest_m if person.rest_m is None else person.rest_m
-    return x - PALM_BEHIND_TIPS_M, y, z
+    ahead_m = PALM_BEHIND_TIPS_M
+    return x - ahead_m * math.cos(turned_rad), y - ahead_m * math.sin(turned_rad), z
 
 
 class Hand:
-    """Commands and senses the hand of a compiled world."""
+    """Commands and senses a hand of a compiled world: the first, or one of the further ones by its number."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, number: int = 0) -> None:
         self._data = data
-        self._rest_m: Array = model.body("hand").pos.copy()
-        self._body = int(model.body("hand").id)
+        of = f"hand{number} " if number else ""
+        self._human = not number
+        self._rest_m: Array = model.body(of + "hand").pos.copy()
+        self._body = int(model.body(of + "hand").id)
         self._palm_m: Array = model.geom_pos[model.body_geomadr[self._body]].copy()  # its first shape is the palm
-        self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
-        self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
-        self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
+        self._joints = [int(model.joint(of + name).qposadr[0]) for name in GANTRY + DIGITS]
+        self._speeds = [int(model.joint(of + name).dofadr[0]) for name in GANTRY[:3]]
+        self._motors = [int(model.actuator(of + name).id) for name in GANTRY + DIGITS]
         names = {model.actuator(index).name for index in range(model.nu)}
-        self._tool = int(model.actuator("hand_tool").id) if "hand_tool" in names else None
-        self._wrist = [int(model.actuator(name).id) for name in (*WRIST_JOINTS, CURL_JOINT) if name in names]
-        self._wrist_values = [index for index, name in enumerate((*WRIST_JOINTS, CURL_JOINT)) if name in names]
+        self._tool = int(model.actuator(of + "hand_tool").id) if of + "hand_tool" in names else None
+        turns = [of + name for name in (*WRIST_JOINTS, CURL_JOINT)]
+        self._wrist = [int(model.actuator(name).id) for name in turns if name in names]
+        self._wrist_values = [index for index, name in enumerate(turns) if name in names]
 
     @property
     def position_m(self) -> Array:
@@ -250,6 +264,10 @@ class Hand:
         """How fast the hand frame's origin moves."""
         return float(np.linalg.norm(self._data.qvel[self._speeds]))
 
+    def turn(self, yaw_rad: float) -> None:
+        """Put it at rest with another heading, for building scenes."""
+        self._data.qpos[self._joints[3]] = self._data.ctrl[self._motors[3]] = yaw_rad
+
     def command(
         self,
         position_m: Array,
@@ -270,7 +288,7 @@ class Hand:
             tool: hold the tool, if the person has one.
             grasp: how a human hand looks when it grasps; the hand turns to it within some periods.
         """
-        if len(self._data.userdata) >= GRASPS_N:
+        if self._human and len(self._data.userdata) >= GRASPS_N:
             wanted = np.eye(GRASPS_N)[GRASPS.index(grasp)]
             weights = self._data.userdata[:GRASPS_N]
             weights += GRASP_SHARE * (wanted - weights) if weights.any() else wanted

@@ -217,6 +217,20 @@ class Leaving(Model):
     exchanges_tray: Share = 0.0
 
 
+class OtherHand(Model):
+    """A further hand at the bench: the person's left one, or of somebody beside them.
+
+    Attributes:
+        rest_m: where its palm rests.
+        turned_rad: how it is turned there: 0 over the person's edge, pi / 2 over the edge to the right of that.
+        acts: it fills holes and screws as the first hand does, at the same time; else it only lies there.
+    """
+
+    rest_m: Place
+    turned_rad: float = Field(default=0.0, ge=-math.pi, le=math.pi)
+    acts: bool = True
+
+
 class ShiftHabits(Model):
     """What the person does between brackets, and when the cell asks.
 
@@ -261,6 +275,7 @@ class Person(Model):
         handing: what the person does with what the robot holds out.
         leaving: how the person walks off, and exchanges the tray.
         rest_m: where the palm rests; null for where the bench file has it.
+        other_hands: further hands that belong to nobody else's file; `motion.separation.people` says how many people.
         shift: what the person does between brackets, and when the cell asks.
     """
 
@@ -277,6 +292,7 @@ class Person(Model):
     handing: HandOvers = HandOvers()
     leaving: Leaving = Leaving()
     rest_m: Place | None = None
+    other_hands: tuple[OtherHand, ...] = Field(default=(), max_length=5)
     shift: ShiftHabits = ShiftHabits()
 
     @property

@@ -7,8 +7,10 @@ in view and nothing hides it; a hole, where nothing hides it; parts, where they 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import dataclass
 from functools import cached_property
 
 import mujoco
@@ -35,8 +37,20 @@ NEAR_HOLE_M, HELD_M = 0.03, 0.05
 ABOVE_M = 0.004
 SHIFTS_PX = 64  # of the noise, along both axes, then of its negative: a live camera never sends the same image twice
 STANDS_M = 0.05  # a part that stands in the tray begins no higher above its floor
+SPEED_FRAMES = 4  # over which a hand's velocity is a mean
+AWAY_M = 4.0  # out of every view
 KEPT = 64  # frames that may still be asked about
 NOISE, MARK_LEVELS = 2.0, 128  # grey levels, of the noise and by which a part differs from the tray
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What a frame of the overhead camera shows."""
+
+    hand: HandSample | None
+    others: tuple[HandSample, ...]
+    holes: Mapping[str, HoleView]
+    spots: Mapping[str, HoleView]
 
 
 class GroundTruthPerception:
@@ -48,17 +62,22 @@ class GroundTruthPerception:
             is made.
 
     Attributes:
-        others: no other hands are seen.
+        others: hands beside the first one, in the frame that was asked about last.
         spoil: what becomes of each answer about the hand, for trials of a tracker that errs.
     """
 
     def __init__(self, world: World, *, hand: bool, still: Callable[[], Frame]) -> None:
         self._world = world
-        self._hand_body = int(world.model.body("hand").id) if hand else -1
+        names = [world.model.body(index).name for index in range(world.model.nbody)]
+        self._hands = {
+            index: deque[tuple[float, Array]](maxlen=SPEED_FRAMES)
+            for index, name in enumerate(names)
+            if hand and name.split()[-1] == "hand"
+        }
         self._make_still = still
         self._holes: dict[str, HoleView] = {}
         self._spots: dict[str, HoleView] = {}
-        self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView], Mapping[str, HoleView]]] = {}
+        self._seen: dict[tuple[str, int], _Seen] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
         self.others: tuple[HandSample, ...] = ()
         self.spoil: Callable[[HandSample | None], HandSample | None] = lambda hand: hand
@@ -79,7 +98,9 @@ class GroundTruthPerception:
         if exposure.camera == "wrist":
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:
-            seen = self._hand_seen(exposure), self._holes_seen(exposure), self._spots_seen(exposure)
+            hands = [self._hand_seen(exposure, body) for body in self._hands] or [None]
+            others = tuple(one for one in hands[1:] if one is not None)
+            seen = _Seen(hands[0], others, self._holes_seen(exposure), self._spots_seen(exposure))
             self._seen[exposure.camera, exposure.sequence] = seen
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
         image = self._image(exposure.sequence)
@@ -102,32 +123,32 @@ class GroundTruthPerception:
         """Nothing to let go of."""
 
     def track(self, frame: Frame) -> HandSample | None:
-        """The hand in a frame of the overhead camera."""
-        return self.spoil(self._seen[frame.camera, frame.sequence][0])
+        """The first hand in a frame of the overhead camera."""
+        seen = self._seen[frame.camera, frame.sequence]
+        self.others = seen.others
+        return self.spoil(seen.hand)
 
     def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
         """The holes in a frame."""
-        return self._seen[frame.camera, frame.sequence][1]
+        return self._seen[frame.camera, frame.sequence].holes
 
     def spots(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
         """The places in a frame that the camera sees."""
-        return self._seen[frame.camera, frame.sequence][2]
+        return self._seen[frame.camera, frame.sequence].spots
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """The parts in a frame of the wrist camera."""
         return self._parts.get(frame.sequence, ())
 
-    def _hand_seen(self, exposure: Exposure) -> HandSample | None:
-        if self._hand_body < 0:
-            return None
+    def _hand_seen(self, exposure: Exposure, body: int) -> HandSample | None:
         data, camera = self._world.data, self._world.bench.overhead.model
-        turned = data.xmat[self._hand_body].reshape(3, 3)
-        points = data.xpos[self._hand_body] + SKIN_M @ turned.T
+        points = data.xpos[body] + SKIN_M @ data.xmat[body].reshape(3, 3).T
         pixels = camera.project(exposure.world_from_camera, points)
         eye = np.array(exposure.world_from_camera.position_m)
         inside = np.all((pixels >= 0) & (pixels < (camera.width_px, camera.height_px)), axis=1)
         seen = [index for index in np.flatnonzero(inside) if self._visible(eye, points[index], "hand")]
         if len(seen) < LEAST_SEEN:
+            self._hands[body].clear()
             return None
         low = np.clip(pixels[seen].min(axis=0) - SKIN_PX, 0, None)
         high = np.minimum(pixels[seen].max(axis=0) + SKIN_PX, (camera.width_px, camera.height_px))
@@ -136,12 +157,16 @@ class GroundTruthPerception:
             0 if 0 in np.flatnonzero(inside) else seen[0]
         ].tolist()  # trackers infer tips that a held part hides
         palm = points[PALM if PALM in seen else seen[-1]].tolist()
+        self._hands[body].append((exposure.time_s, np.array(palm[:2])))
+        (first_s, first_m), (last_s, last_m) = self._hands[body][0], self._hands[body][-1]
+        x, y = (last_m - first_m) / (last_s - first_s) if last_s > first_s else (0.0, 0.0)
         return HandSample(
             time_s=exposure.time_s,
             box_px=(left, top, right, bottom),
             fingertips_m=(tips[0], tips[1]),
             palm_m=(palm[0], palm[1]),
             held_part=self._held(points[0]),
+            velocity_m_s=(float(x), float(y)) if last_s > first_s else None,
             height_m=palm[2],
             fingertips_height_m=tips[2],
         )
@@ -222,14 +247,26 @@ class GroundTruthPerception:
 
 
 def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> GroundTruthPerception:
-    """One that shows the bench as it is at the beginning in every frame; renders once, for the first."""
+    """One that shows the bench as it is at the beginning in every frame; renders once, for the first.
+
+    Hands beside the first one are not in it: they would be seen there still when they are somewhere else.
+    """
+    beside = [int(world.model.joint(name).qposadr[0]) for name in _joints(world) if name.endswith(" hand_x")]
+    world.data.qpos[beside] += AWAY_M
+    world.update_poses()
     exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
+    world.data.qpos[beside] -= AWAY_M
+    world.update_poses()
 
     def still() -> Frame:
         with closing(Photographer(world.model, sensors)) as photographer:
             return photographer.take(exposure)
 
     return GroundTruthPerception(world, hand=hand, still=still)
+
+
+def _joints(world: World) -> list[str]:
+    return [world.model.joint(index).name for index in range(world.model.njnt)]
 
 
 def _mark(image: NDArray[np.uint8], parts: tuple[PartDetection, ...]) -> None:

@@ -28,6 +28,7 @@ class BracketWork:
         wanted: type of the part by position; of several that are right, what stands there is wanted from then on.
         order: positions, as this person goes about them.
         product: says what comes before what.
+        free: whether no other hand is at work at a position, or fetches the same type for another one.
 
     Attributes:
         fastened: fastenings that are done.
@@ -42,7 +43,9 @@ class BracketWork:
         order: Sequence[str],
         rest: Callable[[], Script],
         product: Product,
+        free: Callable[[str], bool],
     ) -> None:
+        self._free = free
         self.placing, self.wanted, self.fastened = placing, wanted, list[str]()
         self._product, self._goal = product, product.goal_of(wanted)
         self._sight, self._order, self._rest = sight, order, rest
@@ -51,7 +54,7 @@ class BracketWork:
         """The next in the person's order that can be filled; one that a help request names comes first."""
         done, product = self._done(), self._product
         its_turn = [position for position in self._order if not product.missing_before(position, done, self.wanted)]
-        can_be_filled = [position for position in its_turn if self.placing.possible(position)]
+        can_be_filled = [position for position in its_turn if self._free(position) and self.placing.possible(position)]
         whole = [position for position in can_be_filled if self.wanted[position] in product.wholes]
         words = (request or "").translate(PUNCTUATION).split()
         asked = [name for name in can_be_filled if name in words or self.wanted[name] in words]
@@ -92,7 +95,7 @@ class BracketWork:
 
     def misplaced(self) -> Iterator[str]:
         """Positions in which the person notices what the robot placed and what does not belong there."""
-        return (name for name in self._order if self.placing.noticed(name))
+        return (name for name in self._order if self._free(name) and self.placing.noticed(name))
 
     def take_away(self, position: str) -> Script:
         """Take out what does not belong there."""

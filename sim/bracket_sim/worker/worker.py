@@ -30,6 +30,7 @@ from bracket_sim.worker.bench_chores import (
 from bracket_sim.worker.bracket_work import PUNCTUATION, BracketWork, Screwing, Waiting
 from bracket_sim.worker.event_log import ActionEvent, EventLog
 from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
+from bracket_sim.worker.hands import Hands
 from bracket_sim.worker.intrusion import Intrusion, Sequel
 from bracket_sim.worker.placing import Placing, positions_in_order
 from bracket_sim.worker.stock import Stock
@@ -73,6 +74,8 @@ class Worker:
         rng: for motions and order.
         chance: for what not every person does; apart, so that it does not change the rest.
         around: what happens around the bracket; None for a person who does nothing but assemble one.
+        number: of the hand; 0 is the first one.
+        hands: what all hands are about.
     """
 
     def __init__(
@@ -85,12 +88,19 @@ class Worker:
         rng: np.random.Generator,
         chance: np.random.Generator | None = None,
         around: WorkerContext | None = None,
+        number: int = 0,
+        hands: Hands | None = None,
     ) -> None:
+        self._number, self._hands = number, hands or Hands()
+        other = person.other_hands[number - 1] if number else None
+        self._turned_rad = 0.0 if other is None else other.turned_rad
+        person = person if other is None else person.model_copy(update={"rest_m": other.rest_m})
         self._person, self._rng, self._product = person, rng, product
         self._tool_says: list[OperatorOrder] = []
         self._chance = chance or np.random.default_rng(0)
         self._sight = Sight(world, product, bench)
-        self.hand = Hand(world.model, world.data)
+        self.hand = Hand(world.model, world.data, number)
+        self.hand.turn(self._turned_rad)
         self._events = EventLog()
         self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance)
         self._events.note("person", pace=self._work.pace)
@@ -100,7 +110,7 @@ class Worker:
         self._answered: str | None = None
         self._message = self._wished = ""  # what the panel says, and what of it was answered by hand
         self._set_habits(person)
-        self._begin(wanted)
+        self.begin(wanted)
         self._around = around
         self._replies = None if around is None else OperatorAnswers(person.shift, around.rng)
         self._errands = None if around is None else self._bench_chores(around)
@@ -206,7 +216,9 @@ class Worker:
             self._job.agree()
             for misplaced in self._job.misplaced():
                 self.done = False
+                self._hands.takes(self._number, misplaced, "")
                 yield from self._job.take_away(misplaced)
+                self._hands.leaves(self._number)
             self._answered = self._request
             if (fastening := self._job.due()) is not None:
                 yield from self._fasten(fastening)
@@ -223,12 +235,15 @@ class Worker:
                 yield
                 continue
             self.done = False
+            self._hands.takes(self._number, position, self._job.wanted[position])
             placed = yield from self._job.placing.fill(position)
             yield from self._turn_away()
             if placed and self._screwing.wanted():
                 yield from self._screwing.screw(position)
                 yield from self._go_to_rest()
+                self._hands.leaves(self._number)
                 yield from self._waiting.begins()
+            self._hands.leaves(self._number)
 
     @property
     def _wants_hand(self) -> str | None:
@@ -285,14 +300,19 @@ class Worker:
         yield from self._go_to_rest()
         yield from self._waiting.begins()
 
-    def _begin(self, wanted: Mapping[str, str]) -> None:
+    def begin(self, wanted: Mapping[str, str]) -> None:
         """From now on, this is to be built."""
         wanted = dict(wanted)
         order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
         placing = Placing(
             self._work, self._sight, self._person, wanted, self._chance, self._events, self._waiting.polite
         )
-        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest, self._product)
+        holes_m = self._sight.holes_m
+
+        def free(position: str) -> bool:
+            return self._hands.free(self._number, position, wanted[position], holes_m)
+
+        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest, self._product, free)
         self._idle_since_s = self._events.time_s
 
     @property
@@ -306,7 +326,7 @@ class Worker:
         if self._around.people:
             self._bracket += 1
             self._become(self._around.people[self._bracket % len(self._around.people)])
-        self._begin(self._around.change())
+        self.begin(self._around.change())
 
     def _become(self, person: Person) -> None:
         """Somebody else takes over the bench; where the parts are kept stays as it is."""
@@ -317,7 +337,7 @@ class Worker:
 
     def _set_habits(self, person: Person) -> None:
         """What this person does in their own way."""
-        self._rest_m = np.array(hand_rest_m(self._bench, person))
+        self._rest_m = np.array(hand_rest_m(self._bench, person, self._turned_rad))
         self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._events, lambda: self._asked)
         self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._events)
         self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._events.note)
@@ -382,7 +402,7 @@ class Worker:
     def _go_to_rest(self) -> Script:
         if float(np.linalg.norm(self._work.position_m - self._rest_m)) > AT_REST_M:
             self._events.begin("transit")
-            yield from self._work.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
+            yield from self._work.reach(self._rest_m, self._turned_rad, RELAXED_GAP_M, arch_m=ARCH_M)
         self._events.begin("idle")
 
     def _pause(self) -> Script:

@@ -57,6 +57,7 @@ class SceneLimits:
         thick_share: share of a square of that size that has changed.
         robot_px: [small px] around the robot's outline that may be of it.
         hand_px: [small px] around a hand's box that may be of it.
+        aside: how much more a forearm points to a side than to the person's edge, from which on it comes from there.
         most_off: [grey levels] by which a pixel counts at most.
         turned: share of what is off, below which the image is turned over.
         most_robot: share of the image that the robot may take.
@@ -91,6 +92,7 @@ class SceneLimits:
     thick_share: float = 0.6
     robot_px: int = 6
     hand_px: int = 4
+    aside: float = 2.0
     most_off: float = 40.0
     turned: float = 0.6
     most_robot: float = 0.4
@@ -220,7 +222,7 @@ class SceneConsistency:
         if since_s < SCENE.compare_every_s:
             return
         self._compared_s, shape = now_s, self._frames.shape
-        hidden = near_robot(robot_outline(frame, self._view, shape)) | _towards(self._edge, hands, shape)
+        hidden = near_robot(robot_outline(frame, self._view, shape)) | self._arms(hands, shape)
         if now_s >= self._looked_s + SCENE.look_every_s:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
@@ -234,6 +236,17 @@ class SceneConsistency:
         self._wrong = wrong or self._wrong
         told = self._wrong if self._wrong_s >= SCENE.lasts_s else ""
         self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
+
+    def _arms(self, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Hands in a small image with their arms, from the person's edge or the one that a forearm points at."""
+        mask = np.zeros(shape, bool)
+        for hand in hands:
+            ends_m = [(*at, hand.height_m or 0.0) for at in (hand.fingertips_m, hand.palm_m)]
+            tips_px, palm_px = self._view.pixels(np.array(ends_m))
+            column, row = palm_px - tips_px
+            aside, own = (abs(float(column)), abs(float(row)))[:: 1 if self._edge in ("top", "bottom") else -1]
+            mask |= _towards(_edge_at(column, row) if aside > SCENE.aside * own else self._edge, hand, shape)
+        return mask
 
     def _by_depth(self, frame: Frame, hidden: NDArray[np.bool_]) -> str:
         """What stands over the bench that colours do not show, in words; a robot that nobody tells of would count."""
@@ -331,7 +344,11 @@ def person_edge(bench: Bench) -> Edge:
     start, end = View(bench.overhead.model, bench.overhead.mount.pose).pixels(
         np.array([middle, middle + np.array([0.1, 0.0, 0.0])])
     )
-    column, row = end - start
+    return _edge_at(*(end - start))
+
+
+def _edge_at(column: float, row: float) -> Edge:
+    """The edge of an image that a direction in it points at."""
     if abs(column) > abs(row):
         return "right" if column > 0 else "left"
     return "bottom" if row > 0 else "top"
@@ -382,21 +399,19 @@ def near_robot(robot: Mask) -> NDArray[np.bool_]:
     return cv2.dilate(robot, np.ones((2 * SCENE.robot_px + 1,) * 2, np.uint8)) > 0
 
 
-def _towards(edge: Edge, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Hands in a small image, and all between them and an edge: arms come from there, askew by up to 45 degrees."""
+def _towards(edge: Edge, hand: HandSample, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """A hand in a small image, and all between it and an edge: arms come from there, askew by up to 45 degrees."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
-    mask = np.zeros(shape, bool)
-    for hand in hands:
-        left, top, right, bottom = (value / GRID for value in hand.box_px)
-        ahead, aside, start, low, high = {
-            "bottom": (rows, columns, top, left, right),
-            "top": (-rows, columns, -bottom, left, right),
-            "right": (columns, rows, left, top, bottom),
-            "left": (-columns, rows, -right, top, bottom),
-        }[edge]
-        beyond = ahead - start + SCENE.hand_px
-        mask |= (beyond >= 0) & (aside >= low - SCENE.hand_px - beyond) & (aside <= high + SCENE.hand_px + beyond)
-    return mask
+    left, top, right, bottom = (value / GRID for value in hand.box_px)
+    ahead, aside, start, low, high = {
+        "bottom": (rows, columns, top, left, right),
+        "top": (-rows, columns, -bottom, left, right),
+        "right": (columns, rows, left, top, bottom),
+        "left": (-columns, rows, -right, top, bottom),
+    }[edge]
+    beyond = ahead - start + SCENE.hand_px
+    mask: NDArray[np.bool_] = beyond >= 0
+    return mask & (aside >= low - SCENE.hand_px - beyond) & (aside <= high + SCENE.hand_px + beyond)
 
 
 def _greatest(image: NDArray[Any]) -> NDArray[np.float32]:

@@ -37,7 +37,7 @@ class PersonLimits:
 PERSON = PersonLimits()
 
 
-HANDS = 2  # of the person; those that are not seen may come over the person's edge
+HANDS = 2  # of a person; those that are not seen may come over the person's edge
 TINY_M = 1e-9
 FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
@@ -104,11 +104,12 @@ class PersonSpace:
     Attributes:
         view_range: what a tracker can tell of hands.
         beyond: all places beyond an edge of the view that a hand can be at.
+        hands: of all people at the bench.
         edge: the edge behind which the person stands: x points towards the person.
     """
 
     def __init__(self, bench: Bench, settings: SeparationSettings) -> None:
-        self._settings, self.view_range = settings, ViewRange(bench)
+        self._settings, self.view_range, self.hands = settings, ViewRange(bench), HANDS * settings.people
         self._camera, self._world_from_camera = bench.overhead.model, bench.overhead.mount.pose
         self._eye = np.array(bench.overhead.mount.position_m)
         self.beyond = {edge: self._outside(edge) for edge in EDGES}
@@ -122,7 +123,7 @@ class PersonSpace:
         seen may be there, whatever else is seen. And over an edge that the bench leaves open somebody else may come.
         """
         persons = [self._seen(hand, known.age_of_s(hand)) for hand in known.hands]
-        edges = {*known.left_by, *self._settings.open_edges, *[self.edge] * (known.count < HANDS)}
+        edges = {*known.left_by, *self._settings.open_edges, *[self.edge] * (known.count < self.hands)}
         left = {*known.left_by} - {self.edge}
         return persons + [self.behind(edge, known.age_s, left=edge in left) for edge in EDGES if edge in edges]
 

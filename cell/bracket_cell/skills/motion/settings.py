@@ -42,6 +42,7 @@ class SeparationSettings(Model):
             card counts a hand that shows less as one that need not be found. It is 0 for a hand that is seen.
         open_edges: of the overhead image, over which more people may come at any time, as nothing stands there; the
             person's own always counts.
+        people: at the bench, each with two hands: as long as fewer are seen, others may come over the person's edge.
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
     """
 
@@ -68,6 +69,7 @@ class SeparationSettings(Model):
     intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
     open_edges: tuple[Edge, ...] = ()
+    people: int = Field(default=1, ge=1, le=4)
 
     def reacting(self, tick_s: float, trailing_s: float) -> SeparationSettings:
         """The same with the reaction that a control loop and an arm have, where none was chosen.

@@ -50,7 +50,7 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
     kinds: dict[str, set[type]] = {name: set() for name in COLUMNS}
     for row in rows:
         for name, value in row.items():
-            kinds.setdefault(name, set()).add(kind if (kind := type(value)) in PLAIN else str)
+            kinds.setdefault(name, set()).add(kind if (kind := type(value)) in PLAIN else object)
     types = {name: COLUMNS.get(name) or _type(found - {type(None)}) for name, found in kinds.items()}
     schema = arrow.schema([(name, getattr(arrow, ARROW[kind])()) for name, kind in types.items()])
     try:
@@ -58,11 +58,19 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
         with whole_or_none(path) as partial, parquet.ParquetWriter(partial, schema) as writer:
             remaining = iter(rows)
             while batch := list(islice(remaining, BATCH)):
-                columns = [[as_type(row.get(name), kind) for row in batch] for name, kind in types.items()]
+                columns = [_column(batch, name, kind, kinds[name]) for name, kind in types.items()]
                 arrays = [arrow.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
                 writer.write_table(arrow.table(arrays, schema=schema))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _column(batch: list[Row], name: str, kind: type, found: set[type]) -> list[Any]:
+    """What a column holds of some rows; values that all have its type are only looked at where they may be empty."""
+    values = [row.get(name) for row in batch]
+    if not found <= {kind, type(None)}:
+        return [as_type(value, kind) for value in values]
+    return [value or None for value in values] if kind is str else values
 
 
 def read_table(path: Path, columns: list[str] | None = None) -> list[dict[str, Any]]:

@@ -16,6 +16,8 @@ from bracket_cell.commands.main import main
 from bracket_cell.fleet.index import FAILURES, ask, refresh, summaries, summary_lines
 from bracket_cell.fleet.night import clip
 from bracket_cell.fleet.run_row import run_row
+from bracket_cell.fleet.table import read_table, write_table
+from bracket_cell.log.read.mcap_file import metadata_of, read_mcap
 from bracket_cell.log.read.reader import Log
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
@@ -223,3 +225,13 @@ def test_many_logs_are_one_table(tmp_path: Path) -> None:
     before = (tmp_path / "rows" / "all.parquet").stat().st_mtime_ns
     refresh(tmp_path)
     assert (tmp_path / "rows" / "all.parquet").stat().st_mtime_ns == before
+
+
+def test_a_text_column_holds_texts_lists_and_nothing_where_it_is_empty(tmp_path: Path) -> None:
+    rows: list[dict[str, object]] = [{"reason": "stuck"}, {"reason": ["a", 1]}, {"reason": ""}, {"seed": 3}]
+    write_table(rows, tmp_path / "t.parquet")
+    assert [row["reason"] for row in read_table(tmp_path / "t.parquet")] == ["stuck", '["a", 1]', None, None]
+
+
+def test_the_index_and_the_whole_file_hold_the_same_metadata(commission_log: Log) -> None:
+    assert metadata_of(commission_log.path) == read_mcap(commission_log.path).metadata

@@ -52,28 +52,25 @@ def metadata_of(path: Path) -> dict[str, dict[str, str]]:
             for index in _group(stream, Opcode.METADATA_INDEX):
                 at, size = PLACE.unpack_from(index)
                 [body] = _bodies(_read(stream, at, size), Opcode.METADATA)
-                name, rest = _text(body, 0)
-                found[name] = _texts(body, rest)
+                [name], rest = _texts(body, 0, 1)
+                (held,) = LENGTH.unpack_from(body, rest)
+                texts, _ = _texts(body[: rest + LENGTH.size + held], rest + LENGTH.size)
+                found[name] = dict(zip(texts[::2], texts[1::2], strict=True))
     except NO_INDEX:
         return {}
     return found
 
 
-def _texts(body: bytes, at: int) -> dict[str, str]:
-    (size,) = LENGTH.unpack_from(body, at)
-    at, end, values = at + LENGTH.size, at + LENGTH.size + size, {}
-    while at < end:
-        name, at = _text(body, at)
-        values[name], at = _text(body, at)
-    return values
-
-
-def _text(body: bytes, at: int) -> tuple[str, int]:
-    (size,) = LENGTH.unpack_from(body, at)
-    end = at + LENGTH.size + size
-    if end > len(body):
-        raise ValueError("a text runs over the end of its record")
-    return body[at + LENGTH.size : end].decode(), end
+def _texts(body: bytes, at: int, count: int | None = None) -> tuple[list[str], int]:
+    """So many texts from a place on, or all to the end, and where they end; in one loop, as there may be millions."""
+    texts, end, unpack = list[str](), len(body), LENGTH.unpack_from
+    while at < end and len(texts) != count:
+        (size,) = unpack(body, at)
+        at += LENGTH.size + size
+        if at > end:
+            raise ValueError("a text runs over the end of its record")
+        texts.append(body[at - size : at].decode())
+    return texts, at
 
 
 def _group(stream: BinaryIO, opcode: int) -> Iterator[bytes]:

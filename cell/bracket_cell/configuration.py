@@ -32,7 +32,7 @@ from bracket_cell.skills.drivers.settings import (
     UrSettings,
     UrSignalSettings,
 )
-from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.guard import GuardSettings
 from bracket_cell.trees.node_library import USUAL_FOLDER
 from bracket_ground.errors import InputError, Problem, SettingError
@@ -103,9 +103,13 @@ class Configuration(Model):
 
     @property
     def timing_s(self) -> tuple[float, float]:
-        """Period of the control loop, and by how much the arm's joints trail their set points (0: not said)."""
+        """Period of the control loop, and by how much the arm's joints trail their set points (0: not said).
+
+        What was measured of their reaction counts where it is more.
+        """
         arm = self.devices.arm
-        return 1.0 / self.controller.tick_hz, arm.lag_s if isinstance(arm, UrSettings) else 0.0
+        lag_s, measured_s = arm.lag_s if isinstance(arm, UrSettings) else 0.0, self.motion.stopping.reacts_s
+        return 1.0 / self.controller.tick_hz, max(lag_s, max(measured_s, default=0.0) - SeparationSettings.arm_cycle_s)
 
     @model_validator(mode="after")
     def _poses_are_in_range(self) -> Configuration:
@@ -335,7 +339,8 @@ def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:
     """Where a cell's table of faults or its separation does less than the shipped one."""
     separation = configuration.motion.separation
     less = separation.weaker(separation.least_reaction_s(*configuration.timing_s))
-    return weaker(table, shipped_table()) + less
+    motion, robot = configuration.motion, configuration.robot
+    return weaker(table, shipped_table()) + less + motion.stopping.weaker(robot.acceleration_rad_s2, robot.joints)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,16 @@ from bracket_cell.commands.options import (
     writable,
 )
 from bracket_cell.commands.terminal import console, print_json, table, wait_for_enter
-from bracket_cell.configuration import CALIBRATION, Configuration, load_configuration, load_product, located, simulated
+from bracket_cell.configuration import (
+    CALIBRATION,
+    Configuration,
+    load_configuration,
+    load_faults,
+    load_product,
+    located,
+    simulated,
+    weaknesses,
+)
 from bracket_cell.learned.calibration.board import CharucoBoard
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.runs.calibrating import Calibrated, stamped_delays_s
@@ -30,6 +40,7 @@ from bracket_cell.runs.calibrating import calibrate as calibration_of
 from bracket_cell.runs.commissioning import DRY_SHARE, Teaching, dry_run, goal_of, way_to
 from bracket_cell.runs.options import LOOK_HELP, SHARE_HELP
 from bracket_cell.runs.slow_motion import move_to, opened
+from bracket_cell.runs.stopping import measured
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
@@ -117,7 +128,7 @@ def _write(found: Calibration, path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-GRIPPER, ROBOT, ACTIVATION_S = "gripper", "robot", 20.0
+GRIPPER, ROBOT, STOP, ACTIVATION_S = "gripper", "robot", "stop", 20.0
 JOB = "job"
 
 setup_app = typer.Typer(no_args_is_help=True, help="Make a real cell ready: teach, calibrate, try.")
@@ -127,16 +138,24 @@ setup_app.command()(calibrate)
 @setup_app.command()
 def teach(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="park, look, bracket, tray, gripper, robot, or a part type: its bin.")
+        str,
+        typer.Argument(
+            metavar="NAME", help="park, look, bracket, tray, gripper, robot, stop, or a part type: its bin."
+        ),
     ],
     config: ConfigOption = CONFIGURATION,
 ) -> int:
-    """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are."""
+    """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are.
+
+    With stop, the arm turns each joint and measures how it stops; status 1 if that is worse than reckoned with.
+    """
     configuration, product = _read(config)
     if name == GRIPPER:
         return _teach_gripper(configuration, product, config)
     if name == ROBOT:
         return _teach_robot(configuration, config)
+    if name == STOP:
+        return _teach_stop(configuration, product, config)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     teaching = Teaching(name, configuration.bench, product, motion)
     with located(config, configuration), joints_by_hand(configuration, product) as joints_now:
@@ -225,6 +244,25 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
     write_values(config, ends)
     console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
     return 0
+
+
+def _teach_stop(configuration: Configuration, product: Product, config: Path) -> int:
+    """Measure how each joint stops, and keep that where separation reads it."""
+    say = partial(console().print, highlight=False)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    with located(config, configuration), opened(configuration, product) as devices:
+        wait_for_enter("each joint turns by up to 0.5 rad about where the arm stands, as fast as it may: keep away")
+        found = measured(devices, motion, say)
+    told = found.model_dump(mode="json")
+    has_motion = "motion" in (yaml.safe_load(config.read_text(encoding="utf-8")) or {})
+    values: dict[Location, object] = {("motion", "stopping"): told} if has_motion else {("motion",): {"stopping": told}}
+    write_values(config, values)
+    taught = load_configuration(config)
+    worse = weaknesses(taught, load_faults(taught))
+    for line in worse:
+        say(f"worse than reckoned with: {line}")
+    say(f"{config}: motion.stopping; separation reckons with a reaction of {taught.motion.separation.reaction_s:.3f} s")
+    return 1 if worse else 0
 
 
 def _teach_robot(configuration: Configuration, config: Path) -> int:

@@ -43,7 +43,7 @@ class Teaching:
     def __init__(self, name: str, bench: Bench, product: Product, motion: MotionPlanner) -> None:
         legal = (*POSES, "bracket", "tray", *bench.bins_m)
         if name not in legal:
-            raise InputError(f"cannot teach {name!r}; legal: {', '.join((*legal, 'gripper', 'robot'))}")
+            raise InputError(f"cannot teach {name!r}; legal: {', '.join((*legal, 'gripper', 'robot', 'stop'))}")
         self._name, self._bench, self._product, self._motion = name, bench, product, motion
 
     @cached_property

@@ -14,12 +14,14 @@ import pytest
 import yaml
 
 from bracket_cell.commands.main import main
-from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.configuration import load_configuration, load_faults, load_product, weaknesses
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.runs.commissioning import Teaching, fitted
 from bracket_cell.runs.slow_motion import move_to
+from bracket_cell.runs.stopping import measured
 from bracket_cell.skills.motion.planner import MotionPlanner
-from bracket_cell.wiring.devices import find_drivers
+from bracket_cell.skills.motion.settings import Stopping
+from bracket_cell.wiring.devices import find_drivers, opened_alone
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import ManualClock
 from bracket_ground.interfaces.command import JointTrajectory
@@ -293,3 +295,54 @@ def test_a_dry_run_goes_above_parts_and_holes(
     for hole in PRODUCT.bracket.holes_m:
         assert f"above hole {hole}" in said
     assert "above part o" in said
+
+
+def test_how_a_simulated_arm_stops_is_measured_and_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pressed(monkeypatch)
+    path = changed_configuration(tmp_path, "", "")
+    assert main(["setup", "teach", "stop", "--config", str(path)]) == 0, capsys.readouterr().err
+    taught = load_configuration(path)
+    found, separation = taught.motion.stopping, taught.motion.separation
+    speeds = np.array(found.over_rad) / np.array(found.stops_s)
+    assert len(found.reacts_s) == 6
+    assert (np.array(found.stops_s) > np.array(found.reacts_s)).all()
+    assert (speeds > 0.1).all()
+    assert separation.reaction_s == pytest.approx(
+        max(CONFIGURATION.motion.separation.reaction_s, 0.04 + max(found.reacts_s))
+    )
+    assert "wrist_3: reacts in" in capsys.readouterr().err
+
+
+def test_how_the_arm_behind_wires_stops_is_measured(twin: TwinCell, real: Path) -> None:
+    configuration = load_configuration(real)
+    with opened_alone(configuration, PRODUCT, "arm") as (arm, clock):
+        devices: Any = SimpleNamespace(arm=arm, clock=clock)
+        planner = MotionPlanner(PRODUCT, configuration.bench, configuration.motion)
+        found = measured(devices, planner, print)
+    assert twin.lost_s >= 0
+    assert len(found.brakes_rad_s2) == 6
+    assert 0 < max(found.reacts_s) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [({"brakes_rad_s2": (1.0,) + (9.0,) * 5}, "shoulder_pan brakes with 1 rad/s2"), ({"stops_s": (0.3,)}, "6 numbers")],
+)
+def test_an_arm_that_stops_worse_than_reckoned_with_is_weaker(changed: dict[str, Any], told: str) -> None:
+    good = Stopping(reacts_s=(0.02,) * 6, stops_s=(0.3,) * 6, over_rad=(0.2,) * 6, brakes_rad_s2=(9.0,) * 6)
+    robot = CONFIGURATION.robot
+    assert good.weaker(robot.acceleration_rad_s2, robot.joints) == []
+    assert told in good.model_copy(update=changed).weaker(robot.acceleration_rad_s2, robot.joints)[0]
+
+
+def test_a_slower_reaction_than_that_of_separation_is_refused(tmp_path: Path) -> None:
+    late = {"reacts_s": [0.2] * 6, "stops_s": [0.5] * 6, "over_rad": [0.3] * 6, "brakes_rad_s2": [9.0] * 6}
+    path = changed_configuration(tmp_path, "", "")
+    put = {"stopping": late, "separation": {"reaction_s": 0.1}}
+    text = yaml.safe_load(path.read_text())
+    text["motion"] = {**text.get("motion", {}), **put}
+    path.write_text(yaml.safe_dump(text))
+    configuration = load_configuration(path)
+    assert "reaction_s 0.1 is less than 0.24" in weaknesses(configuration, load_faults(configuration))[0]

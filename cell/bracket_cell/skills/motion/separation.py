@@ -23,7 +23,7 @@ from bracket_cell.skills.motion.collision import CollisionChecker, placed
 from bracket_cell.skills.motion.contact import ContactMap, clamp_m_s
 from bracket_cell.skills.motion.person_space import Person, PersonSpace
 from bracket_cell.skills.motion.retreat import retreat_share
-from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
+from bracket_cell.skills.motion.settings import LEAST_BRAKING, MotionSettings, SeparationSettings
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
@@ -51,7 +51,7 @@ class SeparationLimits:
     marks: int = 18
     play_s: float = 0.01
     shares: int = 24
-    least_braking: float = 0.5
+    least_braking: float = LEAST_BRAKING
     speed_frames: int = 3
     tool_length_m: float = 0.28
     beside_m: float = 0.03

@@ -12,6 +12,9 @@ from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.perception import Edge
 from bracket_ground.interfaces.robot import RobotModel, default_robot
 
+Measured = Annotated[float, Field(ge=0, le=10)]
+Braking = Annotated[float, Field(gt=0, le=1000)]
+LEAST_BRAKING = 0.5  # share of the joints' acceleration with which they brake at least
 Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
 
 
@@ -99,6 +102,42 @@ class SeparationSettings(Model):
         ]
 
 
+class Stopping(Model):
+    """How this arm stops, as `cell setup teach stop` measured it: a number for each joint, from the order to hold on.
+
+    Attributes:
+        reacts_s: until the joint begins to brake.
+        stops_s: until it stands.
+        over_rad: how far it goes until then.
+        brakes_rad_s2: how it slows down in between.
+    """
+
+    reacts_s: tuple[Measured, ...] = ()
+    stops_s: tuple[Measured, ...] = ()
+    over_rad: tuple[Measured, ...] = ()
+    brakes_rad_s2: tuple[Braking, ...] = ()
+
+    def weaker(self, accelerations_rad_s2: tuple[float, ...], joints: tuple[str, ...]) -> list[str]:
+        """What of it is worse than separation reckons with, or is not known of each joint.
+
+        Args:
+            accelerations_rad_s2: of the robot file, for each joint.
+        """
+        values = self.model_dump().items()
+        if not any(numbers for _, numbers in values):
+            return []
+        short = [name for name, numbers in values if len(numbers) != len(joints)]
+        if short:
+            return [f"motion.stopping.{name} has not {len(joints)} numbers, one a joint: teach it" for name in short]
+        rows = zip(joints, self.brakes_rad_s2, accelerations_rad_s2, strict=True)
+        return [
+            f"motion.stopping: {joint} brakes with {brakes:g} rad/s2, less than {LEAST_BRAKING:g} of the robot file's "
+            f"acceleration_rad_s2 {limit:g}: lower it there"
+            for joint, brakes, limit in rows
+            if not brakes >= LEAST_BRAKING * limit
+        ]
+
+
 class MotionSettings(Model):
     """How the arm and the gripper move; what the arm can do at most, its robot file says.
 
@@ -121,6 +160,7 @@ class MotionSettings(Model):
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
         speed_share: of its speed, that the arm never exceeds; `cell run --share` for one run.
         separation: how far the arm keeps from the person, and how slow it is for that.
+        stopping: how the arm stops, as measured: a slower reaction than reckoned counts.
     """
 
     moved: ClassVar[Mapping[str, str]] = {
@@ -164,6 +204,7 @@ class MotionSettings(Model):
     arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
     speed_share: float = Field(default=1.0, ge=0.02, le=1)
     separation: SeparationSettings = SeparationSettings()
+    stopping: Stopping = Stopping()
     _robot: RobotModel = PrivateAttr(default_factory=default_robot)
     _tick_s: float = PrivateAttr(default=LEAST_TICK_S)
     _configured_share: float | None = PrivateAttr(default=None)

@@ -26,7 +26,7 @@ from bracket_cell.configuration import (
     load_product,
     simulated,
 )
-from bracket_cell.watching.observer import Observer, TickRecord
+from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_ground.files.row_store import Row, RowStore
 from bracket_ground.interfaces.perception import Edge
@@ -123,6 +123,13 @@ def _product(situation: Situation, product: Product) -> Product:
     return Product(**{**said, "goals": {goal: parts.split() for goal, parts in situation.goals}})
 
 
+def uninterrupted(outcome: Outcome) -> Outcome:
+    """How a run ended; one that a signal ended is no run, and ends the table."""
+    if outcome.end == "interrupted":
+        raise SystemExit("interrupted: this run is not kept")
+    return outcome
+
+
 def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]]:
     """How a run ended, and its contacts: whether the arm moved, and the force [N]."""
     configuration = simulated(load_configuration(situation.cell), situation.look, situation.person)
@@ -143,7 +150,7 @@ def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]
             goals = sorted(product.goals)
             other = goals[(goals.index(found.cell.score.goal) + 1) % len(goals)]
             found.cell.devices = Bench(found.cell.devices, other, situation.ordered_s).devices
-        outcome = found.run([last], injection)
+        outcome = uninterrupted(found.run([last], injection))
         assert found.cell.contacts is not None
         contacts = [(one.first_m_s > DRIVEN_M_S, one.force_n) for one in found.cell.contacts.all()]
         told = found.cell.score.report()

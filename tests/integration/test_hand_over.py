@@ -20,6 +20,7 @@ from bracket_ground.files.row_store import RowStore
 from bracket_lab.evaluations.assembly import assembly
 from bracket_sim.cell import SimCell
 from tests import ROOT
+from tests.integration.situations import uninterrupted
 
 JOBS = ROOT / "trees" / "jobs"
 PERSONS = ("hand_over_early", "hand_over_late", "hand_over_never")
@@ -74,7 +75,7 @@ def handed(person: str, seed: int, tree: Path = JOBS / "hand_over.xml") -> Count
             show(display)  # type: ignore[arg-type]
 
         worker.show = shown  # type: ignore[method-assign]
-        outcome = opened.run([], None)
+        outcome = uninterrupted(opened.run([], None))
         counted["dropped"] = len(dropped.names)
         counted[outcome.end] += 1
     return counted

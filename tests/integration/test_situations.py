@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product, simulated
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
+from bracket_cell.watching.observer import Outcome
 from bracket_ground.files.row_store import RowStore
-from tests.integration.situations import CANNOT, SITUATIONS, row, seen
+from tests.integration.situations import CANNOT, SITUATIONS, row, seen, uninterrupted
 
 
 @pytest.mark.parametrize("name", SITUATIONS)
@@ -31,6 +33,13 @@ def test_what_is_kept_is_not_run_again_and_the_worst_contact_is_told(tmp_path: P
     for seed, end, contacts in ((1, "held", [[True, 31.0]]), (2, "right", [[False, 99.0], [True, 12.0]])):
         kept.add({"situation": "undoes", "seed": seed, "end": end, "contacts": contacts})
     assert row("undoes", [1, 2], kept) == "| undoes | 1 | 0 | 1 | 0 | 0 | 3 | 2 | 31 | 99 |"
+
+
+def test_a_run_that_a_signal_ended_is_not_kept() -> None:
+    ended = Outcome("interrupted", "SIGTERM", 1, 0, 2.2, 1.0)
+    with pytest.raises(SystemExit, match="not kept"):
+        uninterrupted(ended)
+    assert uninterrupted(replace(ended, end="timeout")).end == "timeout"
 
 
 @pytest.mark.slow

@@ -92,6 +92,8 @@ def _robots(files: list[Path], config: Path | None, as_json: bool) -> int | None
 
     robots = [file for file in files if is_robot(file)]
     if not robots:
+        if settings := [str(file) for file in files if file.suffix in {".yaml", ".yml"} and file.is_file()]:
+            raise InputError(f"{', '.join(settings)}: no robot; `cell doctor --config FILE` checks a cell")
         return None
     if others := [str(file) for file in files if file not in robots]:
         raise InputError(f"{', '.join(others)}: no robot; check trees and robots one after the other")

@@ -86,3 +86,10 @@ def test_shapes_that_touch_at_rest_are_named(folder: Path, capsys: pytest.Captur
 def test_trees_and_robots_are_not_checked_at_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(FOLDER / "ur10.yaml"), "tree.xml"]) == 2
     assert "tree.xml: no robot" in said(capsys)
+
+
+def test_a_cell_is_sent_to_the_doctor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(DEFAULT_CONFIGURATION)]) == 2
+    told = said(capsys)
+    assert "cell.yaml: no robot; `cell doctor --config FILE` checks a cell" in told
+    assert "XML" not in told

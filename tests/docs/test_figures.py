@@ -17,7 +17,7 @@ from tests import ROOT
 from tests.cell.commands.test_surface import command
 from tests.docs.figures import PAGES, RESULTS, columns, falls_short, page, shown
 
-SHOWN_RELEASES = 6  # whose figures stand in the pages: the one in the making and those of the last days before it
+SHOWN_RELEASES = 2  # whose figures stand in the pages: the one in the making and the last
 PLACE = {"interval": (0.4, 0.6), "n": 9, "command": "cell", "commit": "a", "release": "1"}
 NAMES = sorted(path.stem for path in FIGURES.glob("*.json"))
 

@@ -78,7 +78,13 @@ class Figure(Model):
         bar = self.least if self.least is not None else self.most
         met = None if bar is None else value >= bar if self.least is not None else value <= bar
         beside = {"bar": bar, "met": met, "trivial": self.trivial, "paper": self.paper, "n": count}
-        return {"claim": self.claim, "figure": value, "interval": None if low is None else [low, high], **beside}
+        ends = None if low is None else [_short(low), _short(high)]
+        return {"claim": self.claim, "figure": _short(value), "interval": ends, **beside}
+
+
+def _short(value: float) -> float:
+    """Four digits: more than any of these intervals can tell apart."""
+    return float(f"{value:.4g}")
 
 
 class Measured(Model):

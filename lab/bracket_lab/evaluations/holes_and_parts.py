@@ -34,7 +34,7 @@ from bracket_lab.drawing.sight import sometimes_steel
 from bracket_lab.drawing.trays import CAMERA, TrayCamera
 from bracket_lab.learned.holes.evaluate import HoleFindings, Plate, evaluate_holes, load_plates
 from bracket_lab.learned.parts.data import Scene
-from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts
+from bracket_lab.learned.parts.evaluate import Findings, evaluate_parts, intervals, together
 from bracket_lab.learned.scores import share
 from bracket_lab.wiring.drawn_frames import tray_scenes
 from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
@@ -121,20 +121,21 @@ class Task:
 
 
 def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, float]:
-    """Scores on one tray for each seed, by name.
+    """Scores on one tray for each seed, by name, with their intervals.
 
     Args:
         mixed: some parts lie or are stacked, and some objects are unknown.
     """
-    findings = Findings()
+    each = []
     for scene in tray_scenes(task.configuration, task.product, seeds, mixed=mixed, steel_share=task.steel_share):
         bench = _bench(task, int(scene.log.removeprefix("seed")), scene)
         detector: PartDetector = task.detectors(bench, "parts").make("parts")
         told = replace(
             scene, believed=scene.world_from_camera if task.cameras == "true" else bench.wrist.told(scene.believed)
         )
-        evaluate_parts([told], detector, task.product, findings)
-    return findings.scores(task.product)
+        each.append(Findings())
+        evaluate_parts([told], detector, task.product, each[-1])
+    return together(each).scores(task.product) | intervals(each, task.product)
 
 
 def score_holes(task: Task, seeds: Sequence[int], stills: int) -> dict[str, float]:

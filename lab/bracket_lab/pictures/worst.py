@@ -19,10 +19,10 @@ from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.detections import RED, WHITE, Canvas
 from bracket_lab.learned.parts.data import Scene
-from bracket_lab.learned.parts.evaluate import Findings, judge
+from bracket_lab.learned.parts.evaluate import Findings, intervals, judge
 
 SAME, RIGHT = 0.5, (90, 220, 90)  # intersection over union of one thing; colour of a right answer
-SHOWN, DRAWS, INTERVAL = 24, 500, (2.5, 97.5)  # pictures on the page; of the bootstrap, and its percentiles
+SHOWN = 24  # pictures on the page
 STYLE = "body{font:15px sans-serif;margin:2em;max-width:1400px} img{max-width:49%} td,th{padding:0 1em;text-align:left}"
 
 
@@ -68,26 +68,11 @@ def judged(scene: Scene, answers: Sequence[PartDetection]) -> Judged:
 
 
 def interval(scenes: Sequence[Scene], answers: Sequence[Sequence[PartDetection]], product: Product) -> dict[str, float]:
-    """95 % of the mAP at half overlap, by pictures that are drawn again with replacement (Efron 1979)."""
-    each, rng, drawn = [], np.random.default_rng(0), []
-    for scene, some in zip(scenes, answers, strict=True):
-        each.append(Findings())
-        judge(scene, some, product, each[-1])
-    for _ in range(DRAWS):
-        scores = _together([each[index] for index in rng.integers(len(each), size=len(each))]).scores(product)
-        drawn += [scores["map_50"]] if "map_50" in scores else []
-    low, high = np.percentile(drawn, INTERVAL) if drawn else (0.0, 1.0)
-    return {"map_50_low": float(low), "map_50_high": float(high)}
-
-
-def _together(some: Sequence[Findings]) -> Findings:
-    found = Findings()
-    for one in some:
-        for key, answers in one.found.items():
-            found.found.setdefault(key, []).extend(answers)
-        for name, count in one.things.items():
-            found.things[name] = found.things.get(name, 0) + count
-    return found
+    """95 % of the scores, by pictures."""
+    each = [Findings() for _ in scenes]
+    for scene, some, findings in zip(scenes, answers, each, strict=True):
+        judge(scene, some, product, findings)
+    return intervals(each, product)
 
 
 def write_page(

@@ -20,6 +20,8 @@ IOU = tuple(0.5 + 0.05 * step for step in range(10))
 NEAREST_M = 0.02  # a standing part is compared with the nearest found one of its type up to here
 LEAST_SHOWN = 0.15  # of its box; less of a thing may be missed or found
 CAMERA = "wrist"
+SHARES = ("map_50", "posture", "position_mm_p95")  # of which an interval is given
+DRAWS, INTERVAL = 500, (2.5, 97.5)  # of the bootstrap, and its percentiles
 
 
 @dataclass
@@ -71,6 +73,37 @@ class Findings:
             if values:
                 told[f"{name}_p50"], told[f"{name}_p95"] = (float(np.percentile(values, p)) * unit for p in (50, 95))
         return told
+
+
+def together(some: Sequence[Findings]) -> Findings:
+    """The findings of several scenes as if they were one."""
+    found = Findings()
+    for scene in some:
+        for key, answers in scene.found.items():
+            found.found.setdefault(key, []).extend(answers)
+        for name, count in scene.things.items():
+            found.things[name] = found.things.get(name, 0) + count
+        found.postures = [sum(pair) for pair in zip(found.postures, scene.postures, strict=True)]
+        found.position_m += scene.position_m
+        found.yaw_rad += scene.yaw_rad
+        found.standing, found.missed = found.standing + scene.standing, found.missed + scene.missed
+        found.extra += scene.extra
+        found.seconds += scene.seconds
+    return found
+
+
+def intervals(each: Sequence[Findings], product: Product) -> dict[str, float]:
+    """95 % of the scores in SHARES as NAME_low and NAME_high, by scenes drawn again with replacement (Efron 1979)."""
+    rng = np.random.default_rng(0)
+    draws = [
+        together([each[index] for index in rng.integers(len(each), size=len(each))]).scores(product)
+        for _ in range(DRAWS)
+    ]
+    told: dict[str, float] = {}
+    for name in SHARES:
+        if drawn := [scores[name] for scores in draws if name in scores]:
+            told[f"{name}_low"], told[f"{name}_high"] = (float(end) for end in np.percentile(drawn, INTERVAL))
+    return told
 
 
 def evaluate_parts(scenes: Sequence[Scene], detector: PartDetector, product: Product, findings: Findings) -> None:

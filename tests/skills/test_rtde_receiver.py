@@ -31,8 +31,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[RtdeServer]:
     serving.close()
 
 
-def sound(number: int) -> bytes:
-    values = (0.008 * number, *(0.0,) * 18, 7, 1, 2, 1.0, 1.0, *(0.0,) * 6)
+def sound(number: int, safety: int = 1) -> bytes:
+    values = (0.008 * number, *(0.0,) * 18, 7, safety, 2, 1.0, 1.0, *(0.0,) * 6)
     return package("U", b"\1" + struct.pack(">19diiI8d", *values))
 
 
@@ -61,6 +61,28 @@ def test_a_damaged_package_is_a_new_connection_and_samples_go_on(server: RtdeSer
     finally:
         receiver.close()
     assert not receiver._thread.is_alive()
+
+
+@pytest.mark.parametrize(
+    ("number", "mode", "reason"),
+    [
+        (1, "normal", ""),
+        (2, "reduced", ""),
+        (5, "safeguard_stop", "the controller is in safeguard stop"),
+        (6, "emergency_stop", "the controller is in system emergency stop"),
+        (7, "emergency_stop", "the controller is in robot emergency stop"),
+        (13, "safeguard_stop", "the controller is in system three position enabling stop"),
+        (14, "safeguard_stop", "the controller is in tp three position enabling stop"),
+        (21, "fault", "the controller is in an unknown safety mode, 21"),
+        (-1, "fault", "the controller is in an unknown safety mode, -1"),
+    ],
+)
+def test_a_safety_mode_is_told_by_its_makers_name(server: RtdeServer, number: int, mode: str, reason: str) -> None:
+    samples = UrSamples("127.0.0.1", 2.0, np.eye(3))
+    server.say(sound(0, number))
+    told = samples.receive()
+    samples.close()
+    assert (told.mode, told.reason) == (mode, reason)
 
 
 def wait_for(true: Callable[[], bool], limit_s: float = 5.0) -> bool:

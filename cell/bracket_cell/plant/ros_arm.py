@@ -23,6 +23,7 @@ from bracket_cell.skills.drivers.samples import Sample
 from bracket_cell.skills.drivers.settings import Ros2ArmSettings
 from bracket_cell.skills.drivers.stream import Link
 from bracket_cell.skills.drivers.streaming import StreamingArm
+from bracket_cell.skills.drivers.ur_safety import safety_of
 from bracket_ground.errors import CellError, DeviceFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
@@ -40,10 +41,6 @@ PERIOD_S, POINT_S = 0.008, 0.016  # of set points; between a goal's points
 PIECE_S, EACH_S, REST_S = 0.25, 0.1, 0.1  # see `PieceLink`; that a goal's last point lasts
 CLOCKED_N = 200  # samples from which the controller's time is told
 LEAST_SCALING = 0.05
-MODES: dict[int, ArmMode] = {
-    1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
-    6: "emergency_stop", 7: "emergency_stop", 8: "violation", 9: "fault", 12: "safeguard_stop",
-}  # fmt: skip
 PROTECTIVE, RUNNING, IDLE, POWER_OFF = 3, 7, 5, 3
 POWER = {3: "it has no power", 4: "it has power and no brakes released", 5: "its brakes are on", 2: "it is booting"}
 SUCCESSFUL = 0
@@ -150,12 +147,10 @@ class Ros2Samples:
 
 
 def _mode(state: UrState) -> tuple[ArmMode, str]:
-    mode = MODES.get(state.safety or 0, "fault")
-    if mode not in ("normal", "reduced"):
-        return mode, f"the controller is in {mode.replace('_', ' ')}"
-    if state.robot != RUNNING:
+    told = safety_of(state.safety)
+    if not told.reason and state.robot != RUNNING:
         return "not_controlled", POWER.get(state.robot or 0, f"its robot mode is {state.robot}")
-    return mode, ""
+    return told.mode, told.reason
 
 
 class Ros2Link:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import get_args
 
 from bracket_cell.production.book import Book
 from bracket_cell.production.bookkeeper import Bookkeeper
 from bracket_cell.production.effectiveness import Period
+from bracket_ground.interfaces.observation import ArmMode
 
 STATES = ("running", "held", "paused", "over")
 HELP = {
@@ -20,6 +22,7 @@ HELP = {
     "cell_clock_seconds": "time of the run's newest tick; it stands still where the run hangs",
     "cell_speed_ratio": "share of the arm's speed that is allowed now",
     "cell_alarm": "1 for the sign that has held the cell first, while it is held",
+    "cell_arm_safety": "1 for the safety mode that the arm's controller is in",
     "cell_axis_position": "of each joint of the arm, in radians, of a linear axis in metres",
     "cell_order_done": "brackets finished of a work order that is open",
     "cell_order_amount": "brackets wanted of a work order that is open",
@@ -95,6 +98,8 @@ def _now(keeper: Bookkeeper | None) -> Iterator[Sample]:
     yield "cell_speed_ratio", {}, round(seen.share, 3)
     if keeper.alarm:
         yield "cell_alarm", {"signal": keeper.alarm}, 1.0
+    for mode in get_args(ArmMode):
+        yield "cell_arm_safety", {"mode": mode}, float(mode == seen.arm.mode)
     for axis, position in enumerate(seen.arm.positions_rad, start=1):
         yield "cell_axis_position", {"axis": str(axis)}, position
     for order in seen.operator.jobs:

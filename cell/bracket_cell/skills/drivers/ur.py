@@ -15,8 +15,8 @@ from bracket_cell.skills.drivers.stream import Link
 from bracket_cell.skills.drivers.streaming import StreamingArm
 from bracket_cell.skills.drivers.ur_dashboard import bring_back, stop_program
 from bracket_cell.skills.drivers.ur_examined import refuse_another, world_from_base
+from bracket_cell.skills.drivers.ur_safety import safety_of
 from bracket_ground.interfaces.clock import Clock
-from bracket_ground.interfaces.observation import ArmMode
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import RobotModel
@@ -29,10 +29,6 @@ OUTPUTS = (
     *("speed_scaling", "target_speed_fraction", "actual_TCP_force"),
 )
 ANSWER_S = 2.0
-MODES: dict[int, ArmMode] = {
-    1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop",
-    6: "emergency_stop", 7: "emergency_stop", 8: "violation", 9: "fault",
-}  # fmt: skip
 RUNNING, PLAYING = 7, 2  # robot mode, runtime state
 POWER = {3: "it has no power", 4: "it has power and no brakes released", 5: "its brakes are on", 2: "it is booting"}
 IN_USE = "in use"
@@ -61,10 +57,9 @@ class UrSamples(RtdeConnection):
         joints = np.array(values[1:19]).reshape(3, 6)
         robot, safety, runtime = map(int, values[19:22])
         scaling, fraction = (min(max(value, 0.0), 1.0) for value in values[22:24])
-        mode, reason = MODES.get(safety, "fault"), ""
-        if mode not in ("normal", "reduced"):
-            reason = f"the controller is in {mode.replace('_', ' ')}"
-        elif robot != RUNNING:
+        told = safety_of(safety)
+        mode, reason = told.mode, told.reason
+        if not reason and robot != RUNNING:
             mode, reason = "not_controlled", POWER.get(robot, f"its robot mode is {robot}")
         force_n = self._turn @ np.array(values[24:27])
         at, speed, moment = joints

@@ -129,6 +129,7 @@ class PageState:
             "robot": {
                 "now": data_of("standing still" if held and not moving else self._display.message),
                 "moving": moving,
+                "safety": [seen.arm.mode, seen.arm.reason],
                 "holding": seen.gripper.holding,
                 "next": self.instructor.next,
                 "doubt": data_of(self.instructor.doubt),

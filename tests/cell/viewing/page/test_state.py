@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from bracket_cell.production.book import Book, RunRow
 from bracket_cell.production.bookkeeper import Bookkeeper
+from bracket_cell.production.samples import Samples
 from bracket_cell.running.observers import Announcer
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -47,3 +48,19 @@ def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_th
         assert len(told["alarms"]) <= 1, "the sentence says that it waits"
         shown.append(told["asks"])
     assert shown == [False, True, True, False, True, False, False]
+
+
+def test_the_safety_mode_of_the_arm_is_on_the_page_and_among_the_numbers() -> None:
+    tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
+    book = Book()
+    keeper = Bookkeeper(book, RunRow(""))
+    state = PageState(MODEL, {}, tree, keeper)
+    arm = replace(STANDING, mode="safeguard_stop", reason="the controller is in tp three position enabling stop")
+    seen = Observation(0, 0.0, arm, EMPTY_GRIPPER)
+    record = TickRecord(seen, "RUNNING", (), (), Command(), SentCommand(), 0.001, False, None, HELD, 0.0, False)
+    state.take(record)
+    keeper.tick(record)
+    assert state.now(record)["robot"]["safety"] == [arm.mode, arm.reason]
+    told = {labels["mode"]: value for name, labels, value in Samples(book, keeper)() if name == "cell_arm_safety"}
+    assert (told["safeguard_stop"], sum(told.values())) == (1.0, 1.0)
+    assert {"normal", "reduced", "emergency_stop"} < set(told)

@@ -551,6 +551,8 @@ function showLines(state) {
   const lines = [...state.lines].reverse().map(([time, level, words]) =>
     make("li", { class: level }, make("time", {}, `${time.toFixed(1)} s`), t(words)));
   $("lines").replaceChildren(...lines);
+  const [mode, why] = state.robot.safety;
+  $("safety").textContent = [mode.replaceAll("_", " "), why].filter(Boolean).join(": ");
 }
 
 function showRest(state) {

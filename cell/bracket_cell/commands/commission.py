@@ -211,8 +211,10 @@ def bench(
     for problem in view.problems:
         console().print(problem, highlight=False)
     console().print(f"{out}: {'; '.join(view.told)}", highlight=False)
+    if advice := view.rest_advice:
+        console().print(advice, highlight=False)
     if as_json:
-        print_json({"file": str(out), "problems": view.problems})
+        print_json({"file": str(out), "problems": view.problems, "advice": advice})
     return 1 if view.problems else 0
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.runs.calibrating import DOWN
+from bracket_cell.runs.hand_rest import rest_advice
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.resting import with_resting_poses
 from bracket_ground.interfaces.bench import Bench, CameraSetup
@@ -78,13 +79,27 @@ class BenchView:
         }
 
     def _time_s(self, place_m: Array) -> float:
+        joints_rad = self._joints_rad(place_m)
+        return float("inf") if joints_rad is None else self._motion.travel_s(joints_rad - self._look)
+
+    @property
+    def rest_advice(self) -> str:
+        """Where the person's hand would better rest; empty where it is out of the way."""
+        pose, middle = self._bench.bracket.pose, self._joints_rad(np.array(self._bench.tray.centre_m))
+        holes = (pose.transform(np.array([*at, 0.0])) for at in self._product.bracket.holes_m.values())
+        ends = [self._joints_rad(hole) for hole in holes]
+        ways = [np.array([middle, end]) for end in ends if middle is not None and end is not None]
+        return rest_advice(self._motion, self._bench, ways)
+
+    def _joints_rad(self, place_m: Array) -> Array | None:
+        """Joints (n,) with the fingers over a place; None out of reach."""
         x, y, z = (float(value) for value in place_m)
         if self._motion.kinematics.too_far(place_m):
-            return float("inf")
+            return None
         turns = [quarter * np.pi / 2 for quarter in range(QUARTERS)]
         poses = [Pose.from_yaw((x, y, z + GRASP_M), turn) @ DOWN for turn in turns]
         found = self._motion.reach(poses, self._look, Load(self._motion.open_m))
-        return float("inf") if isinstance(found, str) else self._motion.travel_s(found[1] - self._look)
+        return None if isinstance(found, str) else found[1]
 
     def _judge(self) -> None:
         bench = self._bench

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.person_space import Person
 from bracket_cell.skills.motion.separation import SeparationMonitor, arrival_s
 from bracket_ground.interfaces.pose import Array, Pose
 
@@ -42,20 +43,23 @@ class BesidePerson:
         found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
         return [way for _, way in sorted(found, key=lambda one: one[0])[:TRIED]]
 
-    def takes_s(self, way_rad: Array) -> tuple[float, float]:
+    def takes_s(self, way_rad: Array, person: Person | None = None) -> tuple[float, float]:
         """How long the arm needs for a way (k, joints) at the speeds that hands allow which may come at any time.
 
         And how long at its own speed; both without the time in which it gathers speed.
+
+        Args:
+            person: whom the arm is slow for, as quick as its measured speed; None for the one behind the edge.
         """
-        monitor, settings = self._separation, self._separation.settings
+        monitor, settings, person = self._separation, self._separation.settings, person or self._person
         gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way_rad, axis=0)).max(axis=1))])
         marks = np.linspace(0.0, gone[-1], max(2, math.ceil(gone[-1] / MARK_RAD) + 1))
         rows = np.column_stack([np.interp(marks, gone, column) for column in way_rad.T])
         placed = monitor.outline.placed(rows)
-        rooms_m = monitor.outline.rooms(placed, self._person.body, holding=False).distances_m
+        rooms_m = monitor.outline.rooms(placed, person.body, holding=False).distances_m
         rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - settings.hand_error_m - monitor.arm_error_m
-        speeds_m_s = np.full(rooms_m.shape, self._person.hand_speed_m_s)
-        spare_s = arrival_s(rooms_m, speeds_m_s, settings) - self._person.age_s - settings.reaction_s
+        speeds_m_s = np.full(rooms_m.shape, person.most_m_s())
+        spare_s = arrival_s(rooms_m, speeds_m_s, settings) - person.age_s - settings.reaction_s
         may_m_s = settings.slow_m_s + BRAKES_M_S2 * spare_s.clip(0.0)
         steps_m = np.linalg.norm(np.diff(monitor.outline.corners_m(placed), axis=0), axis=3).max(axis=2)
         hurried_s = (np.abs(np.diff(rows, axis=0)) / self._speeds_rad_s).max(axis=1)

@@ -81,7 +81,7 @@ class MotionPlanner:
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(self._checker, bench, self.settings)
         self._scenes: list[tuple[tuple[Load, float, Box | None], Scene]] = []  # those that were asked for last
-        self._beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
+        self.beside = BesidePerson(self.separation, self.kinematics, self.settings.speed_limits_rad_s)
 
     @property
     def open_m(self) -> float:
@@ -133,7 +133,7 @@ class MotionPlanner:
         """
         self.forget_left(start_rad)
         scene = self.scene(load)
-        for way in () if self._low_over_hole(start_rad) else self._beside.soonest(start_rad, goal_rad):
+        for way in () if self._low_over_hole(start_rad) else self.beside.soonest(start_rad, goal_rad):
             if scene.is_free(way):
                 return self._through(scene, way)
         return self._around(scene, start_rad, goal_rad, load)
@@ -206,7 +206,7 @@ class MotionPlanner:
             return None
         if not leaving.is_free(np.array([start_rad, up_rad])):
             return None
-        for over in self._beside.soonest(up_rad, over_rad):
+        for over in self.beside.soonest(up_rad, over_rad):
             rest = np.concatenate([over, [goal_rad]]) if drop_m else over
             if scene.is_free(rest):
                 return self._through(scene, np.concatenate([[start_rad], rest]))

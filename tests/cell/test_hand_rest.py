@@ -1,0 +1,29 @@
+"""Advice on where the person's hand rests: told where it is in the arm's way, and nowhere else."""
+
+from __future__ import annotations
+
+import re
+
+from bracket_cell.runs.bench_view import BenchView
+from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_ground.files.units import Point
+from tests.integration.cell_rig import BENCH, PRODUCT, motion_planner
+
+
+def advice(rest_m: Point) -> str:
+    bench = BENCH.model_copy(update={"hand_rest_m": rest_m})
+    return BenchView(bench, PRODUCT, MotionPlanner(PRODUCT, bench, motion_planner().settings)).rest_advice
+
+
+def test_a_hand_in_the_arms_way_is_told_where_it_would_better_rest() -> None:
+    told = advice((0.95, 0.24, 0.1))
+    found = re.fullmatch(r"a hand that rests at \[(.+)\] spares (\d\.\d) s of each part: bench.hand_rest_m", told)
+    assert found, told
+    x, _, z = (float(value) for value in found[1].split(", "))
+    assert x > 0.95, "farther back, towards the person"
+    assert z == 0.1
+    assert float(found[2]) >= 0.5, "it lay over the way from the tray to the bracket"
+
+
+def test_a_hand_far_from_the_arms_ways_is_told_nothing() -> None:
+    assert not advice((1.12, 0.9, 0.1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bracket_cell.trees.nodes.people import AssemblyFinished
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.trees.nodes.watching import SeenAction
@@ -20,7 +22,7 @@ AT_REST, OVER_A_HOLE = hand_at(1.1, 0.45), hand_at(0.72, 0.2)
 def ending(at: Services, state: AssemblyState = FULL) -> AssemblyFinished:
     node = AssemblyFinished("finished")
     node.setup(services=at)
-    for port, value in (("state", state), ("away_m", 0.2), ("away_s", 8.0)):
+    for port, value in (("state", state), ("away_m", 0.2), ("beside_m", 0.1), ("away_s", 8.0)):
         getattr(node, port).entry.value = value
     return node
 
@@ -49,6 +51,19 @@ def test_a_hand_that_stays_away_from_the_bracket_has_left_whatever_it_is_said_to
         assert ticked(node, 1.0, TRANSIT, OVER_A_HOLE) is Status.FAILURE
         answers = [ticked(node, time_s, TRANSIT, hand) for time_s in (2.0, 9.0, 10.0)]
         assert answers == [Status.FAILURE, Status.FAILURE, Status.SUCCESS]
+
+
+def test_a_hand_that_lies_still_beside_the_bracket_has_left_and_one_that_works_there_has_not() -> None:
+    """Who leans in rests a hand near the holes: a bracket that was right waited for it until the time was up."""
+    beside = replace(OVER_A_HOLE, palm_m=(OVER_A_HOLE.palm_m[0], 0.36), fingertips_m=(OVER_A_HOLE.palm_m[0], 0.33))
+    for hand, speed_m_s, end in (
+        (beside, 0.01, Status.SUCCESS),
+        (beside, 0.2, Status.FAILURE),
+        (beside, None, Status.FAILURE),
+        (OVER_A_HOLE, 0.01, Status.FAILURE),
+    ):
+        node, seen = ending(services()), replace(hand, velocity_m_s=None if speed_m_s is None else (speed_m_s, 0.0))
+        assert [ticked(node, time_s, TRANSIT, seen) for time_s in (1.0, 8.0, 9.5)][-1] is end
 
 
 def test_a_hand_over_the_bracket_or_nobody_knows_where_is_waited_for_and_the_person_is_told() -> None:

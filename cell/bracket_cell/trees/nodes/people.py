@@ -24,6 +24,7 @@ from btxml.engine.traits import Traits
 
 MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
+RESTS_M_S = 0.05  # chosen: above what a tracker makes of a hand that lies still
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
 
@@ -204,9 +205,9 @@ def distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
 class AssemblyFinished(CellNode):
     """Every position is filled and seen to be filled, and the hand has left (condition of Alg. 1's while).
 
-    A hand that is said to be at work has left, too, once it was away from every hole for a while: an action detector
-    may err as long as the hand rests. A hole that nobody could make visible counts as the graph has it. Where only
-    this is waited for, the person is told what.
+    A hand that is said to be at work has left, too, once it was away from every hole, or lay still beside them, for a
+    while: an action detector may err as long as the hand rests. A hole that nobody could make visible counts as the
+    graph has it. Where only this is waited for, the person is told what.
     """
 
     traits = Traits(shown_as=ShownAs.FINISHED)
@@ -215,6 +216,7 @@ class AssemblyFinished(CellNode):
     away_m = InputPort(
         float, "how far from every hole a hand has left that is said to be at work", default=0.2, least=0
     )
+    beside_m = InputPort(float, "how far from every hole a hand has left that lies still", default=0.1, least=0)
     away_s = InputPort(float, "how long it must be so far away", default=8.0, least=0)
     persistent = ("_full_since_s", "_away_since_s")
 
@@ -280,4 +282,6 @@ class AssemblyFinished(CellNode):
             return True
         holes = [hole_on_bench_m(self.services, position) for position in self.tools.product.positions]
         points = (view.hand.palm_m, view.hand.fingertips_m)
-        return self.compare(float(np.min([math.dist(at, hole) for at in points for hole in holes])), ">=", self.away_m)
+        rests = view.hand.velocity_m_s is not None and math.hypot(*view.hand.velocity_m_s) <= RESTS_M_S
+        nearest_m = float(np.min([math.dist(at, hole) for at in points for hole in holes]))
+        return self.compare(nearest_m, ">=", self.beside_m if rests else self.away_m)

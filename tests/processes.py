@@ -49,7 +49,7 @@ def finished(
 def children() -> dict[int, str]:
     """Command lines of this process's children that still run, by process id (Linux); a new one may have none yet."""
     ids = [int(word) for task in Path("/proc/self/task").iterdir() for word in _read(task / "children").split()]
-    return {one: " ".join(_read(Path(f"/proc/{one}/cmdline")).split("\0")) for one in ids if runs(one)}
+    return {id_: " ".join(_read(Path(f"/proc/{id_}/cmdline")).split("\0")) for id_ in ids if runs(id_)}
 
 
 def runs(process: int) -> bool:

@@ -18,11 +18,11 @@ def compared_arrays(text: str) -> Iterator[str]:
     for node in ast.walk(ast.parse(text)):
         if not isinstance(node, ast.ClassDef):
             continue
-        made = [ast.unparse(one) for one in node.decorator_list]
+        made = [ast.unparse(expr) for expr in node.decorator_list]
         compares = any(one.startswith("dataclass") and "eq=False" not in one for one in made)
         fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
-        told = [one for one in fields if one.value is None or "compare=False" not in ast.unparse(one.value)]
-        names = {name.id for one in told for name in ast.walk(one.annotation) if isinstance(name, ast.Name)}
+        told = [field for field in fields if field.value is None or "compare=False" not in ast.unparse(field.value)]
+        names = {name.id for assign in told for name in ast.walk(assign.annotation) if isinstance(name, ast.Name)}
         if compares and names & ARRAYS and "Option" not in names:
             yield node.name
 

@@ -89,4 +89,4 @@ def test_a_run_and_its_replay_take_ten_lines(tmp_path: Path) -> None:
     assert list(replay(tmp_path / "run.mcap")) == []
     other = tmp_path / "longer.xml"
     other.write_text(tree.read_text().replace("200", "300"))
-    assert [(one.was, one.now) for one in replay(tmp_path / "run.mcap", tree=other)]
+    assert [(difference.was, difference.now) for difference in replay(tmp_path / "run.mcap", tree=other)]

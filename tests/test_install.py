@@ -78,7 +78,7 @@ def test_all_distributions_have_the_version_of_the_cell_and_ask_for_it() -> None
     assert len(set(versions.values())) == 1, versions
     own = {member["project"]["name"] for member in MEMBERS.values()}
     asked = [Requirement(line) for member in MEMBERS.values() for line in member["project"]["dependencies"]]
-    found = {str(one.specifier) for one in asked if one.name in own}
+    found = {str(requirement.specifier) for requirement in asked if requirement.name in own}
     assert found == {f"=={versions['cell']}"}
 
 

@@ -82,7 +82,7 @@ def missing_packages() -> tuple[list[str], list[str]]:
 
 def damaged_packages() -> dict[str, str]:
     """Installed packages of which a file is missing or has another size than was recorded, with the first such file."""
-    return {one.name: told for one in metadata.distributions() if (told := _damage(one))}
+    return {distribution.name: told for distribution in metadata.distributions() if (told := _damage(distribution))}
 
 
 def _damage(package: metadata.Distribution) -> str:

@@ -270,7 +270,7 @@ class PlantSettings(Model):
     def beside(self, folder: Path) -> PlantSettings:
         """With files relative to a folder."""
         files = {"mqtt": self.mqtt, "opcua": self.opcua}
-        return self.model_copy(update={name: one and one.beside(folder) for name, one in files.items()})
+        return self.model_copy(update={name: file and file.beside(folder) for name, file in files.items()})
 
 
 class LogSettings(Model):

@@ -96,7 +96,11 @@ class Mocks:
     def _element(self, element: Element, wanted: str) -> Element:
         place = Place(self.file)
         own = {key: Attribute(value, place, place, value) for key, value in self.configured[wanted].items()}
-        kept = {key: one for key, one in element.attributes.items() if key in ("name", "ID") or key.startswith("_")}
+        kept = {
+            key: attribute
+            for key, attribute in element.attributes.items()
+            if key in ("name", "ID") or key.startswith("_")
+        }
         return replace(element, attributes={**kept, **own})
 
 
@@ -114,7 +118,7 @@ def read_mocks(file: Path, registry: Registry) -> Mocks:
     except (OSError, ValueError) as error:
         raise TreeFileError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     sections = ("TestNodeConfigs", "SubstitutionRules")
-    parts: list[Any] = [told.get(one, {}) for one in sections] if isinstance(told, dict) else [None]
+    parts: list[Any] = [told.get(section, {}) for section in sections] if isinstance(told, dict) else [None]
     if not all(isinstance(part, dict) for part in parts) or set(told) - {*sections}:
         raise TreeFileError(f"{file}: holds an object with {' and '.join(sections)}, which are objects, too")
     problems: list[str] = []

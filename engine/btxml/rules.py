@@ -155,7 +155,7 @@ class Expression:
         if isinstance(node, ast.BinOp) and type(node.op) in _CALCULATE:
             left, right, calculate = self._of(node.left), self._of(node.right), _CALCULATE[type(node.op)]
             return lambda moment: _calculated(calculate, left(moment), right(moment))
-        if isinstance(node, ast.Compare) and all(type(one) in _COMPARE for one in node.ops):
+        if isinstance(node, ast.Compare) and all(type(cmpop) in _COMPARE for cmpop in node.ops):
             return self._comparison(node)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
             return self._call(node, node.func.id)
@@ -171,7 +171,7 @@ class Expression:
 
     def _comparison(self, node: ast.Compare) -> Formula:
         terms = [self._of(part) for part in (node.left, *node.comparators)]
-        signs = [_COMPARE[type(one)] for one in node.ops]
+        signs = [_COMPARE[type(cmpop)] for cmpop in node.ops]
 
         def compare(moment: Moment) -> Truth:
             values = [term(moment) for term in terms]

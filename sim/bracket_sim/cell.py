@@ -139,7 +139,7 @@ class SimCell:
             one.away = not other.acts
             self.other_hands.append(one)
         self.world.settle()
-        self._resting = [resting_event(one) for one in resting_parts(self.world)]
+        self._resting = [resting_event(resting_part) for resting_part in resting_parts(self.world)]
         self.arm = SimArm(self.world, trailing_s=settings.hardware.trailing_s)
         sensed = _sensed(self.arm, settings, chance.arm)
         driven: DrivenArm = self.arm if arm is None else arm(self.world)
@@ -254,15 +254,15 @@ class SimCell:
         self._finished.append(self.report())
         self._job = self._jobs.next()
         self.score.begin(self._job)
-        for one in self.other_hands:
-            one.begin(self._job.placements)
+        for other_hand in self.other_hands:
+            other_hand.begin(self._job.placements)
         return self._job.placements
 
     def truth(self) -> list[TruthEvent]:
         """What happened at the bench since the last call, in order."""
         resting, self._resting = self._resting, []
         acts, contacts = self.worker.news() if self.worker else [], self.contacts.news() if self.contacts else []
-        others = [replace(act, kind="other hand") for one in self.other_hands for act in one.news()]
+        others = [replace(act, kind="other hand") for other_hand in self.other_hands for act in other_hand.news()]
         news = [*resting, *acts, *others, *contacts]
         return sorted(news, key=lambda event: event.time_s)
 

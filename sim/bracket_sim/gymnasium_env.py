@@ -169,7 +169,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         self._cell = cell = open_simulation(
             self._configuration, self._product, drawn, rendered=images, worker=person, watched=images or person
         )
-        rest: list[Any] = [one.fields for one in cell.devices.truth() if one.kind == "resting"]
+        rest: list[Any] = [event.fields for event in cell.devices.truth() if event.kind == "resting"]
         there = [one for one in rest if kind in (None, one["part"]) and not one["on"]]
         if not there:
             raise ValueError(

@@ -67,9 +67,9 @@ class Bench:
 def off_path(bench: Bench) -> dict[str, float]:
     """Distance from where `path_s` has the arm, along a whole motion."""
     path = bench.begin()
-    states = [one for one in bench.until(lambda state: not state.moving) if one.path_s is not None]
-    off = [np.abs(path.at(one.path_s or 0.0) - one.positions_rad).max() * 1e3 for one in states]
-    fastest = max(np.abs(one.velocities_rad_s).max() for one in states)
+    states = [arm_state for arm_state in bench.until(lambda state: not state.moving) if arm_state.path_s is not None]
+    off = [np.abs(path.at(arm_state.path_s or 0.0) - arm_state.positions_rad).max() * 1e3 for arm_state in states]
+    fastest = max(np.abs(arm_state.velocities_rad_s).max() for arm_state in states)
     return {"fastest_rad_s": fastest, "off_path_mrad": max(off), "median_mrad": float(np.median(off))}
 
 

@@ -125,7 +125,7 @@ def fewest_moves(boxes: Boxes, part: str) -> int | None:
     blocks = touching(boxes, GripperOutline())
     candidates = [index for index, name in enumerate(boxes.types) if name == part]
     solutions = [solve(blocks, index, nearest_first(boxes, index)) for index in candidates]
-    return min((len(one.moves) for one in solutions if not one.needs_help), default=None)
+    return min((len(solution.moves) for solution in solutions if not solution.needs_help), default=None)
 
 
 def last_words(recorded: Recorded) -> str:

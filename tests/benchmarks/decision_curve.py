@@ -55,7 +55,7 @@ class Tally:
 
     def plus(self, other: Tally, times: float = 1.0) -> Tally:
         """The sum, the other one so many times."""
-        return Tally(*(one + times * two for one, two in zip(_values(self), _values(other), strict=True)))
+        return Tally(*(value + times * two for value, two in zip(_values(self), _values(other), strict=True)))
 
 
 class Turns:
@@ -93,7 +93,7 @@ class Turns:
         def best(bracket: Bracket, then: Callable[[Bracket], Tally], waits: Tally) -> Tally:
             choices: list[Choice] = [None, *(placement for placement, _ in self.after(bracket))]
             found = (self._chosen(bracket, choice, then, waits) for choice in choices)
-            return max(found, key=lambda one: one.parts - price * (one.unlisted + one.listed))
+            return max(found, key=lambda tally: tally.parts - price * (tally.unlisted + tally.listed))
 
         return self._person(best)
 

@@ -82,7 +82,7 @@ def drawn(row: Row, settings: GuardSettings, count: int, seed: int) -> Brackets:
 def with_goals(product: Product, count: int) -> Product:
     """The product with so many goals: its own, and other arrangements of its parts."""
     bag = [name for name, part in product.parts.items() for _ in range(part.quantity)]
-    every = [one for one in sorted(set(permutations(bag))) if one not in product.goals.values()]
+    every = [permutation for permutation in sorted(set(permutations(bag))) if permutation not in product.goals.values()]
     more = np.random.default_rng(5).permutation(len(every))[: count - len(product.goals)]
     goals = {**product.goals, **{f"more{number}": every[number] for number in more}}
     return Product.model_validate({**product.model_dump(), "goals": goals})

@@ -87,7 +87,7 @@ def _hand(recording: Recording, now_s: float, rng: np.random.Generator) -> tuple
 def loss(rows: list[Look], settings: ForesightSettings) -> float:
     """Mean negative log of the probability of the true hole."""
     right = [
-        foreseen(one.tips_m, one.velocity_m_s, one.holes_m, one.belongs, settings).get(one.hole, 0.0) for one in rows
+        foreseen(row.tips_m, row.velocity_m_s, row.holes_m, row.belongs, settings).get(row.hole, 0.0) for row in rows
     ]
     return float(-np.log(np.maximum(right, 1e-4)).mean())
 
@@ -112,14 +112,14 @@ def report(rows: list[Look], settings: ForesightSettings) -> None:
     """Shares by how early it is."""
     print("before   looks  right  way alone   sure  right of sure  calibration error")
     for early_s in EARLY_S:
-        asked = [one for one in rows if one.early_s == early_s]
+        asked = [row for row in rows if row.early_s == early_s]
         tops, alone = [], 0
-        for one in asked:
-            shares = foreseen(one.tips_m, one.velocity_m_s, one.holes_m, one.belongs, settings)
+        for look in asked:
+            shares = foreseen(look.tips_m, look.velocity_m_s, look.holes_m, look.belongs, settings)
             hole = max(shares, key=lambda name: shares[name])
-            tops.append((shares[hole], hole == one.hole))
-            alike = foreseen(one.tips_m, one.velocity_m_s, one.holes_m, dict.fromkeys(one.holes_m, 1.0), settings)
-            alone += max(alike, key=lambda name: alike[name]) == one.hole
+            tops.append((shares[hole], hole == look.hole))
+            alike = foreseen(look.tips_m, look.velocity_m_s, look.holes_m, dict.fromkeys(look.holes_m, 1.0), settings)
+            alone += max(alike, key=lambda name: alike[name]) == look.hole
         share, right = np.array(tops).T
         sure = share >= SURE
         error = sum(

@@ -60,7 +60,7 @@ def main() -> None:
             shares = (some.free / len(some.moves), np.mean(some.help), np.mean(moves))
             free, needy, each = (f"{share:.3f}" for share in shares)
             fewer = _fewer(
-                np.repeat(np.arange(len(scenes)), [len(one.boxes) for one in scenes])[~before.help], moves, first
+                np.repeat(np.arange(len(scenes)), [len(scene.boxes) for scene in scenes])[~before.help], moves, first
             )
             table.add_row(clutter, name, str(len(some.moves)), free, f"{low:.3f} - {high:.3f}", needy, each, fewer)
     Console(width=140).print(table)
@@ -83,7 +83,9 @@ def answers(scenes: Sequence[Scene], outline: GripperOutline) -> Answers:
         for blocks in (touching(scene.boxes, outline),)
         for part in range(len(scene.boxes))
     ]
-    return Answers(np.array([len(one.moves) for one in found]), np.array([one.needs_help for one in found]))
+    return Answers(
+        np.array([len(solution.moves) for solution in found]), np.array([solution.needs_help for solution in found])
+    )
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ class Score:
         """One more frame."""
         self.hands += 1
         palm = np.array(true.points_px["palm"])
-        found = [one.points_px for one in network.picture(frame.image)]
+        found = [landmarks.points_px for landmarks in network.picture(frame.image)]
         near = [one for one in found if np.linalg.norm(one[PALM].mean(axis=0) - palm) < FOUND_PX]
         if not near:
             return
@@ -88,10 +88,10 @@ def seen_hands(configuration: Configuration, hand: str, seed: int, count: int) -
     low, high = EDGE_PX, np.array([bench.overhead.width_px, bench.overhead.height_px]) - EDGE_PX
     chosen = np.linspace(0.05 * moments, 0.95 * moments, count).astype(int)
     for seen in hand_frames(source, [range(index, index + 1) for index in chosen]):
-        for one in seen.hands:
-            points = np.array(list(one.points_px.values()))
-            if one.acting and one.visible > LEAST_VISIBLE and ((points > low) & (points < high)).all():
-                yield seen.frame, one
+        for truth in seen.hands:
+            points = np.array(list(truth.points_px.values()))
+            if truth.acting and truth.visible > LEAST_VISIBLE and ((points > low) & (points < high)).all():
+                yield seen.frame, truth
 
 
 if __name__ == "__main__":

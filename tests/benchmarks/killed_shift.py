@@ -70,7 +70,11 @@ class Bracket:
             self._crowded[name] = self._crowded[name] + 1 if near.sum() > 1 else 0
             if self._crowded[name] == STAYS_LOOKS:
                 self.doubles.append((time_s, name))
-        filled = {name for name, one in self._cell.score.placements().items() if one.seated and one.by == "robot"}
+        filled = {
+            name
+            for name, placement in self._cell.score.placements().items()
+            if placement.seated and placement.by == "robot"
+        }
         for name in filled - self._filled:
             self._by_robot[name] += 1
             if self._by_robot[name] > 1:

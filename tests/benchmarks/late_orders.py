@@ -51,7 +51,7 @@ class Bench:
 
     def show(self, display: Display) -> None:
         """For the person."""
-        self.asked |= {one.number for one in display.questions if one.kind == "goal"}
+        self.asked |= {question.number for question in display.questions if question.kind == "goal"}
         self._devices.panel.show(display)
 
     def alarm(self, text: str) -> None:

@@ -115,7 +115,11 @@ def compare(truth: Sequence[tuple[str, Pose]], found: Sequence[PartDetection], e
     """Match each true part to the nearest detection of its type within FOUND_M."""
     left = list(found)
     for name, pose in truth:
-        near = [(distance_m(one.world_from_part, pose), index) for index, one in enumerate(left) if one.part == name]
+        near = [
+            (distance_m(detection.world_from_part, pose), index)
+            for index, detection in enumerate(left)
+            if detection.part == name
+        ]
         if not near or min(near)[0] > FOUND_M:
             errors[name].missed += 1
             continue
@@ -123,8 +127,8 @@ def compare(truth: Sequence[tuple[str, Pose]], found: Sequence[PartDetection], e
         turn = left.pop(index).world_from_part.yaw_rad - pose.yaw_rad
         errors[name].position_m.append(nearest_m)
         errors[name].yaw_rad.append(abs((turn + math.pi / 2) % math.pi - math.pi / 2))
-    for one in left:
-        errors[one.part].extra += 1
+    for detection in left:
+        errors[detection.part].extra += 1
 
 
 def distance_m(first: Pose, second: Pose) -> float:

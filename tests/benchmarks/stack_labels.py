@@ -65,7 +65,7 @@ def lifted(number: int, seed: int) -> Trial:
     moved = stage.lift(wanted, LIFT_M, rng.uniform(*SPEEDS_M_S)) > MOVED_M
     stage.restore(before)
     others = [one for one in range(len(standing.names)) if one != wanted]
-    pairs = tuple(bool(moved[one] == standing.rests[one, wanted]) for one in others)
+    pairs = tuple(bool(moved[other] == standing.rests[other, wanted]) for other in others)
     where = f"stack {number}: {standing.names[wanted]} of {', '.join(standing.names)}"
     return Trial(where, pairs, _taken_in_order(standing, wanted, rng))
 
@@ -85,7 +85,7 @@ def _taken_in_order(standing: Standing, wanted: int, rng: np.random.Generator) -
 
 def report(trials: list[Trial]) -> None:
     """Agreement with its interval, and all disagreements."""
-    pairs = Counter(one for trial in trials for one in trial.pairs)
+    pairs = Counter(pair for trial in trials for pair in trial.pairs)
     rows = {
         "pairs of objects": (pairs[True], pairs.total()),
         "objects, all others right": (sum(trial.agrees for trial in trials), len(trials)),

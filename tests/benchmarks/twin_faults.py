@@ -231,7 +231,7 @@ def opened(wire: str, slower: float) -> Iterator[tuple[TwinCell, Callable[[WireF
         sim = SimCell(
             product, configuration.bench, simulation, "virtual", "twin", 0, goal, worker=False, rendered=False, arm=made
         )  # fmt: skip
-        plain = {role: one.model_dump() for role, one in settings.items()}
+        plain = {role: setting.model_dump() for role, setting in settings.items()}
         twin = TwinCell(sim, arms[0], plain, "ur10", PERIOD_S, slower)
         stack.callback(twin.close)
         twin.serve()
@@ -295,7 +295,9 @@ def tried(name: str, state: str, wire: str, slower: float) -> Row:
         except CellError as error:
             told = "raised", str(error), "", 0.0
         with twin.lock:
-            placed = any(one.seated and one.by == "robot" for one in twin.sim.score.placements().values())
+            placed = any(
+                placement.seated and placement.by == "robot" for placement in twin.sim.score.placements().values()
+            )
             kept = told[0] == "finished" or not fault.holding or state not in HOLDING_STATES or hangs(twin.sim)
     ends = case.holding_ends if case.holding_ends and fault.holding else case.ends
     ends = EITHER if case.holding_ends and state == "release" else ends  # fingers that have just begun to open

@@ -123,7 +123,7 @@ def test_a_shift_keeps_few_moments_and_spreads_them() -> None:
     assert len(moments._kept) <= MOST_KEPT
     assert len(chosen) == MOST_FRAMES - 2
     assert chosen[0].caption == "help: part 0"
-    assert np.diff([int(one.caption.split()[-1]) for one in chosen]).max() < 20_000 / 20
+    assert np.diff([int(moment.caption.split()[-1]) for moment in chosen]).max() < 20_000 / 20
 
 
 def test_of_too_many_shots_first_and_last_are_kept() -> None:

@@ -183,7 +183,7 @@ def test_signing_says_first_what_changed_and_keeps_who_signed_before(
     assert main([*words, "--hash", safety_from(path).short]) == 0
     signature = signature_of(path)
     assert signature is not None
-    assert (signature.by, [one.by for one in signature.earlier]) == ("B. Jones", ["A. Smith"])
+    assert (signature.by, [signed.by for signed in signature.earlier]) == ("B. Jones", ["A. Smith"])
     capsys.readouterr()
     assert main([*words, "--hash", signature.sha256]) == 0
     assert "nothing changed since" in capsys.readouterr().err

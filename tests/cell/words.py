@@ -63,11 +63,11 @@ def _of_python(file: Path) -> Iterator[tuple[str, int]]:
             if name == "Message" and node.args:
                 yield from _texts(node.args[0], False)
             elif name in (*SPOKEN, *SPOKEN_TOO):
-                for value in (*node.args, *(one.value for one in node.keywords)):
+                for value in (*node.args, *(keyword.value for keyword in node.keywords)):
                     yield from _texts(value, True)
         elif isinstance(node, ast.Return | ast.Assign) and node.value is not None:
             targets = getattr(node, "targets", [])
-            names = [getattr(one, "attr", getattr(one, "id", "")) for one in targets]
+            names = [getattr(target, "attr", getattr(target, "id", "")) for target in targets]
             if isinstance(node, ast.Return) or {
                 "feedback_message",
                 "reason",

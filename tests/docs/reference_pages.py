@@ -97,16 +97,19 @@ NODES = f"""# Nodes in Python
 def faults() -> str:
     """The table that the supervisor follows unless a configuration names another."""
     named = (
-        f"| {name} | {one.what} | {_ends(one)} | {_codes(one.signals)} |\n"
-        for name, one in PUT.items()
-        if not one.of_world
+        f"| {name} | {kind.what} | {_ends(kind)} | {_codes(kind.signals)} |\n"
+        for name, kind in PUT.items()
+        if not kind.of_world
     )
     mishaps = (
-        f"| {name} | {one.what} | {', '.join(one.states)} | {one.promise} | {_ends(one)} |\n"
-        for name, one in PUT.items()
-        if one.of_world
+        f"| {name} | {kind.what} | {', '.join(kind.states)} | {kind.promise} | {_ends(kind)} |\n"
+        for name, kind in PUT.items()
+        if kind.of_world
     )
-    drawn = (f"| `{name}` | {', '.join(one.kinds)} | {_offset(one)} |\n" for name, one in (SIGNALS | DETECTED).items())
+    drawn = (
+        f"| `{name}` | {', '.join(signal.kinds)} | {_offset(signal)} |\n"
+        for name, signal in (SIGNALS | DETECTED).items()
+    )
     table = fault_table_markdown(load_faults(load_configuration()))
     german = catalogue("de").texts
     ends = {f"the run ended: {end or 'its program is gone'}": words for end, words in ENDS.items()}

@@ -133,7 +133,7 @@ def test_options_and_files_that_commands_name_exist(name: str, cell: Any) -> Non
                 if word not in getattr(asked, "commands", {}):
                     break
                 asked = asked.commands[word]
-            known = {name for one in asked.params for name in (*one.opts, *one.secondary_opts)}
+            known = {name for param in asked.params for name in (*param.opts, *param.secondary_opts)}
             assert {word for word in words if word.startswith("--")} <= known, line
         elif words[0] == "pytest":
             assert [word for word in words if word.startswith("tests/") and not (ROOT / word).exists()] == [], line

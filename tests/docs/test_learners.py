@@ -78,7 +78,7 @@ def test_a_policy_that_lerobot_trains_is_one_that_the_cell_loads(kind: str, tmp_
     policy = Policy(tmp_path / target, 6)
     assert policy.cameras == ()
     session = onnxruntime.InferenceSession(str(tmp_path / target))
-    seen = {one.name: np.full(one.shape, 0.3, np.float32) for one in session.get_inputs()}
+    seen = {input_.name: np.full(input_.shape, 0.3, np.float32) for input_ in session.get_inputs()}
     [answer] = session.run([ACTION], seen)
     assert np.allclose(policy.actions({name: value[0] for name, value in seen.items()}), answer[0][:, :6])
     assert len(answer[0]) == (5 if kind == "act" else 2)

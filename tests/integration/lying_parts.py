@@ -75,7 +75,7 @@ class Bench:
         world = self.robot.world
         exposure = Exposure("wrist", 0, 0.0, world.camera_pose("wrist"), (visible_poses(world.data),))
         others = self._find(self._photographer.take(exposure)).others
-        return next((one for one in others if one.lies is not None), None)
+        return next((other for other in others if other.lies is not None), None)
 
     def stands(self, part: WorldPart) -> bool:
         """Whether it stands on its peg in the tray, in truth."""

@@ -152,7 +152,7 @@ def seen(situation: Situation, seed: int) -> tuple[str, list[tuple[bool, float]]
             found.cell.devices = Bench(found.cell.devices, other, situation.ordered_s).devices
         outcome = uninterrupted(found.run([last], injection))
         assert found.cell.contacts is not None
-        contacts = [(one.first_m_s > DRIVEN_M_S, one.force_n) for one in found.cell.contacts.all()]
+        contacts = [(contact.first_m_s > DRIVEN_M_S, contact.force_n) for contact in found.cell.contacts.all()]
         told = found.cell.score.report()
     if outcome.end == "finished" and (told["correct"] or not situation.bracket):
         return "right", contacts
@@ -172,8 +172,8 @@ def row(name: str, seeds: Sequence[int], kept: RowStore) -> str:
 
 def told(name: str, runs: Sequence[Row]) -> str:
     """A situation's line of the table."""
-    ends = Counter(str(one["end"]) for one in runs)
-    contacts = [(bool(moved), float(force_n)) for one in runs for moved, force_n in one["contacts"]]
+    ends = Counter(str(run["end"]) for run in runs)
+    contacts = [(bool(moved), float(force_n)) for run in runs for moved, force_n in run["contacts"]]
     moving = [force_n for moved, force_n in contacts if moved]
     most = max((force_n for _, force_n in contacts), default=0.0)
     counted = " | ".join(str(ends[end]) for end in ENDS)

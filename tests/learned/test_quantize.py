@@ -38,7 +38,7 @@ def network() -> Any:
 
 def answers(model: Any, inputs: Sequence[Any]) -> np.ndarray:
     session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
-    return np.array([session.run(None, one)[0] for one in inputs])
+    return np.array([session.run(None, input_)[0] for input_ in inputs])
 
 
 def test_answers_hardly_change_and_weights_take_less_space() -> None:

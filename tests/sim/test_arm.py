@@ -157,11 +157,11 @@ def test_joints_are_measured_at_500_hz_and_handed_out_once(make_rig: MakeRig, be
         found.append(arm.samples())
         assert found[-1].positions_rad[-1].tolist() == list(arm.state().positions_rad)
         assert found[-1].times_s[-1] == pytest.approx(arm.state().time_s)
-    assert [one.positions_rad.shape for one in found] == [(20, 6)] * 5
-    times_s = np.concatenate([one.times_s for one in found])
+    assert [samples.positions_rad.shape for samples in found] == [(20, 6)] * 5
+    times_s = np.concatenate([samples.times_s for samples in found])
     np.testing.assert_allclose(np.diff(times_s), 0.002, atol=1e-9)
-    positions = np.concatenate([one.positions_rad for one in found])
-    speeds = np.concatenate([one.velocities_rad_s for one in found])
+    positions = np.concatenate([samples.positions_rad for samples in found])
+    speeds = np.concatenate([samples.velocities_rad_s for samples in found])
     np.testing.assert_allclose(np.diff(positions, axis=0)[50:] / 0.002, speeds[51:], atol=0.02)
     assert np.abs(found[-1].efforts_nm).max() > 0.1
     assert len(arm.samples().times_s) == 0

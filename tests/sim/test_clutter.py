@@ -109,7 +109,7 @@ def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(
 def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(
     worlds: list[World], product: Product, bench: Bench
 ) -> None:
-    found = [one for world in worlds for one in resting_parts(world)]
+    found = [resting_part for world in worlds for resting_part in resting_parts(world)]
     upright = [one for one in found if one.posture == "upright" and not one.on_top and one.part != UNKNOWN]
     on_top = [one for one in found if one.on_top]
     assert len(upright) > 8
@@ -136,7 +136,7 @@ def test_what_is_set_down_on_others_stays_there_and_in_the_tray(product: Product
             assert np.linalg.norm(moved) < 0.004
             points = np.concatenate([solid.points() for solid in product.parts[part.part].whole])
             assert (np.abs(world.part_pose(part).transform(points)[:, :2] - middle) < half).all()
-        on_top += sum(one.on_top for one in resting_parts(world))
+        on_top += sum(resting_part.on_top for resting_part in resting_parts(world))
     assert on_top >= 8  # of 20 that are asked for; what stays nowhere lies on the floor
 
 
@@ -158,7 +158,7 @@ def test_a_part_on_another_one_names_it(product: Product, bench: Bench) -> None:
     for _ in range(25):
         world.step_period()
     assert not world.data.ncon  # they sleep, and nobody computes their contacts
-    assert [one.on for one in resting_parts(world)] == [(), ("o3_robot_0",), ()]
+    assert [resting_part.on for resting_part in resting_parts(world)] == [(), ("o3_robot_0",), ()]
 
 
 def test_nominal_trays_stay_what_they_are(product: Product, bench: Bench) -> None:

@@ -69,7 +69,9 @@ def test_a_hand_in_the_way_of_the_moving_arm_is_a_contact(cell: SimCell) -> None
     assert first.force_n > 20.0
     report = cell.report()
     assert report["contacts"] == len(contacts(cell).all())
-    assert report["contact_speed_m_s"] == pytest.approx(max(one.speed_m_s for one in contacts(cell).all()), abs=1e-3)
+    assert report["contact_speed_m_s"] == pytest.approx(
+        max(contact.speed_m_s for contact in contacts(cell).all()), abs=1e-3
+    )
     told = [event.fields for event in cell.truth()]
     acts = [fields["act"] for fields in told if "act" in fields]
     assert acts[acts.index("intrude") :][:3] == ["intrude", "freeze", "back"]
@@ -113,7 +115,7 @@ def test_a_part_in_the_gripper_counts_as_the_robot(product: Product, bench: Benc
         rig.activate()
         sweep(opened, SWEEP_RAD, 1.6)
         rig.wait(2.0)
-        part = next(one for one in opened.world.bodies if one.owner == "robot")
+        part = next(body for body in opened.world.bodies if body.owner == "robot")
         tool = opened.world.tool_pose()
         x, y, z = tool.position_m
         hold_m = opened.world.product.parts["o3"].size_m[2] * 0.7
@@ -128,7 +130,7 @@ def test_a_part_in_the_gripper_counts_as_the_robot(product: Product, bench: Benc
         for sequel in ("pull", "pull"):
             opened.worker.intrude(sequel, speed_m_s=0.6)
             rig.wait(4.0)
-        assert part.name in {one.robot for one in contacts(opened).all()}
+        assert part.name in {contact.robot for contact in contacts(opened).all()}
     finally:
         rig.close()
 

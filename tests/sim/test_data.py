@@ -228,11 +228,11 @@ def test_the_arm_stands_elsewhere_in_each_stretch_and_keeps_away_from_the_finger
     seen = list(hand_frames(source(), stretches))
     tool = assembly().world.model.body("tool").id
     geom = int(np.flatnonzero(assembly().world.model.geom_bodyid == tool)[0])
-    places = np.array([one.poses[GEOM_POSITIONS][geom] for one in seen])
+    places = np.array([frame.poses[GEOM_POSITIONS][geom] for frame in seen])
     assert np.allclose(places[::2], places[1::2])
     assert len(np.unique(places.round(4), axis=0)) > len(stretches) / 2
-    for one, place in zip(seen, places, strict=True):
-        acting = next((hand for hand in one.hands if hand.acting), None)
+    for frame, place in zip(seen, places, strict=True):
+        acting = next((hand for hand in frame.hands if hand.acting), None)
         if acting is not None:
             assert np.linalg.norm(place - np.array(acting.points_m["pinch"])) > 0.1
 
@@ -242,7 +242,7 @@ def test_hands_to_learn_from_come_from_every_side_and_their_fingertips_stay() ->
     plain, turned = (list(hand_frames(source(), stretches, turned=turns)) for turns in (False, True))
     angles = []
     for before, after in zip(plain, turned, strict=True):
-        both = [next((hand for hand in one.hands if hand.acting), None) for one in (before, after)]
+        both = [next((hand for hand in frame.hands if hand.acting), None) for frame in (before, after)]
         if both[0] is None or both[1] is None:
             continue
         first, then = both[0].points_m, both[1].points_m
@@ -378,7 +378,7 @@ def test_a_hole_holds_what_lies_over_it_also_what_fell_from_another() -> None:
     seen = set()
     for _ in range(60):
         still = plate.shuffle()
-        placed = [one.body for one in world.bodies if one not in still.held]
+        placed = [body.body for body in world.bodies if body not in still.held]
         points = world.data.geom_xpos[np.isin(world.model.geom_bodyid, placed)]
         for position, (part, _) in still.holes.items():
             middle_m = plate.hole_m(position)

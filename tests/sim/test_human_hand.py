@@ -22,7 +22,7 @@ THUMB_TIP, INDEX_TIP = 4, 8
 
 
 def skeleton(grasp: human.Grasp, half_gap_m: float) -> human.Skeleton:
-    weights = np.array([float(one == grasp) for one in human.GRASPS])
+    weights = np.array([float(literal_type == grasp) for literal_type in human.GRASPS])
     return human.skeleton(human.posture(weights, half_gap_m, half_gap_m))
 
 

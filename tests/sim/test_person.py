@@ -37,7 +37,7 @@ def test_permuted_bins_hold_the_whole_set_apart_from_each_other(seed: int) -> No
     for part in layout.parts:
         pose = part.world_from_part
         body = rectangle(product().parts[part.part].size_m, np.array(pose.position_m[:2]), pose.yaw_rad)
-        off = min(float(np.abs(body - np.array(one.centre_m[:2])).max()) for one in layout.bins)
+        off = min(float(np.abs(body - np.array(bin_.centre_m[:2])).max()) for bin_ in layout.bins)
         assert off <= max(COMMON_BIN_M) / 2 + 0.02
         assert all(gap(body, other) > 0.02 for other in bodies)
         bodies.append(body)

@@ -137,7 +137,7 @@ class Prepared:
         self._images.append(image)
 
     def __call__(self, frame: Frame) -> BenchView:
-        known = any(one is frame.image for one in self._images)
+        known = any(image is frame.image for image in self._images)
         return replace(brightness(frame), health="prepared" if known else "new")
 
 

@@ -90,15 +90,15 @@ def test_a_picture_is_drawn_again_from_its_number() -> None:
 
 def test_boxes_and_relations_of_a_picture_fit_together() -> None:
     drawn = draw_stack(11, StackSettings(fewest=3, stacked_share=1.0))
-    by_index = {one.index: one for one in drawn.scene.objects}
+    by_index = {item.index: item for item in drawn.scene.objects}
     height, width = drawn.image.shape[:2]
-    for one in drawn.scene.objects:
-        left, top, right, bottom = one.box_px
+    for item in drawn.scene.objects:
+        left, top, right, bottom = item.box_px
         assert 0 <= left < right <= width
         assert 0 <= top < bottom <= height
-        assert all(one.index in by_index[father].children for father in one.fathers)
-        assert one.top_m is not None
-    assert any(one.fathers for one in drawn.scene.objects)
+        assert all(item.index in by_index[father].children for father in item.fathers)
+        assert item.top_m is not None
+    assert any(item.fathers for item in drawn.scene.objects)
 
 
 def test_objects_that_were_taken_away_carry_nothing() -> None:

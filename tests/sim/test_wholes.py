@@ -26,13 +26,15 @@ def stacked(off_m: float = 0.0, path: Path = PATH, *more: str) -> tuple[World, W
     configuration = load_configuration(path)
     product = load_product(configuration, path)
     world = build_world(product, configuration.bench)
-    body, cap, *others = (next(one for one in world.bodies if one.part == part) for part in ("body", "cap", *more))
+    body, cap, *others = (
+        next(world_part for world_part in world.bodies if world_part.part == part) for part in ("body", "cap", *more)
+    )
     x, y, z = configuration.bench.places["nest"].spot(0).position_m
     world.place(body, Pose((x, y, z)))
     z += product.parts["body"].size_m[2]
-    for one in (cap, *others):
-        world.place(one, Pose((x + off_m, y, z)))
-        z += product.parts[one.part].size_m[2]
+    for other in (cap, *others):
+        world.place(other, Pose((x + off_m, y, z)))
+        z += product.parts[other.part].size_m[2]
     world.settle()
     return world, body, cap
 

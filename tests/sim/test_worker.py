@@ -73,7 +73,7 @@ def test_hand_keeps_to_a_human_pace() -> None:
 def test_part_falls_when_fingers_open() -> None:
     shift = Shift(seed=2)
     shift.until(lambda: shift.doing("assembly"))
-    part = next(one for one in shift.world.bodies if shift.world.part_pose(one).position_m[2] > 0.1)
+    part = next(body for body in shift.world.bodies if shift.world.part_pose(body).position_m[2] > 0.1)
     hand = Hand(shift.world.model, shift.world.data)
     hand.command(hand.position_m, hand.yaw_rad, 0.1)
     for _ in range(60):

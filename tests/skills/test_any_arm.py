@@ -66,7 +66,7 @@ def test_an_arm_reaches_from_where_it_is_mounted(where: str, tmp_path: Path) -> 
 
 def test_the_shipped_arm_needs_no_posture_to_begin_from(tmp_path: Path) -> None:
     text = (FOLDER / "ur10.yaml").read_text()
-    (tmp_path / "a.yaml").write_text("\n".join(one for one in text.splitlines() if not one.startswith("home_rad")))
+    (tmp_path / "a.yaml").write_text("\n".join(line for line in text.splitlines() if not line.startswith("home_rad")))
     assert reached(load_robot("a.yaml", tmp_path)) == 60
 
 

@@ -174,7 +174,7 @@ def carrying(tmp_path: Path, *shapes: str) -> MotionSettings:
     """A UR10 with more shapes on its forearm."""
     text = (FOLDER / "ur10/ur10.urdf").read_text()
     link = '<link name="forearm_link">'
-    more = "".join(f'<collision><origin xyz="0 0 0.3"/><geometry>{one}</geometry></collision>' for one in shapes)
+    more = "".join(f'<collision><origin xyz="0 0 0.3"/><geometry>{shape}</geometry></collision>' for shape in shapes)
     head, tail = text.split(link)
     first, rest = tail.split("</collision>", 1)
     (tmp_path / "more.urdf").write_text(f"{head}{link}{first}</collision>{more}{rest}")

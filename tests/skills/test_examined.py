@@ -44,7 +44,7 @@ def wrong(**more: Any) -> list[DeviceCheck]:
     """What is found wrong of the arm."""
     settings = UrSettings(**{"host": HOST, **more})
     found = list(ur_examined.examine(settings, CONFIGURATION.bench, CONFIGURATION.robot, FORWARD))
-    return [one for one in found if one.remedy]
+    return [check for check in found if check.remedy]
 
 
 @pytest.mark.usefixtures("controller")
@@ -76,7 +76,7 @@ def test_what_is_wrong_with_an_arm_is_told(controller: Controller, name: str, mo
     change, settings, remedy = CASES[name]
     for attribute, value in change.items():
         monkeypatch.setattr(controller, attribute, value)
-    assert remedy in " ".join(one.remedy for one in wrong(**settings))
+    assert remedy in " ".join(check.remedy for check in wrong(**settings))
 
 
 def test_a_tool_elsewhere_is_not_taken_for_another_calibration(
@@ -93,12 +93,12 @@ def test_a_robot_file_with_the_arm_s_own_calibration_is_well(
     settings = UrSettings(host=HOST)
     robot = CONFIGURATION.robot.model_copy(update={"calibration": ur_examined.calibration(settings)})
     forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
-    assert [one for one in ur_examined.examine(settings, CONFIGURATION.bench, robot, forward) if one.remedy] == []
+    assert [check for check in ur_examined.examine(settings, CONFIGURATION.bench, robot, forward) if check.remedy] == []
     assert robot.calibration is not None
     ur_examined.refuse_another(settings, robot.calibration)
     monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(8))
     found = list(ur_examined.examine(settings, CONFIGURATION.bench, robot, forward))
-    assert "has another arm's" in " ".join(one.remedy for one in found)
+    assert "has another arm's" in " ".join(check.remedy for check in found)
     with pytest.raises(DeviceFault, match="calibration of another arm"):
         ur_examined.refuse_another(settings, robot.calibration)
     ur_examined.refuse_another(UrSettings(host=own_host(72)), robot.calibration)
@@ -108,7 +108,7 @@ def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controll
     robot = load_robot("ur10e").model_copy(update={"name": "ours"})
     forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
     found = ur_examined.examine(UrSettings(host=HOST), CONFIGURATION.bench, robot, forward)
-    assert ["it is another model than ours" in one.remedy for one in found if one.remedy] == [True, False]
+    assert ["it is another model than ours" in check.remedy for check in found if check.remedy] == [True, False]
     assert controller.model.name == "UR10"
 
 
@@ -128,7 +128,7 @@ Gripper = tuple[IdealFingers, ModbusTwin, Registers, AnsweredClock]
 
 def of_gripper(gripper: Gripper, **more: Any) -> list[str]:
     settings = RobotiqModbusSettings(**{"port": gripper[1].told.split()[-1], **more})
-    return [one.remedy for one in robotiq.examine(settings) if one.remedy]
+    return [check.remedy for check in robotiq.examine(settings) if check.remedy]
 
 
 def closed(gripper: Gripper) -> None:
@@ -167,7 +167,7 @@ def of_camera(shooting: Shooting, rate_hz: float = 50.0, **more: Any) -> list[st
     overhead = bench.overhead.model_copy(update={"rate_hz": rate_hz})
     bench = bench.model_copy(update={"overhead": overhead})
     settings = StreamSettings(**{"url": shooting.url, "delay_s": 0.03, **more})
-    return [one.remedy for one in cameras.examine(settings, WallClock(), bench, "overhead") if one.remedy]
+    return [check.remedy for check in cameras.examine(settings, WallClock(), bench, "overhead") if check.remedy]
 
 
 @pytest.fixture(autouse=True)

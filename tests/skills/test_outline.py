@@ -27,7 +27,9 @@ def test_hulls_are_closed_surfaces(planner: MotionPlanner) -> None:
     assert len(hulls) == 7
     for shape in hulls:
         edges = Counter(
-            frozenset(pair) for one in shape.triangles.tolist() for pair in zip(one, [*one[1:], one[0]], strict=True)
+            frozenset(pair)
+            for triangle in shape.triangles.tolist()
+            for pair in zip(triangle, [*triangle[1:], triangle[0]], strict=True)
         )
         assert set(edges.values()) == {2}, f"{shape.name} has a hole"
 

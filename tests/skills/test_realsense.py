@@ -170,7 +170,7 @@ def test_bends_of_another_model_are_not_taken_for_its_own(
 @pytest.mark.usefixtures("driver")
 def test_the_doctor_compares_its_lens_with_the_bench() -> None:
     found = cameras.examine(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead")
-    wrong = [one.remedy for one in found if "focal lengths 615.2, 614.9" in one.what]
+    wrong = [check.remedy for check in found if "focal lengths 615.2, 614.9" in check.what]
     assert wrong == ["the bench file says focal_px: 530, focal_y_px: 530"]
 
 

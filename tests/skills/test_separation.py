@@ -133,7 +133,9 @@ def test_a_hand_that_begins_to_come_counts_more_than_its_mean_speed_says() -> No
     velocity, acceleration = motion_of([*still, (3 * step_s, np.array([0.9 - moved_m, -0.5]))])
     begins = replace(hand(0.9, -0.5, velocity), acceleration_m_s2=acceleration)
     steady = replace(begins, acceleration_m_s2=(0.0, 0.0))
-    least_m = {one: judge(PARK, one, 0.13, False).least_m for one in (begins, steady, hand(0.9, -0.5, velocity))}
+    least_m = {
+        sample: judge(PARK, sample, 0.13, False).least_m for sample in (begins, steady, hand(0.9, -0.5, velocity))
+    }
     assert least_m[begins] > 1.5 * least_m[hand(0.9, -0.5, velocity)] > 1.5 * least_m[steady]
 
 
@@ -160,7 +162,7 @@ def test_a_hand_that_its_tracker_doubts_is_kept_farther_off(deviation_m: float, 
     assert found.distance_m == usual.distance_m
     assert found.least_m == pytest.approx(usual.least_m + more_m)
     ahead = joint_move(PARK, LOWERING_RAD, motion_planner().settings), 0.0
-    shares = [judge(PARK, one, 0.1, False, ahead).share for one in (doubted, sure)]
+    shares = [judge(PARK, sample, 0.1, False, ahead).share for sample in (doubted, sure)]
     assert shares[0] <= shares[1]
 
 
@@ -175,7 +177,8 @@ def test_a_hand_may_be_over_an_edge_by_the_intrusion_distance_before_it_is_found
     deeper = with_settings(intrusion_m=S.intrusion_m + 0.05)
     for edge in ("left", "right", "bottom"):
         rooms = [
-            one.outline.distances(LOWERING_RAD, one.persons.beyond[edge], False)[0].min() for one in (MONITOR, deeper)
+            monitor.outline.distances(LOWERING_RAD, monitor.persons.beyond[edge], False)[0].min()
+            for monitor in (MONITOR, deeper)
         ]
         assert 0.02 < rooms[0] - rooms[1] < 0.0501
 
@@ -200,8 +203,8 @@ def test_the_share_is_the_largest_from_which_a_standing_hand_is_kept() -> None:
     brakes_s = S.reaction_s + (fastest_m_s - S.slow_m_s) / fastest_m_s * joints_rad_s / acceleration
     tool = motion_planner().kinematics.forward(path.at(0.5)).position_m
     hands = (hand(tool[0] + number / 100, tool[1]) for number in range(5, 150))
-    found = (judge(path.at(0.5), one, 0.1, False, (path, 0.5)) for one in hands)
-    least = next(one for one in found if one.share == 1)
+    found = (judge(path.at(0.5), sample, 0.1, False, (path, 0.5)) for sample in hands)
+    least = next(separation for separation in found if separation.share == 1)
     margin_m = S.hand_error_m + MONITOR.arm_error_m
     comes_s = float(arrival_s(np.array([least.distance_m - margin_m]), np.zeros(1), S)[0]) - 0.1
     assert comes_s == pytest.approx(brakes_s, abs=0.06), "links turn a little towards the hand or away meanwhile"
@@ -303,7 +306,7 @@ def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     assert beyond["left"].distance_m < beyond["left"].least_m
     assert beyond[PersonSpace(BENCH, S).edge].distance_m == np.inf
     both = MONITOR.judge(PARK, persons((), EDGES, 0.15), False, ahead)
-    assert both.share == min(one.share for one in beyond.values())
+    assert both.share == min(separation.share for separation in beyond.values())
 
 
 def test_a_hand_that_is_not_seen_may_come_over_the_persons_edge_whatever_else_is_seen() -> None:

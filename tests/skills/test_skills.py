@@ -305,7 +305,7 @@ def test_fingers_that_hold_a_part_do_not_open_over_the_tray_to_take_another(
     progress = robot.run(skill(planner, seen(product, "o1", 0.5, -0.45), ()))
     assert progress.status is SkillStatus.FAILURE
     assert progress.reason == "cannot take o1: the gripper holds a part already"
-    assert not [one for one in robot.sent[before:] if one.gripper is not None or one.follow is not None]
+    assert not [command for command in robot.sent[before:] if command.gripper is not None or command.follow is not None]
     assert robot.observe().gripper.holding
 
 

@@ -48,14 +48,22 @@ def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> No
     assert places
     for node in places:
         placing = node.full_path.rsplit("/", 1)[0]
-        siblings = [one for one in tree.nodes if one.full_path.startswith(placing)]
-        ways = [type(one).__name__ for one in siblings if type(one).__name__ in ("GiveWay", "PlacePart", "MoveTo")]
+        siblings = [tree_node for tree_node in tree.nodes if tree_node.full_path.startswith(placing)]
+        ways = [
+            type(sibling).__name__
+            for sibling in siblings
+            if type(sibling).__name__ in ("GiveWay", "PlacePart", "MoveTo")
+        ]
         ahead = "ahead" in name  # there it may go on with the next part, and gives way then
         assert ways == (["GiveWay", "PlacePart"] if ahead else ["GiveWay", "PlacePart", "GiveWay", "MoveTo"])
     for park in (node for node in tree.nodes if "StayOutOfTheWay" in node.full_path):
         if type(park).__name__ == "MoveTo":
-            beside = [one for one in tree.nodes if one.full_path.rsplit("/", 1)[0] == park.full_path.rsplit("/", 1)[0]]
-            assert [type(one).__name__ for one in beside] == ["ReactiveSequence", "GiveWay", "MoveTo"]
+            beside = [
+                tree_node
+                for tree_node in tree.nodes
+                if tree_node.full_path.rsplit("/", 1)[0] == park.full_path.rsplit("/", 1)[0]
+            ]
+            assert [type(tree_node).__name__ for tree_node in beside] == ["ReactiveSequence", "GiveWay", "MoveTo"]
 
 
 @pytest.mark.parametrize("kind", [PickPart, MoveAside])

@@ -23,7 +23,7 @@ def test_a_part_that_is_not_there_is_asked_for_and_the_answer_awaited(name: str)
     made = TreeBench(ROOT / "trees" / f"{name}.xml", MISSING, PREDICTED)
     for _ in range(60):
         assert made.tick(0.1) == "R"
-    (asks,) = [one for one in made.tree.nodes if type(one).__name__ == "AskForHelp" and one.status is RUNNING]
+    (asks,) = [node for node in made.tree.nodes if type(node).__name__ == "AskForHelp" and node.status is RUNNING]
     assert vars(asks)["wait_s"].get() >= LEAST_S
 
 

@@ -72,7 +72,7 @@ def drawn(seed: int) -> list[Facts]:
 @pytest.mark.parametrize("seed", range(50))
 def test_operators_mean_what_their_definitions_say_of_the_whole_trace(seed: int) -> None:
     trace = drawn(seed)
-    times, p, q = ([one.time_s for one in trace], *([one.facts[name] for one in trace] for name in "pq"))
+    times, p, q = ([facts.time_s for facts in trace], *([facts.facts[name] for facts in trace] for name in "pq"))
     told = [answers(text, trace) for text in ("once(2, p)", "held(2, p)", "since(p, q)", "began(p)")]
     for place, (now_s, once, held, since, began) in enumerate(zip(times, *told, strict=True)):
         past = range(place + 1)

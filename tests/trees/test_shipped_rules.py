@@ -52,7 +52,7 @@ def test_check_and_bench_find_the_tree_that_is_broken(tmp_path: Path, capsys: py
     bench = Bench(tree, answers, main="PickAndPlace", part=True, rules=[RULES])
     for _ in range(40):
         bench.tick(0.1)
-    assert [one.rule for one in bench.violations] == [GUARD]
+    assert [violation.rule for violation in bench.violations] == [GUARD]
     assert "the tool stays above the bench" in bench.unknown, "a bench knows nothing of devices"
 
 

@@ -92,12 +92,12 @@ def calibrate(
     found, cameras, delays_s = calibration_of(
         configuration, product, seed, overhead_only, lambda text: say(text, highlight=False), slower, shown
     )
-    say(table("cameras", {name: one.trouble or _words(one) for name, one in cameras.items()}))
+    say(table("cameras", {name: camera.trouble or _words(camera) for name, camera in cameras.items()}))
     for role in stamped_delays_s(configuration) if cameras.keys() >= {"wrist"} else ():
         told = f"{1e3 * delays_s[role]:.0f} ms" if role in delays_s else "not seen: is the arm in view?"
         say(f"delay of camera {role}: {told}", highlight=False)
     if as_json:
-        every = {name: one.told() for name, one in cameras.items()}
+        every = {name: camera.told() for name, camera in cameras.items()}
         print_json({"file": str(path), "good": found is not None, **every, "delays_s": delays_s})
     if found is None:
         say("nothing was written")

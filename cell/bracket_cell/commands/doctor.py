@@ -100,7 +100,7 @@ def _contracted(path: Path, kind: str, slower: float) -> list[Finding]:
         if role in MOVES and driver is not None and driver.on_the_wall:
             wait_for_enter(MOVES[role])
         found = contracted(configuration, product, role, slower)
-        return [Finding(one.what, not one.remedy, one.remedy) for one in found]
+        return [Finding(check.what, not check.remedy, check.remedy) for check in found]
 
 
 def _bag(path: Path, config: Path) -> list[Finding]:
@@ -109,7 +109,7 @@ def _bag(path: Path, config: Path) -> list[Finding]:
 
     configuration = load_configuration(config)
     found = examined_bag(path, configuration.robot, configuration.bench)
-    return [Finding(one.what, not one.remedy, one.remedy, needed=False) for one in found]
+    return [Finding(check.what, not check.remedy, check.remedy, needed=False) for check in found]
 
 
 def _print_limits(as_json: bool) -> int:
@@ -134,7 +134,7 @@ def examine(path: Path, slower: float = 1.0) -> list[Finding]:
     logs = configuration.log.folder
     rendering = replace(rendering, needed=bool(configuration.devices.simulated))
     machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
-    there = all(one.ok for one in (rendering, *machine[3:]) if one.needed)
+    there = all(finding.ok for finding in (rendering, *machine[3:]) if finding.needed)
     devices = [*_devices(configuration, product), *_examined(configuration, product, slower)] if there else []
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), _arm(configuration), *_bench(configuration, product, path)]
@@ -191,7 +191,7 @@ def _disk(folder: Path) -> Finding:
 
 def _there(folder: Path) -> Path:
     """The folder, or what it would be made in."""
-    return next(one for one in (folder, *folder.parents) if one.exists())
+    return next(parent for parent in (folder, *folder.parents) if parent.exists())
 
 
 def _drivers(configuration: Configuration, path: Path) -> Finding:
@@ -210,8 +210,8 @@ def _examined(configuration: Configuration, product: Product, slower: float) -> 
     if drivers := find_drivers(configuration):
         from bracket_cell.skills.motion.kinematics import Kinematics
 
-        for one in examined(configuration, drivers, product, Kinematics(configuration.motion).forward, slower):
-            yield Finding(one.what, not one.remedy, one.remedy)
+        for check in examined(configuration, drivers, product, Kinematics(configuration.motion).forward, slower):
+            yield Finding(check.what, not check.remedy, check.remedy)
 
 
 def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:

@@ -169,13 +169,13 @@ def rules(
     from bracket_cell.log.report.rules import judge, rule_lines
 
     files, beside = user_files(own)
-    judged = [judge(one, rules, (*files, *always_loaded()), beside) for one in log]
+    judged = [judge(path, rules, (*files, *always_loaded()), beside) for path in log]
     if as_json:
-        for one in judged:
-            tell_json(one.plain())
+        for picture in judged:
+            tell_json(picture.plain())
     else:
         say(*rule_lines(judged))
-    return int(any(one.violations for one in judged))
+    return int(any(picture.violations for picture in judged))
 
 
 def _nodes(log: list[Path], as_json: bool) -> None:
@@ -218,7 +218,7 @@ def diff(
         from bracket_cell.log.report.diff_page import write_diff
 
         write_diff(*logs, found, names, html, why)
-    keys = [str(one) for one in changed]
+    keys = [str(change) for change in changed]
     return tell_comparison(found, unfinished, as_json, names, changed=keys, causes=why)
 
 
@@ -318,5 +318,8 @@ def to_test(
         first = vars(differing[0]) if differing else None
         tell_json({"case": str(case), "bytes": size, "differences": len(differing), "first": first})
     else:
-        say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *difference_lines(one))))
+        say(
+            f"{case}: {size} bytes",
+            *(line for difference in differing[:1] for line in ("differs:", *difference_lines(difference))),
+        )
     return DIFFERS if differing else 0

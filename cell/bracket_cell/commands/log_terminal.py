@@ -194,10 +194,14 @@ def _tell_differences(
     for title, lines in (("changed:", changed[:SHOWN_NODES]), ("why:", causes)):
         if lines:
             say(title, *(f"      {line}" for line in lines))
-    before = [one for one in comparison.first_by_aspect.values() if one.tick <= leading.tick and one is not leading]
+    before = [
+        difference
+        for difference in comparison.first_by_aspect.values()
+        if difference.tick <= leading.tick and difference is not leading
+    ]
     if before:
         say("with it or before it:")
-        say(*(line for one in before for line in difference_lines(one, names)))
+        say(*(line for difference in before for line in difference_lines(difference, names)))
     counts = ", ".join(f"{aspect} {count}" for aspect, count in comparison.ticks_by_aspect.most_common())
     nodes = [f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)]
     say(f"all ticks that differ, with what follows from it: {counts}", *nodes)

@@ -57,8 +57,8 @@ class Workshop:
     def registry(self) -> Registry:
         """The nodes as they are now: made again when a file of theirs, or the configuration, was saved."""
         files = [self._config] if self._config else []
-        for one in map(Path, (*self._nodes, *always_loaded())):
-            files += [one, *one.glob("*.py")]
+        for path in map(Path, (*self._nodes, *always_loaded())):
+            files += [path, *path.glob("*.py")]
         stamps = [file.stat().st_mtime for file in files if file.is_file()]
         if self._registry is None or stamps != self._stamps:
             self._stamps = stamps
@@ -118,7 +118,7 @@ def language_server(shop: Workshop) -> LanguageServer:
         start = document.client_position_at_offset(prefix_start(document.source, offset))
         place = types.Range(start, parameters.position)
         found = offers(document.source, offset, _path(document.uri), shop.registry, library)
-        return [_item(one, place) for one in found]
+        return [_item(offer, place) for offer in found]
 
     @server.feature(types.TEXT_DOCUMENT_HOVER)
     def explain(parameters: types.HoverParams) -> types.Hover | None:
@@ -151,7 +151,7 @@ def _navigation(server: LanguageServer, shop: Workshop) -> None:
         named = _named(server, shop, parameters)
         found = [] if named is None else named[0].of(named[1])
         told = parameters.context.include_declaration
-        return [_location(server, one.place, one.length) for one in found if told or one.role != "made"]
+        return [_location(server, mention.place, mention.length) for mention in found if told or mention.role != "made"]
 
     @server.feature(types.TEXT_DOCUMENT_RENAME)
     def rename(parameters: types.RenameParams) -> types.WorkspaceEdit | None:
@@ -160,8 +160,8 @@ def _navigation(server: LanguageServer, shop: Workshop) -> None:
             if named is None:
                 raise TreeFileError("only trees and entries can be renamed; nodes and ports are classes of Python")
             edits: dict[str, list[types.TextEdit]] = {}
-            for one, text in named[0].renamed(named[1], parameters.new_name):
-                at = _location(server, one.place, one.length)
+            for mention, text in named[0].renamed(named[1], parameters.new_name):
+                at = _location(server, mention.place, mention.length)
                 edits.setdefault(at.uri, []).append(types.TextEdit(at.range, text))
         except TreeFileError as error:
             server.window_show_message(types.ShowMessageParams(types.MessageType.Error, str(error)))
@@ -172,7 +172,7 @@ def _navigation(server: LanguageServer, shop: Workshop) -> None:
     def symbols(parameters: types.DocumentSymbolParams) -> list[types.DocumentSymbol]:
         document = server.workspace.get_text_document(parameters.text_document.uri)
         root = related(_path(document.uri), None, _opened(server)).get(_path(document.uri))
-        return [] if root is None else [_symbol(document, one) for one in outline(root)]
+        return [] if root is None else [_symbol(document, heading) for heading in outline(root)]
 
     @server.feature(types.TEXT_DOCUMENT_DOCUMENT_LINK)
     def linked(parameters: types.DocumentLinkParams) -> list[types.DocumentLink]:
@@ -180,8 +180,8 @@ def _navigation(server: LanguageServer, shop: Workshop) -> None:
         root = related(path, None, _opened(server)).get(path)
         found = [] if root is None else links(root, path)
         return [
-            types.DocumentLink(_location(server, one.value_place, len(one.source)).range, file.as_uri())
-            for one, file in found
+            types.DocumentLink(_location(server, attribute.value_place, len(attribute.source)).range, file.as_uri())
+            for attribute, file in found
         ]
 
 
@@ -194,12 +194,12 @@ def _cures(server: LanguageServer, shop: Workshop) -> None:
         found: list[types.CodeAction] = []
         for problem, mark in shop.marks.get(_path(document.uri), ()):
             offered = cures(problem, document.source) if _meet(mark.range, asked) else []
-            for one in offered:
-                edits = [types.TextEdit(_between(document, *edit[:2]), edit.text) for edit in one.edits]
+            for cure in offered:
+                edits = [types.TextEdit(_between(document, *edit[:2]), edit.text) for edit in cure.edits]
                 change = types.WorkspaceEdit({document.uri: edits})
                 alone = len(offered) == 1
                 kind = types.CodeActionKind.QuickFix
-                found.append(types.CodeAction(one.title, kind, [mark], is_preferred=alone, edit=change))
+                found.append(types.CodeAction(cure.title, kind, [mark], is_preferred=alone, edit=change))
         return found
 
 
@@ -224,7 +224,10 @@ def _mentioned(symbols: Symbols, symbol: Symbol) -> str:
     """What an entry holds, who writes it and who reads it."""
     kinds = dict.fromkeys(type_name(port.kind) for port in symbols.ports(symbol))
     title = f"{symbol.entry or symbol.tree}  [{'entry of ' + symbol.tree if symbol.entry else 'SubTree'}]"
-    lines = [f"    {one.role} by {one.by} at {one.place.file.name}:{one.place.line}" for one in symbols.of(symbol)]
+    lines = [
+        f"    {mention.role} by {mention.by} at {mention.place.file.name}:{mention.place.line}"
+        for mention in symbols.of(symbol)
+    ]
     return "\n".join([title, *([f"    {', '.join(kinds)}"] if kinds else []), *dict.fromkeys(lines)])
 
 

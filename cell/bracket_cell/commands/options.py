@@ -112,8 +112,11 @@ def command_from(record: type, *names: str, **defaults: Any) -> Callable[[Callab
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         bound = function.keywords if isinstance(function, partial) else {}
         every = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
-        own = [one for one in every if one.name not in bound]
-        hints, given = get_type_hints(record, include_extras=True), {one.name: one.default for one in fields(record)}
+        own = [parameter for parameter in every if parameter.name not in bound]
+        hints, given = (
+            get_type_hints(record, include_extras=True),
+            {field.name: field.default for field in fields(record)},
+        )
         shared = [
             inspect.Parameter(
                 name,
@@ -127,9 +130,9 @@ def command_from(record: type, *names: str, **defaults: Any) -> Callable[[Callab
         def command(**values: Any) -> Any:
             return function(record(**{name: values.pop(name) for name in names}), **values)
 
-        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + shared
+        parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own] + shared
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        command.__annotations__ = {one.name: one.annotation for one in parameters}
+        command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         command.__name__, command.__doc__ = getattr(function, "__name__", "command"), function.__doc__
         return command
 
@@ -138,12 +141,17 @@ def command_from(record: type, *names: str, **defaults: Any) -> Callable[[Callab
 
 def words_of(record: object, names: Iterable[str]) -> list[str]:
     """The options that a record was made from, to be typed again: those that differ from their defaults."""
-    hints, given = get_type_hints(type(record), include_extras=True), {one.name: one.default for one in fields(record)}  # type: ignore[arg-type]
+    hints = get_type_hints(type(record), include_extras=True)
+    given = {field.name: field.default for field in fields(record)}  # type: ignore[arg-type]
     words = []
     for name in names:
         value = getattr(record, name)
         (option,) = hints[name].__metadata__
-        declared = [one for one in (option.default, *(option.param_decls or ())) if str(one).startswith("--")]
+        declared = [
+            param_decl
+            for param_decl in (option.default, *(option.param_decls or ()))
+            if str(param_decl).startswith("--")
+        ]
         typed = next(iter(declared), f"--{name.replace('_', '-')}")  # typer takes the first one for a default
         if value != given[name]:
             words += [typed] if value is True else [typed, str(value)]

@@ -74,9 +74,9 @@ def check(
         )
         return BAD_INPUT if problems else int(doubtful)
     for level, some in (("warning", warnings), ("note", notes)):
-        legal = (f"; {one.legal}" if one.legal and level == "warning" else "" for one in some)
+        legal = (f"; {problem.legal}" if problem.legal and level == "warning" else "" for problem in some)
         sys.stderr.writelines(
-            f"{one.place}: {level}: {one.what}{more}\n" for one, more in zip(some, legal, strict=True)
+            f"{problem.place}: {level}: {problem.what}{more}\n" for problem, more in zip(some, legal, strict=True)
         )
     if problems:
         raise InputError(*problems)

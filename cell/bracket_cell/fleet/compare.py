@@ -134,7 +134,7 @@ class Limit:
 
     def broken(self, findings: Iterable[Finding]) -> bool:
         """Whether the measured difference is beyond the bound; also where nothing could be measured."""
-        finding = next(one for one in findings if one.measure is self.measure)
+        finding = next(ing for ing in findings if ing.measure is self.measure)
         value, bound = finding.difference.value, self.bound * (finding.one if self.of_one else 1.0)
         if math.isnan(value):
             return True
@@ -155,7 +155,7 @@ def findings(pairs: Sequence[tuple[Row, Row]]) -> list[Finding]:
 
 def overall(found: Iterable[Finding]) -> Literal["better", "worse", "mixed", "no difference proved"]:
     """What the measures that decide say together."""
-    verdicts = {one.verdict for one in found if one.measure.judged}
+    verdicts = {finding.verdict for finding in found if finding.measure.judged}
     if {"better", "worse"} <= verdicts:
         return "mixed"
     return "better" if "better" in verdicts else "worse" if "worse" in verdicts else "no difference proved"

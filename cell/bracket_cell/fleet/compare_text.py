@@ -26,10 +26,10 @@ def lines(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> list[
     """The whole comparison for a terminal."""
     told = [f"A {names[0]}, B {names[1]}: {pairs} pairs; {WORDS[overall(found)]}", ""]
     told.append(f"{'':18} {'A':>9} {'B':>9}  {'B - A':>9}  {'95 % interval':>20}")
-    for one in found:
-        mark = "*" if one.measure.judged else " "
-        row = f"{one.measure.name:17}{mark} {_number(one.one):>9} {_number(one.other):>9}"
-        told.append(f"{row}  {_signed(one.difference.value):>9}  {_span(one):>20}  {one.verdict}")
+    for finding in found:
+        mark = "*" if finding.measure.judged else " "
+        row = f"{finding.measure.name:17}{mark} {_number(finding.one):>9} {_number(finding.other):>9}"
+        told.append(f"{row}  {_signed(finding.difference.value):>9}  {_span(finding):>20}  {finding.verdict}")
     told += [
         "",
         "* decides which is better; the three share 5 % of false alarms. The others explain, each by itself.",
@@ -44,16 +44,16 @@ def by_person(pairs: Sequence[tuple[Row, Row]]) -> list[str]:
         return []
     told = ["", f"{'person':18} {'':17} {'A':>9} {'B':>9}  {'B - A':>9}  {'95 % interval':>20}"]
     for person, found in grouped.items():
-        for one in found:
-            row = f"{person:18} {one.measure.name:17} {_number(one.one):>9} {_number(one.other):>9}"
-            told.append(f"{row}  {_signed(one.difference.value):>9}  {_span(one):>20}  {one.verdict}")
+        for finding in found:
+            row = f"{person:18} {finding.measure.name:17} {_number(finding.one):>9} {_number(finding.other):>9}"
+            told.append(f"{row}  {_signed(finding.difference.value):>9}  {_span(finding):>20}  {finding.verdict}")
     return told
 
 
 def persons_as_json(pairs: Sequence[tuple[Row, Row]]) -> dict[str, object]:
     """The measures that change with who stands at the bench, by person."""
     return {
-        person: {one.measure.name: {"a": _finite(one.one), "b": _finite(one.other)} for one in found}
+        person: {finding.measure.name: {"a": _finite(finding.one), "b": _finite(finding.other)} for finding in found}
         for person, found in _grouped(pairs).items()
     }
 
@@ -62,9 +62,9 @@ def _grouped(pairs: Sequence[tuple[Row, Row]]) -> dict[str, list[Finding]]:
     persons = dict.fromkeys(str(a.get("person") or "as configured") for a, _ in pairs)
     return {
         person: [
-            one
-            for one in findings([two for two in pairs if str(two[0].get("person") or "as configured") == person])
-            if one.measure.name in BY_PERSON
+            ing
+            for ing in findings([two for two in pairs if str(two[0].get("person") or "as configured") == person])
+            if ing.measure.name in BY_PERSON
         ]
         for person in persons
     }
@@ -78,17 +78,17 @@ def as_json(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> dic
         "pairs": pairs,
         "overall": overall(found),
         "measures": {
-            one.measure.name: {
-                "what": one.measure.what,
-                "a": _finite(one.one),
-                "b": _finite(one.other),
-                "difference": _finite(one.difference.value),
-                "low": _finite(one.difference.low),
-                "high": _finite(one.difference.high),
-                "pairs": one.pairs,
-                "verdict": one.verdict,
+            finding.measure.name: {
+                "what": finding.measure.what,
+                "a": _finite(finding.one),
+                "b": _finite(finding.other),
+                "difference": _finite(finding.difference.value),
+                "low": _finite(finding.difference.low),
+                "high": _finite(finding.difference.high),
+                "pairs": finding.pairs,
+                "verdict": finding.verdict,
             }
-            for one in found
+            for finding in found
         },
     }
 
@@ -101,7 +101,7 @@ def page(found: Sequence[Finding], names: tuple[str, str], pairs: Sequence[tuple
         names=names,
         pairs=len(pairs),
         verdict=WORDS[overall(found)],
-        measures=[_measure(one) for one in found],
+        measures=[_measure(finding) for finding in found],
         runs=[_run(a, b) for a, b in other[:SHOWN_PAIRS]],
         left_out=max(0, len(other) - SHOWN_PAIRS),
         differing=len(other),

@@ -176,9 +176,9 @@ class _Once:
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
         while self._first:
             yield self._first.pop(0)
-        for one in self._arguments:
-            self._taken[id(one)] = one
-            yield one
+        for argument in self._arguments:
+            self._taken[id(argument)] = argument
+            yield argument
 
 
 def _again(address: str, error: BaseException, done: int, in_vain: int) -> Any:
@@ -243,7 +243,7 @@ def mapped(
         InputError: the scheduler went and did not come back.
     """
     if workers == 1 and address is None:
-        yield from (work(*one) for one in arguments)
+        yield from (work(*argument) for argument in arguments)
         return
     with cluster(workers, address) as client:
         packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a child takes no function inside of another

@@ -168,8 +168,10 @@ def _logs(folder: Path) -> dict[str, int]:
     """Whole logs, and the first part that is there of each rotated one, with when any part was changed last [ns]."""
     found: dict[str, tuple[str, int]] = {}
     with os.scandir(folder) as entries:
-        ours = (one for one in entries if one.name.endswith(".mcap") and not one.name.endswith(".recovered.mcap"))
-        files = sorted((one.path, one.stat().st_mtime_ns) for one in ours)
+        ours = (
+            entry for entry in entries if entry.name.endswith(".mcap") and not entry.name.endswith(".recovered.mcap")
+        )
+        files = sorted((our.path, our.stat().st_mtime_ns) for our in ours)
     for path, changed_ns in files:  # as texts: there may be many thousand
         whole = PART.sub(".mcap", path)
         first, before_ns = found.get(whole, (path, 0))

@@ -38,7 +38,7 @@ def _row(
     files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
 ) -> Row:
     told = {name: json_of(files[0], result, name, lambda value: value) for name in result}
-    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(one) for one in rows])}
+    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(row) for row in rows])}
     why = json_of(files[0], outcome, "why", dict) or {}
     ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
     row: Row = {

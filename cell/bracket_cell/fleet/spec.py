@@ -131,7 +131,7 @@ def load_sweep(path: Path) -> Sweep:
     sweep = load_yaml(path, Sweep)
     folder = path.resolve().parent
     trees = tuple((folder / tree).resolve() for tree in sweep.trees)
-    configurations = tuple((folder / one).resolve() for one in sweep.configurations)
+    configurations = tuple((folder / configuration).resolve() for configuration in sweep.configurations)
     return sweep.model_copy(update={"trees": trees, "configurations": configurations})
 
 
@@ -265,10 +265,10 @@ def _node_files(nodes: Iterable[str]) -> dict[str, Path]:
         InputError: one is no Python file.
     """
     found = {}
-    for one in nodes:
-        path = Path(one)
+    for node in nodes:
+        path = Path(node)
         if not path.exists() or (path.is_file() and path.suffix != ".py"):
-            raise InputError(f"--with {one}: only Python files, and folders with them, are sent to workers")
+            raise InputError(f"--with {node}: only Python files, and folders with them, are sent to workers")
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
             found[f"nodes/{file.name}"] = file
     return found

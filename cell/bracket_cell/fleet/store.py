@@ -107,7 +107,7 @@ class _Growing:
             except FileNotFoundError:  # a store that has folders
                 system.makedirs(f"{path}/{SHARDS}", exist_ok=True)
                 system.pipe_file(written, b"")
-        self._sent = {one: self._size(one) for one in names}
+        self._sent = {name: self._size(name) for name in names}
 
     def more(self) -> None:
         """Send what is new, now and then; a store that is away gets it later."""
@@ -137,9 +137,9 @@ class _Growing:
 
     def end(self) -> None:
         """Whole files in the place of shards."""
-        for one in self._names:
-            if (file := self._folder / one).exists():
-                put(file, f"{self._place}/{one}")
+        for name in self._names:
+            if (file := self._folder / name).exists():
+                put(file, f"{self._place}/{name}")
         _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
 
     def _size(self, one: str) -> int:

@@ -90,7 +90,7 @@ def read_table(path: Path, columns: list[str] | None = None) -> list[dict[str, A
 def order_id(row: Row) -> str:
     """Ids of the work orders that a run's brackets were made for, by commas."""
     brackets = row.get("brackets") or ()
-    return ", ".join(dict.fromkeys(str(one["order"]) for one in brackets if one.get("order")))
+    return ", ".join(dict.fromkeys(str(bracket["order"]) for bracket in brackets if bracket.get("order")))
 
 
 def as_type(value: object, kind: type) -> object:

@@ -62,8 +62,8 @@ class DetectorChain:
 
     def prepare(self, image: Image) -> None:
         """Do what follows from an image alone, before it is asked about; answers stay the same."""
-        for one in self._preparing:
-            one.prepare(image)
+        for health in self._preparing:
+            health.prepare(image)
 
     def __call__(self, frame: Frame) -> BenchView:
         return self.watch(frame)
@@ -73,7 +73,7 @@ class DetectorChain:
         check_image(self._overhead.model, frame)
         frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
         hand = self._tracker.track(frame)
-        hands = [one for one in (hand, *self._tracker.others) if one is not None]
+        hands = [other for other in (hand, *self._tracker.others) if other is not None]
         health = self._health.judge(frame, hands)
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
         velocity, acceleration = self._track.motion

@@ -171,7 +171,7 @@ class CellSpace:
                 return [ua.Variant(False), ua.Variant(str(error) or NO_ANSWER)]
             return [ua.Variant(True), ua.Variant("")]
 
-        typed = [_argument(*one) for one in inputs.items()]
+        typed = [_argument(*item) for item in inputs.items()]
         answer = [_argument("Accepted", ua.VariantType.Boolean), _argument("Answer", ua.VariantType.String)]
         node = f"ns={self._space};s={name}"
         await self._cell.add_method(node, ua.QualifiedName(name, self._space), called, typed, answer)

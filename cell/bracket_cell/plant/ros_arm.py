@@ -359,7 +359,10 @@ def _payload(node: Node, settings: Ros2ArmSettings) -> Caller:
 def examine(settings: Ros2ArmSettings, robot: RobotModel, clock: Clock) -> Iterator[DeviceCheck]:
     """Whether joints come, with which delay and rate, whether the arm may move, and whether a controller is there."""
     slower = getattr(clock, "slower", 1.0)
-    what, names = f"arm: {settings.namespace}/joint_states", tuple(settings.prefix + one for one in robot.joint_names)
+    what, names = (
+        f"arm: {settings.namespace}/joint_states",
+        tuple(settings.prefix + joint_name for joint_name in robot.joint_names),
+    )
     try:
         samples = Ros2Samples(settings, names, slower)
         first, begun_s = samples.receive(), time.monotonic()

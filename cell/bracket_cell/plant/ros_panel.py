@@ -24,7 +24,7 @@ class Ros2Panel:
         """Replace what is shown."""
         self._say("robot", display.message)
         self._say("guidance", "; ".join(f"{part}: {', '.join(at)}" for part, at in display.guidance.items()))
-        self._say("questions", "; ".join(f"{one.reason}: {one.todo}" for one in display.questions))
+        self._say("questions", "; ".join(f"{question.reason}: {question.todo}" for question in display.questions))
 
     def alarm(self, text: str) -> None:
         """Show a trouble beside it."""

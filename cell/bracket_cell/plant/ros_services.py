@@ -219,7 +219,7 @@ class ActionServer:
             if mine:
                 self._cancel()
         for asked in self._asked.asked():
-            held = next((one for one in self._goals if one.name == bytes(asked.goal_id.uuid)), None)
+            held = next((goal for goal in self._goals if goal.name == bytes(asked.goal_id.uuid)), None)
             if held is None or held.status.over:
                 self._reply(asked, held)
             else:
@@ -252,7 +252,7 @@ class ActionServer:
         info, made = message("action_msgs/msg/GoalInfo"), message("action_msgs/msg/GoalStatus")
         stamp = empty("builtin_interfaces/msg/Time")
         told = [
-            made(goal_info=info(goal_id=_uuid(one.name), stamp=stamp), status=int(one.status)) for one in self._goals
+            made(goal_info=info(goal_id=_uuid(goal.name), stamp=stamp), status=int(goal.status)) for goal in self._goals
         ]
         self._status.write(message("action_msgs/msg/GoalStatusArray")(status_list=told))
 

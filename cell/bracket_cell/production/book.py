@@ -319,12 +319,12 @@ def csv_lines(rows: Iterable[BracketRow]) -> Iterator[str]:
     """A table of brackets as CSV, RFC 4180, the head first."""
     head = ("run", "number", "began", "ended", "seconds", "waited_s", "finished", "variant", "ordered", "order")
     yield ",".join((*head, "inspected", "robot", "person", "questions", "known_wrong")) + "\r\n"
-    for one in rows:
-        verdict = "" if one.correct is None else "right" if one.correct else "wrong"
-        times = (one.begin_utc.isoformat(timespec="seconds"), one.end_utc.isoformat(timespec="seconds"))
-        values = (one.run, one.number, *times, f"{one.length_s:.2f}", f"{one.waited_s:.2f}")
-        made = ("" if one.finished is None else "yes" if one.finished else "no", one.variant, one.ordered, one.order)
-        rest = (verdict, one.robot, one.person, len(one.questions), " ".join(one.known_wrong))
+    for row in rows:
+        verdict = "" if row.correct is None else "right" if row.correct else "wrong"
+        times = (row.begin_utc.isoformat(timespec="seconds"), row.end_utc.isoformat(timespec="seconds"))
+        values = (row.run, row.number, *times, f"{row.length_s:.2f}", f"{row.waited_s:.2f}")
+        made = ("" if row.finished is None else "yes" if row.finished else "no", row.variant, row.ordered, row.order)
+        rest = (verdict, row.robot, row.person, len(row.questions), " ".join(row.known_wrong))
         yield ",".join(_quoted(str(value)) for value in (*values, *made, *rest)) + "\r\n"
 
 
@@ -336,7 +336,7 @@ def _quoted(text: str) -> str:
 
 def _bracket(row: Mapping[str, Any]) -> BracketRow:
     lists = {name: json.loads(row[name]) for name in ("placed", "questions", "known_wrong")}
-    lists["placed"] = {at: tuple(one) for at, one in lists["placed"].items()}
+    lists["placed"] = {at: tuple(list_) for at, list_ in lists["placed"].items()}
     known = {name: None if row[name] is None else bool(row[name]) for name in ("finished", "correct")}
     rest = {name: value for name, value in row.items() if name not in ("order_id", "robot", "person")}
     return BracketRow(**{**rest, **lists, **known, "order": row["order_id"]})

@@ -185,7 +185,7 @@ class Bookkeeper(Observer):
 
         A bracket is judged when it is taken away, which is about when it is over.
         """
-        begun, over = len(self.rows), sum(one.finished is not None for one in self.rows)
+        begun, over = len(self.rows), sum(row.finished is not None for row in self.rows)
         return -over if judged < over - 1 else max(0, judged - begun)
 
     @property
@@ -265,7 +265,7 @@ def _moment(record: TickRecord) -> Moment:
         record.notes,
         str(reasons[0][1]) if reasons else "",
         frozenset(signal for signal, _ in reasons if signal not in USUAL),
-        None if display is None else [(one.kind, str(one.reason)) for one in display.questions],
+        None if display is None else [(question.kind, str(question.reason)) for question in display.questions],
         seen.operator.pause == "now",
         {} if display is None else display.goal_belief,
     )
@@ -295,7 +295,7 @@ def moment_of(tick: LoggedTick) -> Moment:
         tick.time_s,
         tick.notes,
         str(reasons[0]["words"]) if reasons else "",
-        frozenset(str(one.get("signal")) for one in reasons if one.get("signal") not in USUAL),
+        frozenset(str(reason.get("signal")) for reason in reasons if reason.get("signal") not in USUAL),
         None if display is None else [(one["kind"], str(one["reason"])) for one in display.get("questions") or ()],
         tick.observation.operator.pause == "now",
         {} if display is None else display.get("goal_belief") or {},

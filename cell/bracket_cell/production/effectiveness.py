@@ -66,12 +66,12 @@ class Effectiveness:
 def effectiveness_of(runs: Iterable[RunRow], brackets: Iterable[BracketRow]) -> Effectiveness:
     """Of these runs and their brackets."""
     known, brackets = {run.id: run for run in runs}, list(brackets)
-    produced = [one for one in brackets if one.finished]
-    ideal = [known[one.run].ideal_s.get(one.variant) for one in produced]
-    inspected = [one.correct for one in produced if one.correct is not None]
+    produced = [bracket for bracket in brackets if bracket.finished]
+    ideal = [known[row.run].ideal_s.get(row.variant) for row in produced]
+    inspected = [row.correct for row in produced if row.correct is not None]
     return Effectiveness(
         planned_s=_planned_s(known.values()),
-        produced_s=sum(max(0.0, one.length_s - one.waited_s) for one in brackets),
+        produced_s=sum(max(0.0, bracket.length_s - bracket.waited_s) for bracket in brackets),
         ideal_s=None if None in ideal or not ideal else sum(one for one in ideal if one is not None),
         produced=len(produced),
         inspected=len(inspected),
@@ -107,7 +107,7 @@ class Period:
     @staticmethod
     def of(book: Book, run: int | None = None) -> Period:
         """All of a book, or one run of it."""
-        runs = [one for one in book.runs() if run in (None, one.id)]
+        runs = [row for row in book.runs() if run in (None, row.id)]
         return Period(runs, book.brackets(run), book.waits_s(run))
 
     @property
@@ -124,5 +124,5 @@ class Period:
         found = []
         for day, runs in days.items():
             ids = {run.id for run in runs}
-            found.append((day, effectiveness_of(runs, (one for one in self.brackets if one.run in ids))))
+            found.append((day, effectiveness_of(runs, (bracket for bracket in self.brackets if bracket.run in ids))))
         return found

@@ -261,7 +261,7 @@ class Controller:
         overrun = wall_s + observers_s > self._period_s
         self._ticks += 1
         self._overruns += overrun
-        causes: list[tuple[Topic, dict[str, object]]] = [("cause", one.plain()) for one in self._causes.take()]
+        causes: list[tuple[Topic, dict[str, object]]] = [("cause", cause.plain()) for cause in self._causes.take()]
         notes = (*self.journal.take(), *causes)
         self._observers.tick(
             TickRecord(

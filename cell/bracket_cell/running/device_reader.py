@@ -58,13 +58,17 @@ class RobotPoseHistory:
 
     def tool_at(self, time_s: float) -> Pose | None:
         """world_from_tool at a time, between measurements; None where the arm was not measured about then."""
-        states = [one for one in self._states if not self._samples or one[0] > self._samples[-1].times_s[-1]]
-        times_s = np.concatenate([*(one.times_s for one in self._samples), np.array([one[0] for one in states])])
+        states = [state for state in self._states if not self._samples or state[0] > self._samples[-1].times_s[-1]]
+        times_s = np.concatenate(
+            [*(sample.times_s for sample in self._samples), np.array([state[0] for state in states])]
+        )
         with np.errstate(over="ignore"):  # times of a mad clock are far, however far
             near = len(times_s) and np.abs(times_s - time_s).min() <= NEAR_S
         if not near:
             return None
-        joints = np.concatenate([*(one.positions_rad for one in self._samples), *([one[1]] for one in states)])
+        joints = np.concatenate(
+            [*(sample.positions_rad for sample in self._samples), *([state[1]] for state in states)]
+        )
         between = np.array([np.interp(time_s, times_s, column) for column in joints.T])
         return self._forward(between) if np.isfinite(between).all() else None
 
@@ -73,8 +77,8 @@ class RobotPoseHistory:
 
         The points are those of the last state before and of the first one after, so their hull holds what is between.
         """
-        before = [one for one in self._states if one[0] <= time_s][-1:]
-        after = [one for one in self._states if one[0] > time_s][:1]
+        before = [state for state in self._states if state[0] <= time_s][-1:]
+        after = [state for state in self._states if state[0] > time_s][:1]
         near = [one for one in (*before, *after) if abs(one[0] - time_s) <= NEAR_S]
         if not near:
             return None

@@ -147,7 +147,9 @@ def condition(seen: Observation | None, part: str) -> str:
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
     gripper = seen.gripper
     told = (
-        gripper.echoed and not stale_words(seen) and not any(one.device.startswith("gripper") for one in seen.troubles)
+        gripper.echoed
+        and not stale_words(seen)
+        and not any(trouble.device.startswith("gripper") for trouble in seen.troubles)
     )
     if not told or not gripper.activated or gripper.object_status is ObjectStatus.MOVING:
         return f"{arm}, nothing is known of the gripper; it may hold {part or 'a part'}"

@@ -61,12 +61,14 @@ class WorkOrders:
         """Orders that are to be built, the next one first; looks now and then whether the file has grown."""
         if self._path is not None and time_s - self._looked_s >= LOOK_S:
             self._looked_s = time_s
-            self.news += [Message("{problem}; this line is passed over", problem=str(one)) for one in self._look()]
+            self.news += [
+                Message("{problem}; this line is passed over", problem=str(problem)) for problem in self._look()
+            ]
         if self._known != self._book.changes:
             self._known = self._book.changes
             self._orders = self._written()
-            left = [one for one in self._orders.values() if one.open and one.variant in self._variants]
-            self._open = tuple(sorted(left, key=lambda one: (not one.due, one.due))[:NEXT_N])
+            left = [order for order in self._orders.values() if order.open and order.variant in self._variants]
+            self._open = tuple(sorted(left, key=lambda order: (not order.due, order.due))[:NEXT_N])
         return self._open
 
     def put(self, text: str) -> None:

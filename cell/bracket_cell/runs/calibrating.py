@@ -103,9 +103,9 @@ def calibrate(
             cameras["wrist"] = calibrate_wrist(devices, configuration, product, motion, tell)
             if known := stamped_delays_s(configuration):
                 delays_s = _delays_s(devices, configuration, motion, known, tell)
-    if any(one.trouble for one in cameras.values()):
+    if any(calibrated.trouble for calibrated in cameras.values()):
         return None, cameras, delays_s
-    return Calibration(**{name: one.calibration for name, one in cameras.items()}), cameras, delays_s
+    return Calibration(**{name: calibrated.calibration for name, calibrated in cameras.items()}), cameras, delays_s
 
 
 def shown_lens(camera: Camera, clock: Clock, board: CharucoBoard, role: str, tell: Tell) -> Lens:
@@ -140,7 +140,7 @@ def _seen_through(configuration: Configuration, role: str, lens: Lens | None) ->
 def stamped_delays_s(configuration: Configuration) -> dict[str, float]:
     """What the configuration says of how late each camera's stamps are, where its driver takes that off."""
     devices = {role: getattr(configuration.devices, role) for role in ("overhead", "wrist")}
-    return {role: one.delay_s or 0.0 for role, one in devices.items() if hasattr(one, "delay_s")}
+    return {role: device.delay_s or 0.0 for role, device in devices.items() if hasattr(device, "delay_s")}
 
 
 def _delays_s(

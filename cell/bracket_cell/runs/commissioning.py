@@ -86,8 +86,8 @@ class Teaching:
         joints = self._motion.kinematics.wrapped(joints_rad, near)
         turned = [
             name
-            for name, one, was in zip(self._motion.settings.robot.joints, joints, joints_rad, strict=True)
-            if abs(one - was) > 1
+            for name, joint, was in zip(self._motion.settings.robot.joints, joints, joints_rad, strict=True)
+            if abs(joint - was) > 1
         ]
         told = f"; {', '.join(turned)} stored a whole turn nearer to the other pose" if turned else ""
         return {("bench", POSES[self._name]): _rounded(joints)}, f"{self._name}{told}"
@@ -197,7 +197,7 @@ def dry_run(configuration: Configuration, product: Product, devices: Devices, te
     bracket = bench.bracket.pose
     holes = {f"hole {name}": bracket.transform(np.array([*at, 0.0])) for name, at in product.bracket.holes_m.items()}
     missed = 0
-    for what, place in (*((f"part {one.part}", _top_m(one)) for one in seen), *holes.items()):
+    for what, place in (*((f"part {detection.part}", _top_m(detection)) for detection in seen), *holes.items()):
         reached = motion.reach(_above(place), np.array(devices.arm.state().positions_rad), Load(motion.open_m))
         if isinstance(reached, str):
             missed += 1

@@ -70,7 +70,7 @@ def _configured(options: RunOptions, files: Files) -> Attachments:
         database = configuration.devices.gripper.database or SHIPPED
         attachments["gripper.dbc"] = ("text/plain", read_frames(database).encode())
     semantic, folder = configuration.planners.semantic, options.configuration.resolve().parent
-    meshes = (one.mesh for one in configuration.bench.obstacles)
+    meshes = (obstacle.mesh for obstacle in configuration.bench.obstacles)
     for path in (semantic.goals, semantic.confusions, configuration.calibration, *meshes):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())

@@ -83,7 +83,7 @@ class CellControl:
 
     def orders(self) -> list[dict[str, Any]]:
         """Work orders that are open."""
-        return [one for one in self.book.orders() if not one["cancelled"] and one["done"] < one["amount"]]
+        return [order for order in self.book.orders() if not order["cancelled"] and order["done"] < order["amount"]]
 
     def brackets(self, last: int) -> Sequence[BracketRow]:
         """The newest of the book, in order."""

@@ -244,13 +244,13 @@ def boxes_around(planner: MotionPlanner, part: PartDetection, others: Sequence[P
         return tray_boxes(planner, others)
     middle_m = float(part.lies.position_m[2]) - planner.bench.tray.centre_m[2]
     found: list[Box] = []
-    for number, one in enumerate(others):
-        name, carries = f"{one.part} in the tray ({number})", one.box_px in part.lies_on and not one.upright
-        if carries and one.lies is not None:
-            found += solid_boxes(name, planner.product.parts[one.part], one.lies)
+    for number, other in enumerate(others):
+        name, carries = f"{other.part} in the tray ({number})", other.box_px in part.lies_on and not other.upright
+        if carries and other.lies is not None:
+            found += solid_boxes(name, planner.product.parts[other.part], other.lies)
             continue
-        length, width, height = one.size_m
-        lower = replace(one, size_m=(length, width, min(height, middle_m))) if carries else one
+        length, width, height = other.size_m
+        lower = replace(other, size_m=(length, width, min(height, middle_m))) if carries else other
         found.append(part_box(lower, planner.product, name))
     return tuple(found)
 

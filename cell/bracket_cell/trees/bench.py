@@ -92,7 +92,9 @@ def breakable(tree: Path, rules: Path, registry: Registry, known: Circumstances)
                 bench.tick(PERIOD_S)
             bench.tree.halt()
             where = f"{failing} always fails" if failing else "all leaves succeed"
-            for one in bench.violations[begun:]:
-                found.setdefault(one.rule, f"in {name} where {where}, in tick {one.tick - ticks}: {one.reason}")
+            for violation in bench.violations[begun:]:
+                found.setdefault(
+                    violation.rule, f"in {name} where {where}, in tick {violation.tick - ticks}: {violation.reason}"
+                )
     places = {rule.name: place_of(rules, ("rules", n, rule.key)) for n, rule in enumerate(load_rules(rules).rules)}
     return [Problem(places[name], f"rule '{name}' can be broken {said}") for name, said in found.items()]

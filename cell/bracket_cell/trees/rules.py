@@ -148,14 +148,14 @@ def _unknown(expression: Expression, nodes: Nodes, blackboard: Scope, place: Pla
         legal = list(_states(name.partition(".")[0])) if "." in name else list(blackboard)
         if name not in legal:
             what = f"there is no state '{name}'" if "." in name else f"the tree has no entry '{name}'"
-            yield Problem(place, what, hint(name, legal or [one for part in _STATES for one in _states(part)]))
+            yield Problem(place, what, hint(name, legal or [state for part in _STATES for state in _states(part)]))
 
 
 def _states(part: str) -> Iterator[str]:
     """States whose name begins with a part and a dot."""
     if part in OF_DEVICES:
         kind = OF_DEVICES[part]
-        own = [name for name, one in vars(kind).items() if isinstance(one, property)]
+        own = [name for name, var in vars(kind).items() if isinstance(var, property)]
         yield from (f"{part}.{name}" for name in (*(one.name for one in fields(kind)), *own))
     yield from (f"{part}.{name}" for name in {"tool": AXES, "command": COMMANDED}.get(part, ()))
     if part == "cell":
@@ -235,25 +235,25 @@ class RuleWatch:
 
     def step(self, tick: int, moment: Moment) -> list[Violation]:
         """Take a tick; the violations that begin in it."""
-        return [found for one in self.watched if (found := one.step(tick, moment)) is not None]
+        return [found for watched in self.watched if (found := watched.step(tick, moment)) is not None]
 
     @property
     def names_entries(self) -> bool:
         """Whether a rule names an entry of the blackboard."""
-        return any("." not in name for one in self.watched for name in one.expression.names)
+        return any("." not in name for watched in self.watched for name in watched.expression.names)
 
     @property
     def ticks(self) -> dict[str, tuple[int, int, int]]:
         """By rule, in how many ticks so far it was kept, broken and unknown."""
-        return {one.name: one.ticks for one in self.watched}
+        return {watched.name: watched.ticks for watched in self.watched}
 
     def acting(self, situation: Situation) -> Iterator[tuple[str, Message]]:
         """What the cell must do now, and why: for what is broken, and for what matters and is unknown for too long."""
-        for rule, one in zip(self.rules, self.watched, strict=True):
-            why, unknown_s = one.reason(situation), one.unknown_s(situation.time_s)
-            if one.broken:
+        for rule, watched in zip(self.rules, self.watched, strict=True):
+            why, unknown_s = watched.reason(situation), watched.unknown_s(situation.time_s)
+            if watched.broken:
                 yield rule.action, Message("rule '{name}' is broken: {why}", name=rule.name, why=why)
-            elif rule.action != "warn" and one.unknown_since_s is not None and unknown_s >= rule.unknown_after_s:
+            elif rule.action != "warn" and watched.unknown_since_s is not None and unknown_s >= rule.unknown_after_s:
                 text = "rule '{name}' is unknown for {s:g} s or more: {why}"
                 yield "hold", Message(text, name=rule.name, s=rule.unknown_after_s, why=why)
 

@@ -41,7 +41,7 @@ def product_picture(product: Product) -> str:
     steps = in_order([*product.positions, *product.fastenings], product.predecessors)
     level: dict[str, int] = {}
     for step in steps:
-        level[step] = 1 + max((level[one] for one in product.predecessors[step]), default=1)
+        level[step] = 1 + max((level[predecessor] for predecessor in product.predecessors[step]), default=1)
     columns: dict[int, list[str]] = {0: [""], 1: list(product.goals)}
     for step in steps:
         columns.setdefault(level[step], []).append(step)

@@ -73,7 +73,7 @@ class Why:
             "otherwise": self.otherwise,
             "held": self.held,
             "guard": asdict(self.guard),
-            "causes": [dict(one) for one in self.causes],
+            "causes": [dict(cause) for cause in self.causes],
             "tree": None if self.reason is None else self.reason.plain(),
         }
 

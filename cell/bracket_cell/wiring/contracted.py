@@ -18,11 +18,11 @@ from bracket_ground.interfaces.product import Product
 
 Check = Callable[[Any], None]
 CHECKS: Mapping[str, tuple[Check, ...]] = {
-    "arm": tuple(one for one in arm.CHECKS if one is not arm.check_protective_stop),
-    "gripper": tuple(one for one in gripper.CHECKS if one is not gripper.check_a_part_is_held_and_kept),
+    "arm": tuple(check for check in arm.CHECKS if check is not arm.check_protective_stop),
+    "gripper": tuple(check for check in gripper.CHECKS if check is not gripper.check_a_part_is_held_and_kept),
     **dict.fromkeys(
         ("overhead", "wrist"),
-        tuple(one for one in camera.CHECKS if one is not camera.check_a_lost_camera_says_so_and_comes_back),
+        tuple(check for check in camera.CHECKS if check is not camera.check_a_lost_camera_says_so_and_comes_back),
     ),
 }  # what nobody need lend a hand for
 MOVES = {

@@ -50,7 +50,7 @@ def name_of(kind: type) -> str:
 
 
 def _records(module: ModuleType) -> Iterator[type]:
-    own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
+    own = [var for var in vars(module).values() if isinstance(var, type) and var.__module__ == module.__name__]
     return (one for one in own if (is_dataclass(one) or issubclass(one, Enum)) and not issubclass(one, TreeNode))
 
 
@@ -58,14 +58,16 @@ def _records(module: ModuleType) -> Iterator[type]:
 def hints_of(kind: type) -> Mapping[str, Any]:
     """The type of each field of a dataclass."""
     hints = typing.get_type_hints(kind)
-    return {one.name: hints[one.name] for one in fields(kind)}
+    return {field.name: hints[field.name] for field in fields(kind)}
 
 
 @cache
 def stored_by(kind: type) -> frozenset[str]:
     """Names of the attributes that a node's own code sets; none of them is a method."""
-    functions = [one for base in kind.__mro__ for one in vars(base).values() if isinstance(one, FunctionType)]
-    names = {step.argval for one in functions for step in dis.get_instructions(one) if step.opname == "STORE_ATTR"}
+    functions = [var for base in kind.__mro__ for var in vars(base).values() if isinstance(var, FunctionType)]
+    names = {
+        step.argval for function in functions for step in dis.get_instructions(function) if step.opname == "STORE_ATTR"
+    }
     return frozenset(name for name in names if not _is_code(getattr(kind, name, None)))
 
 

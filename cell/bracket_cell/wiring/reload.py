@@ -165,8 +165,8 @@ def hand_on_memories(old: Tree, new: Tree) -> None:
     for kind in {type(node) for node in new.nodes if node.persistent}:
         before, after = ([node for node in tree.nodes if type(node) is kind] for tree in (old, new))
         if len(before) == len(after):
-            for one, other in zip(before, after, strict=True):
-                vars(other).update({name: getattr(one, name) for name in kind.persistent})
+            for tree_node, other in zip(before, after, strict=True):
+                vars(other).update({name: getattr(tree_node, name) for name in kind.persistent})
 
 
 def _stamp(file: Path) -> Stamp:

@@ -105,7 +105,7 @@ def _written(tree: Tree, services: Services, supervisor: Supervisor) -> dict[str
         "display": write(services.now.display),
         "motion": write.fields({name: getattr(motion, name) for name in OF_MOTION}),
         "solved": [write(services._solved_view), write(services._solved)],
-        "supervisor": [write.record(one) for one in supervisor.keeps],
+        "supervisor": [write.record(keep) for keep in supervisor.keeps],
     }
 
 
@@ -180,7 +180,7 @@ def _named(tree: Tree, services: Services) -> dict[str, Any]:
     named: dict[str, Any] = {"unset": UNSET, "services": services, "now": services.now, "memory": services.memory}
     named |= {"seen": seen, "runtime": tree._runtime, "clock": tree._runtime.clock}
     named |= {f"seen.{name}": value for name, value in vars(seen).items() if is_own(value)}
-    named |= {f"tools.{one.name}": getattr(tools, one.name) for one in dataclasses.fields(tools)}
+    named |= {f"tools.{field.name}": getattr(tools, field.name) for field in dataclasses.fields(tools)}
     named |= {"tools": tools, **dict(_below("motion", tools.motion, 3))}
     named |= {f"entry {scope} {key}": entry for (scope, key), entry in _entries_of(tree).items()}
     return named | {f"node {node.uid}": node for node in tree.nodes}

@@ -106,7 +106,7 @@ class StateReader:
                 old = list(was) if isinstance(was, list | tuple) else []
                 old += [MISSING] * (len(written[name]) - len(old))
                 items = [self(one, before) for one, before in zip(written[name], old, strict=False)]
-                return kind(one for one in items if one is not MISSING)
+                return kind(item for item in items if item is not MISSING)
         if (pairs := written.get("dict", written.get("frozen"))) is not None:
             before: Mapping[Any, Any] = was if isinstance(was, Mapping) else {}
             made: dict[Any, Any] = defaultdict(was.default_factory) if isinstance(was, defaultdict) else {}

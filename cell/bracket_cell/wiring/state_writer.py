@@ -66,7 +66,7 @@ class StateWriter:
         kind = type(value)
         if kind.__name__ in LISTS and kind is LISTS[kind.__name__]:
             items = sorted(value, key=repr) if kind in (set, frozenset) else value
-            return {kind.__name__: [self(one) for one in items]}
+            return {kind.__name__: [self(item) for item in items]}
         if isinstance(value, dict | MappingProxyType):
             return {
                 "frozen" if isinstance(value, MappingProxyType) else "dict": [

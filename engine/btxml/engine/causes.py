@@ -75,8 +75,8 @@ class Causes:
     def take(self) -> list[Cause]:
         """What changed since the last call, in the order of the first comparison in the tick."""
         answers = self._answers
-        found = [one for key, one in self._tick.items() if answers.get(key) is not one.holds]
-        answers.update((one.key, one.holds) for one in found)
+        found = [cause for key, cause in self._tick.items() if answers.get(key) is not cause.holds]
+        answers.update((cause.key, cause.holds) for cause in found)
         self._tick.clear()
         return found
 

@@ -66,7 +66,7 @@ class Traits:
 
 
 OVERRIDDEN = "run, on_halt of a control or decorator; prepare, initialise, update, terminate of a leaf"
-FORMER = {**{one.name: one.name for one in fields(Traits)}, "never_succeeds": "results"}
+FORMER = {**{field.name: field.name for field in fields(Traits)}, "never_succeeds": "results"}
 
 
 def refuse_former(node: type) -> None:

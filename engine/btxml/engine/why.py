@@ -149,14 +149,14 @@ class Reason:
     def otherwise(self) -> str:
         """What would have changed the answer: "if ..."."""
         own = next((step.otherwise for step in reversed(self.steps) if step.otherwise), "")
-        others = (one.otherwise for one in reversed(self.beside) if one.otherwise and self._counts(one))
+        others = (reason.otherwise for reason in reversed(self.beside) if reason.otherwise and self._counts(reason))
         return own or next(others, "")
 
     def __str__(self) -> str:
         """One sentence, like "MoveTo (a.xml:3): no way to park; Inverter (a.xml:2) makes that a failure"."""
         above = [str(step) for step in reversed(self.steps[:-1]) if step.words]
         word = "as" if self.leaf.status == RUNNING.name else "also"
-        beside = [f"{word} {one.leaf}" for one in self.beside if one.tells and self._counts(one)]
+        beside = [f"{word} {reason.leaf}" for reason in self.beside if reason.tells and self._counts(reason)]
         return "; ".join([str(self.leaf), *above, *beside[-BESIDE_N:]])
 
     @property
@@ -183,7 +183,7 @@ class Reason:
             "otherwise": self.otherwise,
             **{name: value for name, value in vars(self.leaf).items() if name not in ("otherwise", "fixed")},
             "steps": [vars(step) for step in self.steps],
-            "beside": [one.plain() for one in self.beside],
+            "beside": [reason.plain() for reason in self.beside],
         }
 
 
@@ -210,8 +210,8 @@ def explain(node: TreeNode, answer: Status, history: History, place: Placed) -> 
         return Reason((step,))
     answers = (history.answer(child, node) or history.of(child).answer or IDLE for child in told.by)
     below = [explain(child, answer, history, place) for child, answer in zip(told.by, answers, strict=True)]
-    last = next((one for one in reversed(below) if not one.fixed), below[-1])
-    beside = (*(one for one in below if one is not last), *last.beside)
+    last = next((reason for reason in reversed(below) if not reason.fixed), below[-1])
+    beside = (*(reason for reason in below if reason is not last), *last.beside)
     return Reason((step, *last.steps), beside)
 
 

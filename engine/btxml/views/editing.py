@@ -119,9 +119,9 @@ def offers(text: str, offset: int, path: Path, registry: Registry, library: Libr
         found = list(_nodes(registry, "" if spot.in_tag else "<"))
         goes_on = _GOES_ON
     else:
-        found = [one for one in _ports(spot, registry, library) if one.label not in (spot.attributes or {})]
+        found = [port for port in _ports(spot, registry, library) if port.label not in (spot.attributes or {})]
         goes_on = _EQUALS
-    return [replace(one, snippet="") for one in found] if goes_on.match(text, offset) else found
+    return [replace(offer, snippet="") for offer in found] if goes_on.match(text, offset) else found
 
 
 def hover(text: str, offset: int, registry: Registry, library: Library) -> str:
@@ -196,7 +196,11 @@ def _ports(spot: Spot, registry: Registry, library: Library) -> Iterator[Offer]:
             yield Offer(port.name, "port", port_line(port).strip(), f'{port.name}="$1"')
     identifier = (spot.attributes or {}).get("ID", "")
     if spot.tag == "SubTree":
-        named = {one.symbol.entry for one in _symbols(registry, library).mentions if one.symbol.tree == identifier}
+        named = {
+            mention.symbol.entry
+            for mention in _symbols(registry, library).mentions
+            if mention.symbol.tree == identifier
+        }
         names = {*library.models.get(identifier, {}), *named} - {""}
         yield from (Offer(name, "entry", f"an entry of {identifier}", f'{name}="{{$1}}"') for name in sorted(names))
         yield from (Offer(name, "port", snippet=f'{name}="$1"') for name in ("ID", "_autoremap"))

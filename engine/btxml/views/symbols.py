@@ -77,24 +77,24 @@ class Symbols:
         self.main = main or next((name for root in roots.values() if (name := root.get("main_tree_to_execute"))), "")
         self._joined: list[tuple[str, str, frozenset[str] | str]] = []
         self.replaced: set[str] = set()
-        self.mentions = [one for root in roots.values() for one in self._of_file(root)]
+        self.mentions = [mention for root in roots.values() for mention in self._of_file(root)]
 
     def at(self, file: Path, line: int, column: int) -> Symbol | None:
         """What is named at a place; lines and columns count from 1."""
-        for one in self.mentions:
-            place, begins = one.place, one.place.column or 1
-            if place.line == line and begins <= column <= begins + one.length and place.file.resolve() == file:
-                return one.symbol
+        for mention in self.mentions:
+            place, begins = mention.place, mention.place.column or 1
+            if place.line == line and begins <= column <= begins + mention.length and place.file.resolve() == file:
+                return mention.symbol
         return None
 
     def of(self, symbol: Symbol) -> list[Mention]:
         """All mentions of a symbol, and of the entries of other trees that are joined to it under the same name."""
         same = self._same(symbol)
-        return [one for one in self.mentions if one.symbol in same]
+        return [mention for mention in self.mentions if mention.symbol in same]
 
     def made(self, symbol: Symbol) -> Mention | None:
         """Where a tree stands, or an entry is first written, read where nothing writes it, or passed."""
-        return min(self.of(symbol), key=lambda one: ROLES.index(one.role), default=None)
+        return min(self.of(symbol), key=lambda mention: ROLES.index(mention.role), default=None)
 
     def ports(self, symbol: Symbol) -> Iterator[Port]:
         """Ports that an entry reaches, also in the trees that it is passed to."""
@@ -103,9 +103,9 @@ class Symbols:
             if (current := waiting.pop()) in known:
                 continue
             known.add(current)
-            for one in (one for one in self.mentions if one.symbol in self._same(current)):
-                yield from [one.port] if one.port is not None else []
-                waiting += [one.passes] if one.passes is not None else []
+            for mention in (mention for mention in self.mentions if mention.symbol in self._same(current)):
+                yield from [mention.port] if mention.port is not None else []
+                waiting += [mention.passes] if mention.passes is not None else []
 
     def renamed(self, symbol: Symbol, name: str) -> list[tuple[Mention, str]]:
         """Mentions, and the text that takes the place of each.
@@ -114,7 +114,9 @@ class Symbols:
             TreeFileError: the name cannot be given, or is another's.
         """
         same = self._same(symbol)
-        taken = [one.symbol for one in self.mentions if one.symbol in {replace_name(old, name) for old in same}]
+        taken = [
+            mention.symbol for mention in self.mentions if mention.symbol in {replace_name(old, name) for old in same}
+        ]
         if not (KEY.match(name) if symbol.entry else name.strip()) or name.startswith("@") or set('"<>&') & set(name):
             raise TreeFileError(f"{name!r} is not a name; letters, digits, _ and - are legal")
         if symbol.tree in self.replaced and not symbol.entry:
@@ -122,7 +124,7 @@ class Symbols:
         if taken and name not in symbol:
             where = f" in {taken[0].tree}" if symbol.entry else ""
             raise TreeFileError(f"there is a '{name}' already{where}")
-        return [(one, one.new.format(name)) for one in self.of(symbol)]
+        return [(mention, mention.new.format(name)) for mention in self.of(symbol)]
 
     def _same(self, symbol: Symbol) -> set[Symbol]:
         same, waiting = {symbol}, [symbol]
@@ -146,7 +148,7 @@ class Symbols:
                 for element in _below(top):
                     yield from self._of_node(element, tree)
             elif top.tag == "TreeNodesModel":
-                for model in (one for one in top.children if one.tag == "SubTree"):
+                for model in (child for child in top.children if child.tag == "SubTree"):
                     yield from self._whole(model, "ID", "read")
                     for port in model.children:
                         yield from self._whole(port, "name", "passed", model.get("ID") or "")
@@ -175,12 +177,14 @@ class Symbols:
                 if entry_name(attribute.value, "=") == "=":
                     self._joined.append((tree, called, name))
                 else:
-                    for one in self._pointer(attribute, name, element, tree, "read"):
-                        yield replace(one, passes=Symbol(called, name))
+                    for mention in self._pointer(attribute, name, element, tree, "read"):
+                        yield replace(mention, passes=Symbol(called, name))
             elif not is_reserved(name):
                 role: Role = "read" if port is None or port.direction == "input" else "written"
-                for one in self._pointer(attribute, name, element, tree, role, port is not None and port.names_entry):
-                    yield replace(one, port=port)
+                for mention in self._pointer(
+                    attribute, name, element, tree, role, port is not None and port.names_entry
+                ):
+                    yield replace(mention, port=port)
 
     def _pointer(
         self, attribute: Attribute, name: str, element: Element, tree: str, role: Role, bare: bool = False
@@ -268,7 +272,7 @@ class Heading:
 def outline(root: Element) -> list[Heading]:
     """The trees of a file with their nodes."""
     trees = [top for top in root.children if top.tag == "BehaviorTree"]
-    following = [*(one.place for one in root.children), None]
+    following = [*(child.place for child in root.children), None]
     return [_heading(tree, following[root.children.index(tree) + 1]) for tree in trees]
 
 

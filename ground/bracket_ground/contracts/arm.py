@@ -170,11 +170,14 @@ def check_samples(bench: Bench) -> None:
         if (samples := bench.arm.samples()) is not None:
             taken.append(samples)
     bench.rest()
-    times = np.concatenate([one.times_s for one in taken])
+    times = np.concatenate([joint_samples.times_s for joint_samples in taken])
     assert len(times) > 20
     assert (np.diff(times) > 0).all()
     assert all(
-        one.positions_rad.shape == one.velocities_rad_s.shape == (len(one.times_s), len(bench.at_rad)) for one in taken
+        joint_samples.positions_rad.shape
+        == joint_samples.velocities_rad_s.shape
+        == (len(joint_samples.times_s), len(bench.at_rad))
+        for joint_samples in taken
     )
 
 

@@ -147,10 +147,10 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def _make_folder(folder: Path, begun: list[Path]) -> None:
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
-    for one in reversed(missing):
-        one.mkdir()
-        begun.append(one)
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    for path in reversed(missing):
+        path.mkdir()
+        begun.append(path)
 
 
 def write_whole(path: Path, content: bytes) -> None:

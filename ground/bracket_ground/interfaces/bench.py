@@ -106,7 +106,7 @@ class CameraSetup(Lens):
 
     @property
     def model(self) -> CameraModel:
-        return CameraModel(**{one.name: getattr(self, one.name) for one in fields(CameraModel)})
+        return CameraModel(**{field.name: getattr(self, field.name) for field in fields(CameraModel)})
 
 
 class Tray(Model):
@@ -220,8 +220,8 @@ class Bench(Model):
 
     @model_validator(mode="after")
     def _obstacles_have_names_of_their_own(self) -> Bench:
-        often = Counter(one.name for one in self.obstacles)
-        twice = [number for number, one in enumerate(self.obstacles) if often[one.name] > 1]
+        often = Counter(obstacle.name for obstacle in self.obstacles)
+        twice = [number for number, obstacle in enumerate(self.obstacles) if often[obstacle.name] > 1]
         if twice:
             what = "there are two obstacles of the name {!r}; give each its own"
             places = [(("obstacles", number, "name"), what.format(self.obstacles[number].name)) for number in twice[1:]]

@@ -52,13 +52,15 @@ def with_brackets(file: dict[str, Any], read: Callable[[Path], dict[str, Any]]) 
     if not file.get("brackets"):
         return file
     some = [_bracket(name, entry, file, read) for name, entry in file["brackets"].items()]
-    if (combined := prod(len(one.goals) for one in some)) > MOST_GOALS:
-        each = {len(one.goals) for one in some}
+    if (combined := prod(len(bracket.goals) for bracket in some)) > MOST_GOALS:
+        each = {len(bracket.goals) for bracket in some}
         goals = f"{each.pop()} goals at" if len(each) == 1 else "the goals of"
         what = f"{goals} {len(some)} brackets combine to {combined}, more than {MOST_GOALS}"
         raise Disagreement([(("brackets",), what)])
-    holes = {one.of(slot): _moved(hole, one.at) for one in some for slot, hole in _holes(one.file).items()}
-    plates = [[one.of(slot) for slot in _holes(one.file)] for one in some]
+    holes = {
+        bracket.of(slot): _moved(hole, bracket.at) for bracket in some for slot, hole in _holes(bracket.file).items()
+    }
+    plates = [[bracket.of(slot) for slot in _holes(bracket.file)] for bracket in some]
     made = {
         "parts": _parts(file, some),
         "bracket": {**file["bracket"], "holes_m": holes, "plates": plates},
@@ -70,14 +72,16 @@ def with_brackets(file: dict[str, Any], read: Callable[[Path], dict[str, Any]]) 
 
 def _combined(some: list[_Bracket]) -> dict[str, Any]:
     """Every combination of goals as a goal, with its title, and its quantities where each of them has some."""
-    chosen = [goals for goals in product(*(one.goals for one in some)) if set(goals) != {EMPTY}]
+    chosen = [goals for goals in product(*(bracket.goals for bracket in some)) if set(goals) != {EMPTY}]
     each = {JOINT.join(goals): list(zip(some, goals, strict=True)) for goals in chosen}
     titles = {
-        name: ", ".join(one.file.get("goal_titles", {}).get(goal, goal) for one, goal in pairs)
+        name: ", ".join(bracket.file.get("goal_titles", {}).get(goal, goal) for bracket, goal in pairs)
         for name, pairs in each.items()
     }
     return {
-        "goals": {name: [choice for one, goal in pairs for choice in one.goals[goal]] for name, pairs in each.items()},
+        "goals": {
+            name: [choice for bracket, goal in pairs for choice in bracket.goals[goal]] for name, pairs in each.items()
+        },
         "goal_titles": titles,
         "goal_quantities": {name: dict(found) for name, pairs in each.items() if (found := _limits(pairs))},
     }
@@ -85,15 +89,17 @@ def _combined(some: list[_Bracket]) -> dict[str, Any]:
 
 def _steps(some: list[_Bracket]) -> dict[str, Any]:
     """What the slots of all take and carry, their fastenings, and what comes before what."""
-    carried = [(one, one.file.get("carried_by", {})) for one in some]
-    fastenings = [(one, one.file.get("fastenings", {})) for one in some]
+    carried = [(bracket, bracket.file.get("carried_by", {})) for bracket in some]
+    fastenings = [(bracket, bracket.file.get("fastenings", {})) for bracket in some]
     return {
-        "accepts": {one.of(slot): types for one in some for slot, types in one.file.get("accepts", {}).items()},
-        "carried_by": {one.of(slot): one.of(low) for one, slots in carried for slot, low in slots.items()},
-        "before": [[one.of(step) for step in pair] for one in some for pair in one.file.get("before", ())],
+        "accepts": {
+            bracket.of(slot): types for bracket in some for slot, types in bracket.file.get("accepts", {}).items()
+        },
+        "carried_by": {bracket.of(slot): bracket.of(low) for bracket, slots in carried for slot, low in slots.items()},
+        "before": [[bracket.of(step) for step in pair] for bracket in some for pair in bracket.file.get("before", ())],
         "fastenings": {
-            one.of(step): {**fastening, "at": [one.of(slot) for slot in fastening["at"]]}
-            for one, steps in fastenings
+            bracket.of(step): {**fastening, "at": [bracket.of(slot) for slot in fastening["at"]]}
+            for bracket, steps in fastenings
             for step, fastening in steps.items()
         },
     }
@@ -112,11 +118,11 @@ def _bracket(name: str, entry: Any, file: File, read: Callable[[Path], dict[str,
 def _parts(file: File, some: list[_Bracket]) -> dict[str, Any]:
     """Types of all files, by what all brackets take of them together, where a file says how many lie ready."""
     found: dict[str, Any] = {}
-    for one in some:
-        for name, part in one.file["parts"].items():
+    for bracket in some:
+        for name, part in bracket.file["parts"].items():
             before = found.setdefault(name, {**part, "quantity": 0} if "quantity" in part else part)
-            if one.file is not file and name in file["parts"] and _unlike(part, file["parts"][name]):
-                what = f"type {name} is another one in the file of bracket {one.name}"
+            if bracket.file is not file and name in file["parts"] and _unlike(part, file["parts"][name]):
+                what = f"type {name} is another one in the file of bracket {bracket.name}"
                 raise Disagreement([(("parts", name), what)])
             if "quantity" in before and "quantity" in part:
                 found[name] = {**before, "quantity": before["quantity"] + part["quantity"]}
@@ -138,7 +144,7 @@ def _plain(value: Any) -> Any:
 
 def _limits(pairs: list[tuple[_Bracket, str]]) -> Counter[str]:
     """Quantities of a combination; none where one of its goals has none."""
-    each = [{} if goal == EMPTY else one.file.get("goal_quantities", {}).get(goal) for one, goal in pairs]
+    each = [{} if goal == EMPTY else bracket.file.get("goal_quantities", {}).get(goal) for bracket, goal in pairs]
     return Counter() if None in each else sum((Counter(one) for one in each), Counter())
 
 

@@ -44,4 +44,4 @@ def held_off_middle(kind: PartType, axis: int, fingertips_m: float) -> bool:
     middle = between(-half, half)
     others = [between(place - half + _SURE_M, place + half - _SURE_M) for place in places_m(axis) if place != 0.0]
     others.append(between(-off - half, off + half))
-    return middle is not None and all(one is not None and math.dist(one, middle) < _ALIKE_M for one in others)
+    return middle is not None and all(other is not None and math.dist(other, middle) < _ALIKE_M for other in others)

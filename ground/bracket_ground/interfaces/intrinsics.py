@@ -119,7 +119,10 @@ class IntrinsicsFile(Model):
         try:
             _ = self.lens
         except ValidationError as error:
-            found = [(str(one["loc"][0]), one["msg"], one["input"]) for one in error.errors()]
+            found = [
+                (str(typed_dict_type["loc"][0]), typed_dict_type["msg"], typed_dict_type["input"])
+                for typed_dict_type in error.errors()
+            ]
             where = {name: BENDS if name.startswith("distortion") else MATRIX for name, _, _ in found}
             return [((where[name],), f"{name}: {what[:1].lower()}{what[1:]}, not {got}") for name, what, got in found]
         return []

@@ -82,7 +82,7 @@ class Memory:
     @property
     def standing(self) -> tuple[PartDetection, ...]:
         """All parts that the arm keeps clear of, beside those in holes."""
-        placed = tuple(one for spots in self.places.values() for one in spots if one is not None)
+        placed = tuple(spot for spots in self.places.values() for spot in spots if spot is not None)
         return self.tray_parts + self.put_down + placed
 
     def failed(self, reason: str) -> None:
@@ -95,11 +95,11 @@ class Memory:
 
     def room_for_lying(self) -> None:
         """Note that there is room now where there was none: parts that lie may be tried again."""
-        self.in_vain = tuple(one for one in self.in_vain if one.upright)
+        self.in_vain = tuple(detection for detection in self.in_vain if detection.upright)
 
     def tried_in_vain(self, part: PartDetection) -> int:
         """How often such a part could not be grasped where this one stands."""
-        return sum(one.part == part.part and _near(one, part) for one in self.in_vain)
+        return sum(detection.part == part.part and _near(detection, part) for detection in self.in_vain)
 
 
 def more(counts: Mapping[str, int], key: str) -> Mapping[str, int]:

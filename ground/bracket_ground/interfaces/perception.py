@@ -230,7 +230,9 @@ class PartsView:
         """Numbers among `seen` of all that lie on one of them, by way of others, too; topmost first."""
         left, order = [index], list[int]()
         for below in left:
-            lying = [number for number, one in enumerate(self.seen) if self.seen[below].box_px in one.lies_on]
+            lying = [
+                number for number, detection in enumerate(self.seen) if self.seen[below].box_px in detection.lies_on
+            ]
             order = [number for number in order if number not in lying] + [n for n in lying if n != index]
             left += [number for number in lying if number not in left]
         return tuple(reversed(order))

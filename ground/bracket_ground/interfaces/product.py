@@ -343,7 +343,7 @@ class Product(Model):
 
     def steps_of(self, filled: Collection[str]) -> list[str]:
         """Placements into these slots, and the fastenings of what is placed there."""
-        fastened = [name for name, one in self.fastenings.items() if any(slot in filled for slot in one.at)]
+        fastened = [name for name, fastening in self.fastenings.items() if any(slot in filled for slot in fastening.at)]
         return [*(slot for slot in self.positions if slot in filled), *fastened]
 
     def unfastened(self, filled: Collection[str], done: Collection[str]) -> list[str]:
@@ -363,7 +363,9 @@ class Product(Model):
     @cached_property
     def _accepted(self) -> dict[str, dict[str, tuple[str, ...]]]:
         return {
-            goal: {slot: types_of(one) for slot, one in zip(self.positions, choices, strict=True) if types_of(one)}
+            goal: {
+                slot: types_of(choice) for slot, choice in zip(self.positions, choices, strict=True) if types_of(choice)
+            }
             for goal, choices in self.goals.items()
         }
 
@@ -456,7 +458,9 @@ class Product(Model):
         return [
             (("parts", name), f"no goal takes a part of type {name}; if none should, its quantity is 0")
             for name, kind in self.parts.items()
-            if kind.quantity and not self.most[name] and not any(name in one.made_of for one in self.wholes.values())
+            if kind.quantity
+            and not self.most[name]
+            and not any(name in part_type.made_of for part_type in self.wholes.values())
         ]
 
     def _unordered(self) -> list[tuple[Location, str]]:
@@ -469,7 +473,9 @@ class Product(Model):
         ]
         named: list[tuple[Location, str]] = [(("accepts", slot), slot) for slot in self.accepts]
         named += [(("carried_by", slot), one) for slot, below in self.carried_by.items() for one in (slot, below)]
-        named += [(("fastenings", name, "at"), slot) for name, one in self.fastenings.items() for slot in one.at]
+        named += [
+            (("fastenings", name, "at"), slot) for name, fastening in self.fastenings.items() for slot in fastening.at
+        ]
         slots, listed = ", ".join(self.positions), ", ".join(sorted(steps))
         problems += [(at, f"no slot {slot}; slots: {slots}") for at, slot in named if slot not in self.positions]
         for number, pair in enumerate(self.before):
@@ -491,9 +497,8 @@ class Product(Model):
         if bare := [goal for goal in self.goals if slot in self._accepted[goal] and below not in self._accepted[goal]]:
             return f"goal {bare[0]} fills {slot}, but leaves {below} below it empty"
         if len(heights) > 1:
-            return (
-                f"the parts at {below} end at {', '.join(f'{one:g}' for one in heights)} m: they must be equally high"
-            )
+            ends = ", ".join(f"{height:g}" for height in heights)
+            return f"the parts at {below} end at {ends} m: they must be equally high"
         if both := sorted(self.types_at(slot) & self.types_at(below)):
             return f"{both[0]} may stand at {slot} and at {below}: the camera above could not tell which it is"
         return ""

@@ -202,7 +202,7 @@ def complete(robot: RobotModel) -> RobotModel:
     """
     speeds = robot.speed_rad_s or _of_limits(robot.urdf_text, "velocity")
     accelerations = robot.acceleration_rad_s2 or tuple(speed / SPEEDS_UP_S for speed in speeds)
-    jerks = robot.jerk_rad_s3 or tuple(one / JERKS_S for one in accelerations)
+    jerks = robot.jerk_rad_s3 or tuple(acceleration / JERKS_S for acceleration in accelerations)
     if wrong := [*_wrong_limits(robot, speeds), *_wrong_counts(robot)]:
         raise ValueError(f"{robot.urdf}: {'; '.join(wrong)}")
     values = {"speed_rad_s": speeds, "acceleration_rad_s2": accelerations, "jerk_rad_s3": jerks}

@@ -29,7 +29,7 @@ def with_wholes(file: dict[str, Any], read: type[PartType], context: Any) -> dic
     for name, part in parts.items():
         names = part.get(MADE_OF) if isinstance(part, dict) and "size_m" not in part else None
         entries = [parts.get(one) for one in names if isinstance(one, str)] if isinstance(names, list | tuple) else []
-        plain = [one for one in entries if isinstance(one, dict) and not one.get(MADE_OF)]
+        plain = [entry for entry in entries if isinstance(entry, dict) and not entry.get(MADE_OF)]
         if not plain:
             continue
         try:

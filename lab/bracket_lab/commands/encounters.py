@@ -125,11 +125,11 @@ def _tell_assembly(screen: Console, row: Row) -> None:
         words += f", acknowledged {row['acknowledged']} times"
     why = "" if row["end"] == "finished" else f" ({row['reason']})"
     screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s{why}, {words}", highlight=False)
-    for one in contacts:
-        bad = " MOVING" * bool(one["moving"]) + " FAST" * bool(one["fast"])
+    for contact in contacts:
+        bad = " MOVING" * bool(contact["moving"]) + " FAST" * bool(contact["fast"])
         screen.print(
-            f"  {one['start_s']:.2f} s {one['phase']}: {one['robot']} and {one['human']}, "
-            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s, {one['force_n']:.0f} N{bad}; "
-            f"{one['known']}",
+            f"  {contact['start_s']:.2f} s {contact['phase']}: {contact['robot']} and {contact['human']}, "
+            f"first {contact['first_m_s']:.2f}, at most {contact['speed_m_s']:.2f} m/s, "
+            f"{contact['force_n']:.0f} N{bad}; {contact['known']}",
             highlight=False,
         )

@@ -32,13 +32,13 @@ def figure10(
     from bracket_lab.learned.actions.train import Task
 
     kinds, out, seeds = shared.kind or list(KINDS), shared.out, shared.numbers
-    if unknown := [one for one in kinds if one not in KINDS]:
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise InputError(f"--kind {unknown[0]}: unknown kind; legal: {', '.join(KINDS)}")
     if out is None or len(seeds) < FOLDS:
         raise InputError(f"figure10 needs --out FILE, and at least {FOLDS} --seeds, as 600000:600030")
     told = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
     kept = shared.rows(["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed}, actions)
-    wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in kept]
+    wanted = [(fold, kind) for fold in range(FOLDS) for kind in kinds if (fold, kind) not in kept]
     status = 0
     if wanted:
         whole = any(one in WHOLE_FRAMES for _, one in wanted)

@@ -57,10 +57,10 @@ def compose(
     empty = [file for folder in without or () for file in photographs_of(folder)]
     if not files and not empty:
         raise InputError("photographs: none are given; legal are a folder of hands, --without FOLDER, or both")
-    frames = [one for folder in onto or () for one in frames_of(folder)]
+    frames = [frame for folder in onto or () for frame in frames_of(folder)]
     hands = MediaPipeHands(model_folder(), "full")
     with whole_folder(out) as partial:
-        given = [*([] if photographs is None else [str(photographs)]), *(f"--without {one}" for one in without or ())]
+        given = [*([] if photographs is None else [str(photographs)]), *(f"--without {path}" for path in without or ())]
         folder = DataFolder(partial, " ".join(["cell lab data photographs", *given]))
         compositor = Compositor(hands, setup, folder, frames, copies, seed)
         seen = write_photographs(files, compositor)

@@ -77,7 +77,7 @@ def see(
     configured = simulated(load_configuration(config), look)
     product, drawn = load_product(configured, config), source.startswith("sim:") or source.endswith(".mcap")
     trackers = [one.strip() for one in hands.split(",")] if hands else [None]
-    each = [_fitted(_chosen(configured, one, perception), product, real=not drawn) for one in trackers]
+    each = [_fitted(_chosen(configured, tracker, perception), product, real=not drawn) for tracker in trackers]
     configuration = each[0]
     opened = open_source(source, camera, configuration, product, camera_pose(configuration.bench, camera))
     if look is not None and not source.startswith("sim:"):
@@ -226,4 +226,6 @@ def _doubtful(tracker: HandTracker) -> Sequence[Reading]:
 
 def _doubts(tracker: HandTracker) -> dict[str, Any]:
     """What the tracker read and does not believe."""
-    return {"doubtful": [{"box_px": one.box_px, "confidence": one.confidence} for one in _doubtful(tracker)]}
+    return {
+        "doubtful": [{"box_px": reading.box_px, "confidence": reading.confidence} for reading in _doubtful(tracker)]
+    }

@@ -55,7 +55,7 @@ def draw_stacks(
                 write_scene(folder, scene, jpeg)
                 names.append(scene.name)
                 objects += len(scene.objects)
-                on_others += sum(bool(one.fathers) for one in scene.objects)
+                on_others += sum(bool(item.fathers) for item in scene.objects)
         tested = [place // len(counts) % TESTED == TESTED - 1 for place in range(scenes)]  # of each number of classes
         test = [name for name, one in zip(names, tested, strict=True) if one]
         write_splits(folder, (name for name, one in zip(names, tested, strict=True) if not one), test)

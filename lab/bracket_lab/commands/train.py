@@ -219,4 +219,4 @@ def _demonstrations(recorded: Path | None, product: Product) -> int:
     path = recorded / "demonstrations.jsonl"
     if not path.exists():  # no run's goal is known
         return 0
-    return sum(one.goal in product.goals for one in load_demonstrations(path, product))
+    return sum(demonstration.goal in product.goals for demonstration in load_demonstrations(path, product))

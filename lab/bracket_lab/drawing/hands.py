@@ -157,7 +157,7 @@ def hand_frames(source: Source, stretches: Sequence[range], *, turned: bool = Fa
             poses = exposure.moments[-1]
             show_poses(data, poses)
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
-            seen = tuple(one for one in told if one is not None)
+            seen = tuple(hand_truth for hand_truth in told if hand_truth is not None)
             tool_m = arm.fingertips_m(poses)
             thrown = on_table(assembly.look.light, np.array([tool_m, *(_middle_m(hand) for hand in seen)]))
             tool, *shadows = (_rounded(px, 2) for px in projection.pixels(poses, np.array([tool_m, *thrown])))
@@ -252,7 +252,7 @@ class _HandModel:
             return np.empty(0, np.int64)
         away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
         bodies = self.world.bodies
-        nearest = min((index for index, one in enumerate(bodies) if one.part == held), key=lambda index: away[index])
+        nearest = min((index for index, body in enumerate(bodies) if body.part == held), key=lambda index: away[index])
         model = self.world.model
         return np.flatnonzero((model.geom_bodyid == bodies[nearest].body) & (model.geom_group < 3))
 

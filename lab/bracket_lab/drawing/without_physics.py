@@ -154,7 +154,7 @@ class KinematicBench:
         """The person's parts, and as many of the robot's as there happen to be in the tray; the others are away."""
         product, bench = self._product, self._bench
         layout = lay_out(product, bench, self._person.storage, rng, handing=True)
-        handed_over = [(one.part, one.world_from_part) for one in layout.parts if _in_tray(bench.tray, one)]
+        handed_over = [(part.part, part.world_from_part) for part in layout.parts if _in_tray(bench.tray, part)]
         types = rng_of_robot.permutation(full_set(product)).tolist()
         room = max(0, len(types) - len(handed_over))
         there = types[: int(rng_of_robot.integers(room + 1))]
@@ -167,7 +167,9 @@ class KinematicBench:
         data.qpos[:], data.ctrl[:], self._held = self._start, 0.0, None
         left = list(layout.parts)
         for part in self.world.bodies:
-            scene = next(one for one in left if (one.part, one.owner) == (part.part, part.owner))
+            scene = next(
+                scene_part for scene_part in left if (scene_part.part, scene_part.owner) == (part.part, part.owner)
+            )
             left.remove(scene)
             self._put(part, scene.world_from_part)
         mujoco.mj_kinematics(self.world.model, data)
@@ -223,7 +225,7 @@ class KinematicBench:
     def _floor_m(self, x: float, y: float) -> float:
         """Height of what a part at (x, y) stands on."""
         tray = self._bench.tray
-        boxes = [(one.centre_m, one.size_m) for one in self._bins] + [(tray.centre_m, tray.size_m)]
+        boxes = [(bin_.centre_m, bin_.size_m) for bin_ in self._bins] + [(tray.centre_m, tray.size_m)]
         for centre, size in boxes:
             if abs(x - centre[0]) < size[0] / 2 and abs(y - centre[1]) < size[1] / 2:
                 return centre[2]

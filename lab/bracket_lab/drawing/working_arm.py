@@ -64,7 +64,7 @@ class WorkingArm:
 
     def moved(self, first: Moment, now: Moment) -> bool:
         """Whether it is elsewhere than it was at first."""
-        before, after = (one.exposure.moments[-1][GEOM_POSITIONS][self._geoms] for one in (first, now))
+        before, after = (moment.exposure.moments[-1][GEOM_POSITIONS][self._geoms] for moment in (first, now))
         return bool(np.abs(after - before).max() > MOVED_M)
 
     def fingertips_m(self, poses: ScenePoses) -> Array:
@@ -90,7 +90,7 @@ class WorkingArm:
         for _ in range(ARM_TRIES):
             self._place(held)
             centres = self._data.geom_xpos[self._geoms]
-            near_m = min(float(np.linalg.norm(centres - one.fingertips_m, axis=1).min()) for one in moments)
+            near_m = min(float(np.linalg.norm(centres - moment.fingertips_m, axis=1).min()) for moment in moments)
             if near_m > ARM_CLEAR_M and self._data.body("tool").xpos[2] > ARM_LEAST_HEIGHT_M:
                 geoms = self._geoms
                 if held is not None:

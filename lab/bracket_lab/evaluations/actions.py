@@ -333,4 +333,4 @@ def _confusions(truth: Any, named: Any, classes: Classes) -> dict[str, int]:
     names = classes.names
     wrong = [f"{names[was]} > {names[said]}" for was, said in zip(truth, named, strict=True) if was != said]
     counts = {pair: wrong.count(pair) for pair in set(wrong)}
-    return dict(sorted(counts.items(), key=lambda one: (-one[1], one[0])))
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))

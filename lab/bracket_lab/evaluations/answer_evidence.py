@@ -40,7 +40,7 @@ class AnswerEvidence:
             yield from _of_stamps("tray", parts, tray)
             if not -FUTURE_S <= seen.time_s - parts.time_s <= ANSWER_OLD_S:
                 yield f"a new view of the tray is {seen.time_s - parts.time_s:.2f} s old"
-            places = [value for one in parts.detections for value in one.world_from_part.position_m]
+            places = [value for detection in parts.detections for value in detection.world_from_part.position_m]
             if not all(abs(value) < REACH_M for value in places):
                 yield "a part is nowhere near the bench"
 

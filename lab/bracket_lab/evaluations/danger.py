@@ -249,7 +249,7 @@ class Danger(Observer):
             return
         self._watch()
         true = self._images.get(frame.sequence)
-        same = [one for one in self._images.values() if one.image is frame.image]
+        same = [image for image in self._images.values() if image.image is frame.image]
         if same:
             self._told[frame.sequence] = max(one.time_s for one in same)
         elif true is not None and true.image.shape == frame.image.shape:

@@ -122,9 +122,9 @@ def draw_hands(
     """All hands: the one that works, the others, and in grey what is not believed to be one."""
     for reading in doubtful:
         canvas.box(reading.box_px, f"hand? {reading.confidence:.2f}", GREY)
-    for one, colour in [(hand, WORKS), *((other, RESTS) for other in others)]:
-        if one is not None:
-            _draw_hand(canvas, one, colour)
+    for sample, colour in [(hand, WORKS), *((other, RESTS) for other in others)]:
+        if sample is not None:
+            _draw_hand(canvas, sample, colour)
 
 
 def _draw_hand(canvas: Canvas, hand: HandSample, colour: Colour) -> None:

@@ -137,7 +137,7 @@ class Watch(Observer):
     def _touch(self) -> None:
         """Arm and hand touch: the trial is over, and dangerous where the arm moved."""
         contacts = [] if self._cell.contacts is None else self._cell.contacts.all()
-        first = next((one for one in contacts if one.start_s >= self.began_s), None)
+        first = next((contact for contact in contacts if contact.start_s >= self.began_s), None)
         if first is None or self.touched_s < math.inf:
             return
         self.touched_s = first.start_s
@@ -156,7 +156,9 @@ class Watch(Observer):
         """What came of it; without an outcome the trial was broken off."""
         evidence, danger = self.evidence, self.danger
         if outcome is not None:
-            placed = any(one.seated and one.by == "robot" for one in self._cell.score.placements().values())
+            placed = any(
+                placement.seated and placement.by == "robot" for placement in self._cell.score.placements().values()
+            )
             danger.at_end(outcome, placed=placed)
         noticed_s = min(self.noticed_s, self.began_s + ENDS_S)
         ticks = sum(evidence.time_s <= one <= self.noticed_s for one in self._times_s)
@@ -212,7 +214,7 @@ class Splitting(Fork):
 
     def __init__(self, trials: Sequence[Drawn], seed: int, watch: Watch, tell: Callable[[Row], None]) -> None:
         super().__init__("idle", seed)
-        self.left = sorted(trials, key=lambda one: one.tick)
+        self.left = sorted(trials, key=lambda drawn: drawn.tick)
         self.now = Drawn(-1, NONE, 0, math.inf)
         self.supervisor: Blindable | None = None
         self._watch, self._tell, self._ticks, self._over = watch, tell, 0, False

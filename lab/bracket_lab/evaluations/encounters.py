@@ -200,7 +200,7 @@ def encounter(
         "moved_while_unknown": watch.moved_while_unknown,
         "breached": watch.breached.tolist(),
         "acknowledged": watch.acknowledged,
-        "contacts": [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()],
+        "contacts": [{"seed": seed, **watch.judge(contact)} for contact in cell.contacts.all()],
     }
 
 
@@ -245,7 +245,7 @@ def passed(found: Row, tracker: Tracker = Tracker.true) -> bool:
 
 
 def _most(contacts: Sequence[Row], name: str) -> float:
-    return max((float(str(one[name])) for one in contacts), default=0.0)
+    return max((float(str(contact[name])) for contact in contacts), default=0.0)
 
 
 def _counted(words: Sequence[str]) -> dict[str, int]:

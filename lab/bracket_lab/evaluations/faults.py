@@ -84,14 +84,14 @@ def merged(rows: Sequence[Row]) -> list[Row]:
 
 
 def _worst(rows: Sequence[Row]) -> Row:
-    worst = max(rows, key=lambda one: (not one["as_promised"], one["ticks_to_stop"], one["stop_s"]))
+    worst = max(rows, key=lambda row: (not row["as_promised"], row["ticks_to_stop"], row["stop_s"]))
     return {
         **worst,
         "tries": len(rows),
-        "end": " or ".join(sorted({str(one["end"]) for one in rows})),
-        "as_promised": all(bool(one["as_promised"]) for one in rows),
-        "recovered": sum(bool(one["recovered"]) for one in rows),
-        "recoverable": sum(bool(one["recoverable"]) for one in rows),
+        "end": " or ".join(sorted({str(row["end"]) for row in rows})),
+        "as_promised": all(bool(row["as_promised"]) for row in rows),
+        "recovered": sum(bool(row["recovered"]) for row in rows),
+        "recoverable": sum(bool(row["recoverable"]) for row in rows),
     }
 
 
@@ -252,7 +252,7 @@ def _row(
 ) -> Row:
     kind = FAULTS.get(injection.fault)
     mishap = kind is not None and kind.of_world
-    placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
+    placed = any(placement.seated and placement.by == "robot" for placement in cell.score.placements().values())
     holding = watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES
     kept = not drops.dropped if mishap else hangs(cell) if holding else None
     ends = _ends(kind, watch)

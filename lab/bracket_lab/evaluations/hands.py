@@ -140,7 +140,7 @@ def judge(
             _measure(tally, view, acting, sample)
     if second is not None and _clear(second, size):
         palm = _by_image(view, second, "palm")[:2]
-        tally.add("second_found", any(math.dist(one.palm_m, palm) < FOUND_M for one in others))
+        tally.add("second_found", any(math.dist(other.palm_m, palm) < FOUND_M for other in others))
     tally.add("others_imagined", len(others) > (second is not None))
 
 

@@ -64,10 +64,10 @@ def score_tilted(task: Task, seeds: Sequence[int], tilt_deg: float) -> dict[str,
             surface_m = pose.transform(surface_of(product.parts[name]))
             surface = bench.wrist.model.project(world_from_camera, surface_m)
             box = np.concatenate([surface.min(axis=0), surface.max(axis=0)])
-            own = [one for one in answers if one.part == name]
-            there = [one for one in own if overlap(np.array(one.box_px, float), box) >= FOUND_IOU]
+            own = [answer for answer in answers if answer.part == name]
+            there = [detection for detection in own if overlap(np.array(detection.box_px, float), box) >= FOUND_IOU]
             found += bool(there)
-            stands += any(one.upright for one in there)
+            stands += any(detection.upright for detection in there)
     count = len(seeds) * len(product.parts)
     return {"tilt_deg": tilt_deg, "found": share(found, count), "stands": share(stands, count)}
 

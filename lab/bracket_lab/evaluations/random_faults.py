@@ -31,7 +31,7 @@ def troubled_assembly(path: Path, seed: int, faults: int, *, rendered: bool = Fa
     with assembly(path, "careful", seed, rendered=rendered) as opened:
         outcome = opened.run([], injected)
         score = opened.cell.score.report()
-    came = [one.fault for one in injected.injections if one.began_s is not None]
+    came = [injection.fault for injection in injected.injections if injection.began_s is not None]
     ends = {end for fault in came for end in (*FAULTS[fault].ends, *(FAULTS[fault].holding_ends or ()))}
     finished, right = outcome.end == "finished", bool(score["correct"])
     return {

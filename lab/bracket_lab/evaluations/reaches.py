@@ -94,7 +94,9 @@ class HandWay:
     @classmethod
     def of_recording(cls, assembly: Assembly) -> HandWay:
         """As it truly was."""
-        columns = zip(*((one.time_s, one.palm_m, one.fingertips_m[:2]) for one in assembly.moments), strict=True)
+        columns = zip(
+            *((moment.time_s, moment.palm_m, moment.fingertips_m[:2]) for moment in assembly.moments), strict=True
+        )
         return cls(*(np.array(column) for column in columns))
 
     def reaches(self) -> list[tuple[int, int]]:
@@ -147,7 +149,10 @@ def pair(configuration: Configuration, product: Product, seed: int) -> dict[str,
         "beside": record_beside_robot(configuration, product, seed),
         "alone": record(product, configuration.bench, settings_of(configuration.devices.simulation), seed),
     }
-    found = {name: ergonomics(HandWay.of_recording(one), configuration.bench, product) for name, one in made.items()}
+    found = {
+        name: ergonomics(HandWay.of_recording(assembly), configuration.bench, product)
+        for name, assembly in made.items()
+    }
     return {"seed": seed, **found}
 
 

@@ -67,24 +67,24 @@ def write_labels(folder: LabelFolder, target: str, holes_px: HolesPx) -> int:
     if not path.name:
         raise InputError(f"--export {target}: names no file or folder; legal: {LEGAL_EXPORTS}")
     if target.startswith(VOC):
-        write_new(path, {f"Annotations/{Path(one.file).stem}.xml": _voc(one) for one in pictures})
+        write_new(path, {f"Annotations/{Path(picture.file).stem}.xml": _voc(picture) for picture in pictures})
     elif path.suffix.lower() == ".json":
         write_whole(path, json.dumps(_coco(pictures, names)).encode())
     elif path.suffix.lower() == ".xml":
         write_whole(path, _cvat(pictures, names))
     else:
         told = {"path": str(folder.path.resolve()), "train": IMAGES, "val": IMAGES, "names": dict(enumerate(names))}
-        boxes = {f"labels/{Path(one.file).stem}.txt": _yolo(one, names) for one in pictures}
+        boxes = {f"labels/{Path(picture.file).stem}.txt": _yolo(picture, names) for picture in pictures}
         write_new(path, {"data.yaml": yaml.safe_dump(told, sort_keys=False).encode(), **boxes})
     return len(pictures)
 
 
 def _coco(pictures: Sequence[Labelled], names: Sequence[str]) -> dict[str, Any]:
     images, found = [], list[dict[str, Any]]()
-    for number, one in enumerate(pictures, 1):
-        width, height = one.size_px
-        images.append({"id": number, "file_name": one.file, "width": width, "height": height})
-        for name, (left, top, right, bottom), points in one.boxes:
+    for number, picture in enumerate(pictures, 1):
+        width, height = picture.size_px
+        images.append({"id": number, "file_name": picture.file, "width": width, "height": height})
+        for name, (left, top, right, bottom), points in picture.boxes:
             told = {"bbox": [left, top, right - left, bottom - top], "area": (right - left) * (bottom - top)}
             key = {"keypoints": points, "num_keypoints": sum(value > 0 for value in points[2::3])} if points else {}
             of = {"id": len(found) + 1, "image_id": number, "category_id": names.index(name) + 1, "iscrowd": 0}
@@ -123,11 +123,11 @@ def _cvat(pictures: Sequence[Labelled], names: Sequence[str]) -> bytes:
     labels = ElementTree.SubElement(task, "labels")
     for name in names:
         _texts(ElementTree.SubElement(labels, "label"), name=name)
-    for number, one in enumerate(pictures):
-        size = {"width": str(one.size_px[0]), "height": str(one.size_px[1])}
-        told = {"id": str(number), "name": PurePosixPath(one.file).name, **size}
+    for number, picture in enumerate(pictures):
+        size = {"width": str(picture.size_px[0]), "height": str(picture.size_px[1])}
+        told = {"id": str(number), "name": PurePosixPath(picture.file).name, **size}
         image = ElementTree.SubElement(root, "image", told)
-        for name, box, _ in one.boxes:
+        for name, box, _ in picture.boxes:
             sides = {side: f"{at:.2f}" for side, at in zip(CVAT_SIDES, box, strict=True)}
             ElementTree.SubElement(image, "box", {"label": name, "occluded": "0", **sides, "z_order": "0"})
     return _xml(root)

@@ -111,19 +111,28 @@ def _coco(path: Path) -> list[ForeignPicture]:
         read = _CocoFile.model_validate_json(read_text(path))
     except ValidationError as error:
         raise InputError(*(Problem(Place(path), what) for what in mistakes(error)[:MOST_PROBLEMS])) from None
-    name_of = {one.id: one.name for one in read.categories}
-    boxes: dict[int, list[ForeignBox]] = {one.id: [] for one in read.images}
-    for one in read.annotations:
-        if one.image_id not in boxes:
-            raise InputError(Problem(Place(path), f"annotation {one.id}: there is no image {one.image_id}"))
-        left, top, width, height = one.bbox
-        name, at = name_of.get(one.category_id, f"number {one.category_id}"), f"{path}: annotation {one.id}"
-        boxes[one.image_id].append(ForeignBox(name, (left, top, left + width, top + height), at, one.keypoints))
+    name_of = {category.id: category.name for category in read.categories}
+    boxes: dict[int, list[ForeignBox]] = {image.id: [] for image in read.images}
+    for annotation in read.annotations:
+        if annotation.image_id not in boxes:
+            raise InputError(
+                Problem(Place(path), f"annotation {annotation.id}: there is no image {annotation.image_id}")
+            )
+        left, top, width, height = annotation.bbox
+        name, at = (
+            name_of.get(annotation.category_id, f"number {annotation.category_id}"),
+            f"{path}: annotation {annotation.id}",
+        )
+        boxes[annotation.image_id].append(
+            ForeignBox(name, (left, top, left + width, top + height), at, annotation.keypoints)
+        )
     return [
         ForeignPicture(
-            one.file_name, (one.width, one.height) if one.width and one.height else None, tuple(boxes[one.id])
+            image.file_name,
+            (image.width, image.height) if image.width and image.height else None,
+            tuple(boxes[image.id]),
         )
-        for one in read.images
+        for image in read.images
     ]
 
 
@@ -240,7 +249,7 @@ def _xml(file: Path) -> list[ForeignPicture]:
     if root.root.tag == "annotation":
         return [_voc(root)]
     if root.root.tag == "annotations" and root.root.find("image") is not None:
-        return [_cvat(one) for one in root.all("image")]
+        return [_cvat(element) for element in root.all("image")]
     raise InputError(f"{file}: is neither Pascal VOC (<annotation>) nor CVAT for images (<annotations> of <image>)")
 
 
@@ -248,13 +257,13 @@ def _voc(root: _Element) -> ForeignPicture:
     told = (*root.child("size/width"), *root.child("size/height"))
     size_px = (told[0], told[1]) if len(told) == 2 and all(side > 0 for side in told) else None
     boxes = []
-    for one in root.all("object"):
-        sides = [value for side in ("xmin", "ymin", "xmax", "ymax") for value in one.child(f"bndbox/{side}")]
+    for element in root.all("object"):
+        sides = [value for side in ("xmin", "ymin", "xmax", "ymax") for value in element.child(f"bndbox/{side}")]
         if len(sides) < 4:
-            raise InputError(Problem(one.at, "<bndbox> must have xmin, ymin, xmax and ymax"))
+            raise InputError(Problem(element.at, "<bndbox> must have xmin, ymin, xmax and ymax"))
         left, top, right, bottom = sides
-        name = (one.root.findtext("name") or "").strip()
-        boxes.append(ForeignBox(name, (left, top, right, bottom), str(one.at)))
+        name = (element.root.findtext("name") or "").strip()
+        boxes.append(ForeignBox(name, (left, top, right, bottom), str(element.at)))
     return ForeignPicture(root.root.findtext("filename") or root.file.stem, size_px, tuple(boxes))
 
 

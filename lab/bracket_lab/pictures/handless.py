@@ -53,7 +53,7 @@ class Compositor:
     def write(self, name: str, log: str, image: Image, hands: Sequence[HandRow], **more: object) -> None:
         """An image and its row, with further fields of it."""
         file = self.folder.image(f"images/{name}.jpg", image)
-        told = [one.model_dump(mode="json", exclude_unset=True) for one in hands]
+        told = [hand.model_dump(mode="json", exclude_unset=True) for hand in hands]
         self.folder.row("hands", {"file": file, "log": log, "hands": told, **more})
 
 

@@ -53,12 +53,12 @@ def read_labels(
             problems.append(f"{path}: no picture {picture.name} in {folder.path}")
             continue
         boxes, size_px = given.setdefault(row.file, []), folder.size_px(row)
-        for one in picture.boxes:
-            if name := names.of(one.category, one.where):
+        for box in picture.boxes:
+            if name := names.of(box.category, box.where):
                 try:
-                    boxes.append((name, _placed(one.box, picture.size_px, row.source_px or size_px, size_px), one))
+                    boxes.append((name, _placed(box.box, picture.size_px, row.source_px or size_px, size_px), box))
                 except ValueError as error:
-                    problems.append(f"{one.where}: {error}")
+                    problems.append(f"{box.where}: {error}")
     found = {}
     for file, some in given.items():
         try:
@@ -130,14 +130,14 @@ def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size
 
 def _labels(given: Sequence[tuple[str, Box, ForeignBox]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:
     holes, hands, parts = [], [], []
-    for name, box, one in given:
+    for name, box, foreign_box in given:
         if name == HAND:
-            points = np.array(one.keypoints).reshape(-1, 3)[: len(POINTS)]
+            points = np.array(foreign_box.keypoints).reshape(-1, 3)[: len(POINTS)]
             known = {name: (x, y) for name, (x, y, shown) in zip(POINTS, points.tolist(), strict=False) if shown > 0}
             hands.append(HandRow(box_px=box, points_px=known, known=False))
         elif name.startswith(HOLE):
             middle = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
-            holes.append(_hole(name.removeprefix(HOLE), middle, holes_px, one.where))
+            holes.append(_hole(name.removeprefix(HOLE), middle, holes_px, foreign_box.where))
         else:
             parts.append(PartRow(part=name, whole_box_px=box))
     return PictureLabels(holes=tuple(holes), hands=tuple(hands), parts=tuple(parts))

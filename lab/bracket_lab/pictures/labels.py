@@ -205,11 +205,15 @@ class LabelFolder:
             InputError: a file cannot be written.
         """
         self.check(labels)
-        if labels.holes and any(one.file == file and one.source_px for one in self.pictures):
+        if labels.holes and any(picture.file == file and picture.source_px for picture in self.pictures):
             raise ValueError("holes: are known by the camera's calibration, and this picture is of another camera")
         self.labels[file] = labels
         for name in ROWS[self.camera]:
-            rows = [self._row(name, one, self.labels[one.file]) for one in self.pictures if one.file in self.labels]
+            rows = [
+                self._row(name, picture, self.labels[picture.file])
+                for picture in self.pictures
+                if picture.file in self.labels
+            ]
             header = {"format": f"cell.{name}", "version": 1, "source": "cell label"}
             lines = [header, *(row for row in rows if row is not None)]
             write_whole(self.path / f"{name}.jsonl", "".join(json.dumps(line) + "\n" for line in lines).encode())
@@ -221,7 +225,7 @@ class LabelFolder:
         if name == "plates" and not given:
             return None
         key = {"plates": "holes", "hands": "hands", "objects": "parts"}[name]
-        told = [one.model_dump(mode="json", exclude_unset=True) for one in given]
+        told = [model.model_dump(mode="json", exclude_unset=True) for model in given]
         return picture.model_dump(mode="json") | {key: told}
 
 

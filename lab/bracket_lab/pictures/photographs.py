@@ -109,7 +109,7 @@ def compose(
         larger = math.exp(rng.uniform(*np.log(ODD_SIZES)))
     length_px = setup.focal_px * PALM_TO_WRIST_M * larger / (setup.mount.position_m[2] - height_m)
     turn = -math.pi / 2 + (rng.uniform(-math.pi, math.pi) if rng.random() < ANY_TURN else rng.normal(0.0, TURN_RAD / 2))
-    move = _onto(hand, length_px, turn, size, rng, [] if onto is None else [one.box_px for one in onto[1]])
+    move = _onto(hand, length_px, turn, size, rng, [] if onto is None else [row.box_px for row in onto[1]])
     scale = float(np.linalg.norm(move[:, 0]))
     gains = np.exp(rng.normal(0.0, GAIN, 3) * 0.4 + rng.normal(0.0, GAIN)).astype(np.float32)
     drawn = cv2.warpAffine(_soft(hand.image, scale), move, size).astype(np.float32)
@@ -126,7 +126,7 @@ def compose(
     ground = ground * (1 - sleeve[..., :1]) + colour * sleeve[..., 1:] * sleeve[..., :1]
     image = np.clip(ground * (1 - mask) + drawn * gains * mask, 0, 255).astype(np.uint8)
     covered = np.maximum(mask, sleeve[..., :1])
-    return image, [_row(points, hand.left, size), *(_under(one, covered) for one in (() if onto is None else onto[1]))]
+    return image, [_row(points, hand.left, size), *(_under(row, covered) for row in (() if onto is None else onto[1]))]
 
 
 def _soft(picture: NDArray[Any], scale: float) -> NDArray[Any]:

@@ -119,14 +119,14 @@ class Scorer:
         """A hand counts as found where a palm is told within its box."""
         counter, bench = ScoreCounter(), self.configuration.bench
         camera, pose = bench.overhead.model, bench.overhead.mount.pose
-        for one in frames:
-            tracker, image, hand = self._made(bench, kind, weights), read_image(one.file), None
+        for frame in frames:
+            tracker, image, hand = self._made(bench, kind, weights), read_image(frame.file), None
             for number in range(LOOKS):
                 hand = tracker.track(Frame("overhead", number, number / bench.overhead.rate_hz, image, pose))
             seen = [each for each in (hand, *tracker.others) if each is not None]
             palms = [(*each.palm_m, each.height_m or 0.0) for each in seen]
             pixels = camera.project(pose, np.array(palms).reshape(-1, 3))
-            inside = [[_within(pixel, labelled.box_px) for pixel in pixels] for labelled in one.row.hands]
+            inside = [[_within(pixel, labelled.box_px) for pixel in pixels] for labelled in frame.row.hands]
             for each in inside:
                 counter.add("found", any(each))
             false = sum(not any(column) for column in zip(*inside, strict=True)) if inside else len(pixels)
@@ -153,7 +153,7 @@ def load(task: str, folders: Sequence[Path], product: Product, rate_hz: float) -
     if task == "parts":
         return load_scenes(folders, product)
     if task == "hands":
-        return [one for folder in folders for one in frames_of(folder, tuple(product.parts))]
+        return [frame for folder in folders for frame in frames_of(folder, tuple(product.parts))]
     return load_segments(folders, Classes.of(product), rate_hz)
 
 

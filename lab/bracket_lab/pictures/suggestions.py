@@ -84,12 +84,12 @@ class Suggester:
             self.by["hands"] = f"mediapipe {size}"
             return tuple(
                 HandRow(
-                    side="left" if one.left > 0.5 else "right",
-                    box_px=_inside(one.box_px, width, height),
-                    points_px={name: (float(x), float(y)) for name, (x, y) in one.points_px.items()},
+                    side="left" if reading.left > 0.5 else "right",
+                    box_px=_inside(reading.box_px, width, height),
+                    points_px={name: (float(x), float(y)) for name, (x, y) in reading.points_px.items()},
                     known=False,
                 )
-                for one in reader.read(image)
+                for reading in reader.read(image)
             )
         hand = self._detector("hands").track(frame)
         if hand is None:

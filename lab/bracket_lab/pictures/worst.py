@@ -53,16 +53,16 @@ def judged(scene: Scene, answers: Sequence[PartDetection]) -> Judged:
     for label in scene.labels:
         canvas.box(label.box_px.tolist(), label.part, WHITE)
     free, wrong = list(scene.labels), []
-    for one in sorted(answers, key=lambda answer: -answer.confidence):
-        box = np.array(one.box_px, float)
+    for detection in sorted(answers, key=lambda answer: -answer.confidence):
+        box = np.array(detection.box_px, float)
         best = max(free, key=lambda label: overlap(box, label.box_px), default=None)
         if best is None or overlap(box, best.box_px) < SAME:
-            said = f"{one.part} where none is"
+            said = f"{detection.part} where none is"
         else:
-            said = "" if best.part == one.part else f"{best.part} called {one.part}"
+            said = "" if best.part == detection.part else f"{best.part} called {detection.part}"
             free = [label for label in free if label is not best]
         wrong += [said] if said else []
-        canvas.box(one.box_px, f"{one.part} {one.confidence:.2f}", RED if said else RIGHT)
+        canvas.box(detection.box_px, f"{detection.part} {detection.confidence:.2f}", RED if said else RIGHT)
     wrong += [f"{label.part} missed" for label in free]
     return Judged(scene.log, tuple(wrong), len(scene.labels) + len(answers), canvas.image)
 

@@ -173,7 +173,7 @@ def _scenes(log: Log, name: str, folder: Path, cropper: Cropper, collected: Coll
             path = folder / "scenes" / f"{number:06d}.png"
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-    collected.grasps += [one.row(name, numbers[one.view.sequence]) for one in attempts(log)]
+    collected.grasps += [attempt.row(name, numbers[attempt.view.sequence]) for attempt in attempts(log)]
     return crops
 
 
@@ -209,7 +209,7 @@ def _counts(collected: Collected) -> dict[str, Any]:
     return {
         "logs": len(collected.logs),
         "demonstrations": len(collected.demonstrations),
-        "placements": sum(len(one.placements) for one in collected.demonstrations),
+        "placements": sum(len(demonstration.placements) for demonstration in collected.demonstrations),
         "segments": len(collected.segments),
         "segments_by_action": dict(sorted(kinds.items())),
         "assemblies_confirmed": sum(judged),

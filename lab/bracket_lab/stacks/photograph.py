@@ -94,9 +94,9 @@ class _Studio:
         image = self._drawn(segments=True).astype(np.int64)
         marks = image[..., 0] + 256 * image[..., 1] + 65536 * image[..., 2]
         geom_of = np.full(self.scene.ngeom + 1, -1)
-        for one in self.scene.geoms[: self.scene.ngeom]:
-            if one.objtype == mujoco.mjtObj.mjOBJ_GEOM and one.segid >= 0:
-                geom_of[one.segid + 1] = one.objid
+        for geom in self.scene.geoms[: self.scene.ngeom]:
+            if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.segid >= 0:
+                geom_of[geom.segid + 1] = geom.objid
         shown: NDArray[np.int64] = geom_of[marks]
         return shown
 
@@ -126,7 +126,7 @@ def _tried(stage: Stage, studio: _Studio, rng: np.random.Generator, slanted: boo
         if box is None:
             return None
         boxes.append(box)
-    grasps = tuple(one for number in range(len(stage.bodies)) for one in _grasps(stage, number, eye))
+    grasps = tuple(grasp for number in range(len(stage.bodies)) for grasp in _grasps(stage, number, eye))
     return View(_exposed(studio.image(), rng), tuple(boxes), grasps)
 
 

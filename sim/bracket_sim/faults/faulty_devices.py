@@ -233,7 +233,7 @@ def _within_view(view: Any, name: str, fault: SignalFault, now_s: float) -> Any:
         return view if view.hand is None else replace(view, hand=told(view.hand, [fault], now_s))
     if name == "hole":
         return replace(view, holes={place: told(hole, [fault], now_s) for place, hole in view.holes.items()})
-    poses = (told(one.world_from_part, [fault], now_s) for one in view.detections)
+    poses = (told(detection.world_from_part, [fault], now_s) for detection in view.detections)
     moved = zip(view.detections, poses, strict=True)
     return replace(view, detections=tuple(replace(one, world_from_part=pose) for one, pose in moved))
 
@@ -248,7 +248,7 @@ class FaultyBus:
 
     def __init__(self, bus: can.BusABC, injection: Injected, database: Any) -> None:
         self._bus, self._injection, self._database = bus, injection, database
-        self._names = {one.frame_id: one.name for one in database.messages}
+        self._names = {message.frame_id: message.name for message in database.messages}
         self._waiting: list[tuple[float, bool, can.Message]] = []  # due when, to be sent, what
         self._foreign_s: dict[SignalFault, float] = {}
         self._others: list[bytes] = []  # commands of another master, which no echo of ours are
@@ -293,7 +293,7 @@ class FaultyBus:
         message = self._database.get_message_by_name(fault.signal)
         register, sign, value = str(fault.size).partition("=")
         if sign:
-            values = {one.name: float(value) if one.name == register else 0.0 for one in message.signals}
+            values = {signal.name: float(value) if signal.name == register else 0.0 for signal in message.signals}
             data = message.encode(_within(message, values))
         else:
             rng = np.random.default_rng(round(1000 * now_s))
@@ -350,7 +350,7 @@ class FaultyBus:
 
 def _within(message: Any, values: dict[str, float]) -> dict[str, float]:
     """What the registers can hold."""
-    limits = {one.name: (one.minimum, one.maximum, one.scale == 1) for one in message.signals}
+    limits = {signal.name: (signal.minimum, signal.maximum, signal.scale == 1) for signal in message.signals}
     kept = {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
     return {name: round(value) if limits[name][2] else value for name, value in kept.items()}
 

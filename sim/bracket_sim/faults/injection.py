@@ -124,11 +124,11 @@ class Injection(FaultInjection):
     @property
     def of_orders(self) -> bool:
         """Only the next command shows it."""
-        return bool(self._faults) and all(one.device == "arm" and one.signal in ORDERS for one in self._faults)
+        return bool(self._faults) and all(fault.device == "arm" and fault.signal in ORDERS for fault in self._faults)
 
     def on(self, device: str) -> Sequence[SignalFault]:
         """What is wrong with a device now."""
-        return [one for one in self._faults if one.device == device] if self.active else ()
+        return [fault for fault in self._faults if fault.device == device] if self.active else ()
 
     def begin(self, fault: str, time_s: float) -> None:
         """The fault comes now."""
@@ -160,7 +160,7 @@ class Injection(FaultInjection):
 
         if isinstance(devices.gripper, CanGripper):
             devices.gripper.change_bus(self._bus)
-        elif any(one.device == "bus" for one in self._faults):
+        elif any(fault.device == "bus" for fault in self._faults):
             raise InputError(f"fault {self.fault!r} needs a gripper of kind can")
         overhead, wrist = (
             FaultyCamera(camera, name, self)
@@ -205,19 +205,19 @@ class Injections(FaultInjection):
 
     def devices(self, devices: Devices) -> Devices:
         """The same devices with the proxies of all."""
-        for one in self.injections:
-            devices = one.devices(devices)
+        for injection in self.injections:
+            devices = injection.devices(devices)
         return devices
 
     def detectors(
         self, watcher: Executor[Frame, BenchView], finder: Executor[Frame, PartsView]
     ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
         """The same detectors with the proxies of all."""
-        for one in self.injections:
-            watcher, finder = one.detectors(watcher, finder)
+        for injection in self.injections:
+            watcher, finder = injection.detectors(watcher, finder)
         return watcher, finder
 
     def tick(self, record: TickRecord) -> None:
         """All see the same states."""
-        for one in self.injections:
-            one.tick(record)
+        for injection in self.injections:
+            injection.tick(record)

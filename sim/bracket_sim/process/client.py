@@ -149,7 +149,9 @@ class RemoteCell:
         if len(taken) <= 1:
             return taken[0] if taken else None
         columns = ("times_s", "positions_rad", "velocities_rad_s", "efforts_nm")
-        return JointSamples(*(np.concatenate([getattr(one, name) for one in taken]) for name in columns))
+        return JointSamples(
+            *(np.concatenate([getattr(joint_samples, name) for joint_samples in taken]) for name in columns)
+        )
 
     def close(self) -> None:
         """Leave the world; harmless when repeated."""

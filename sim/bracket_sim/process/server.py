@@ -82,9 +82,9 @@ class WorldServer:
             while not self._ended:
                 self._serve_once()
         finally:
-            for one in (*self._newcomers, self._controller, self._listener):
-                if one is not None:
-                    one.close()
+            for newcomer in (*self._newcomers, self._controller, self._listener):
+                if newcomer is not None:
+                    newcomer.close()
             self._buses.close()
             if self._address is not None:
                 self._address.unlink(missing_ok=True)
@@ -110,9 +110,9 @@ class WorldServer:
 
     def _ready(self, limit_s: float) -> set[int]:
         poll = select.poll()
-        for one in (self._listener, self._controller, *self._newcomers):
-            if one is not None:
-                poll.register(one.fileno(), select.POLLIN)
+        for newcomer in (self._listener, self._controller, *self._newcomers):
+            if newcomer is not None:
+                poll.register(newcomer.fileno(), select.POLLIN)
         return {handle for handle, _ in poll.poll(1e3 * limit_s)}
 
     def _accept(self, listener: socket.socket) -> None:
@@ -292,7 +292,7 @@ class WorldServer:
 
     def _new_frame(self, name: str, faults: dict[str, Failure]) -> Frame | None:
         """The newest frame that was not told yet; on the wall's time only one that is ready."""
-        ready = [one for one in self._pending[name] if self._pace == "fast" or _is_ready(one)]
+        ready = [frame for frame in self._pending[name] if self._pace == "fast" or _is_ready(frame)]
         try:
             getattr(self._devices, name).latest()  # raises where no more will come
             if not ready or ready[-1].sequence <= self._told.get(name, -1):

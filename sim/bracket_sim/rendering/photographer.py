@@ -182,8 +182,8 @@ def moves(moments: Sequence[ScenePoses]) -> bool:
     """Whether anything is elsewhere at one moment than at the first, so that it can be seen."""
     return any(
         bool((np.abs(now - then) > STILL).any())
-        for one in moments[1:]
-        for now, then in zip(one, moments[0], strict=True)
+        for moment in moments[1:]
+        for now, then in zip(moment, moments[0], strict=True)
     )
 
 

@@ -120,8 +120,8 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
     add_tray(world, bench.tray, surfaces.tray_rgb)
     for name, place in bench.places.items():
         _add_place(world, name, place, product, surfaces.plate_rgb)
-    for one in bins:
-        _add_bin(world, one, surfaces.bin_rgb)
+    for bin_ in bins:
+        _add_bin(world, bin_, surfaces.bin_rgb)
     for number, obstacle in enumerate(bench.obstacles):
         _add_obstacle(spec, f"obstacle_{number}", obstacle)
 
@@ -205,7 +205,7 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     for positions in product.bracket.plates or (product.positions,):
         margin_m, holes = (
             product.bracket.margin_m,
-            [product.through[one] for one in positions if one in product.through],
+            [product.through[position] for position in positions if position in product.through],
         )
         low = [min(hole[axis] for hole in holes) - margin_m for axis in (0, 1)]
         high = [max(hole[axis] for hole in holes) + margin_m for axis in (0, 1)]

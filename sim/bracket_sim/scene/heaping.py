@@ -60,7 +60,9 @@ def heaped(
             return None
     if not heap.at_rest() or stage.diverged:
         return None
-    return tuple(replace(one, world_from_part=_pose(stage, number, middle)) for number, one in enumerate(scene))
+    return tuple(
+        replace(scene_part, world_from_part=_pose(stage, number, middle)) for number, scene_part in enumerate(scene)
+    )
 
 
 def _stage(product: Product, tray: Tray, scene: Sequence[ScenePart]) -> Stage:

@@ -217,9 +217,14 @@ def _checked(ends: Sequence[Any]) -> list[LookFile]:
         try:
             made.append(LookFile.model_validate(end))
         except ValidationError as error:
-            for one in error.errors(include_url=False):
-                told = InitErrorDetails(type=one["type"], loc=one["loc"], input=one["input"], ctx=one.get("ctx", {}))
-                problems.setdefault((one["loc"], one["type"]), told)
+            for typed_dict_type in error.errors(include_url=False):
+                told = InitErrorDetails(
+                    type=typed_dict_type["type"],
+                    loc=typed_dict_type["loc"],
+                    input=typed_dict_type["input"],
+                    ctx=typed_dict_type.get("ctx", {}),
+                )
+                problems.setdefault((typed_dict_type["loc"], typed_dict_type["type"]), told)
     if problems:
         raise ValidationError.from_exception_data("look", list(problems.values()))
     return made

@@ -233,8 +233,8 @@ def _places(product: Product, bench: Bench) -> list[_Place]:
         _around("the tray", ("bench", "tray", "centre_m"), bench.tray.centre_m, bench.tray.size_m),
     ]
     named = [name for name in bench.bins_m if name in product.parts]
-    for name, one in zip(named, own_bins(product, bench), strict=True):
-        places.append(_around(f"the bin of {name}", ("bench", "bins_m", name), one.centre_m, one.size_m))
+    for name, bin_ in zip(named, own_bins(product, bench), strict=True):
+        places.append(_around(f"the bin of {name}", ("bench", "bins_m", name), bin_.centre_m, bin_.size_m))
     for name, place in bench.places.items():
         length, width = place.size_m(product.longest_m(place.holds))
         corners_m = np.array([(x, y, 0.0) for x in (-length / 2, length / 2) for y in (-width / 2, width / 2)])

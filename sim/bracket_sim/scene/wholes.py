@@ -32,7 +32,7 @@ def add_welds(spec: mujoco.MjSpec, product: Product, scene: Mapping[str, ScenePa
     Args:
         scene: parts by the names of their bodies.
     """
-    named = {part: [name for name, one in scene.items() if one.part == part] for part in product.parts}
+    named = {part: [name for name, scene_part in scene.items() if scene_part.part == part] for part in product.parts}
     couples = {
         couple: None
         for kind in product.wholes.values()
@@ -55,7 +55,7 @@ class Joining:
     def update(self, time_s: float, _dt_s: float, /) -> None:
         """Look at the parts once; called in every control period."""
         for whole, kind in self._wholes.items():
-            for low in [one for one in self._world.bodies if self._begins(one, kind)]:
+            for low in [body for body in self._world.bodies if self._begins(body, kind)]:
                 stack, so = self._stack(low, kind), (low.name, whole)
                 if stack is None:
                     self._since_s.pop(so, None)
@@ -81,17 +81,17 @@ class Joining:
                 return None
             stack.append(found)
             height_m += top_m(kinds[part])
-        return stack if all(self._still(one) for one in stack) else None
+        return stack if all(self._still(world_part) for world_part in stack) else None
 
     def _seated(self, low: WorldPart, part: str, height_m: float, stack: Sequence[WorldPart]) -> Iterator[WorldPart]:
         place = self._world.part_pose(low)
         at_m = place.transform(np.array([0.0, 0.0, height_m]))
-        for one in self._world.bodies:
-            if one.part == part and one not in stack:
-                pose = self._world.part_pose(one)
+        for body in self._world.bodies:
+            if body.part == part and body not in stack:
+                pose = self._world.part_pose(body)
                 level = float(pose.rotation[:, 2] @ place.rotation[:, 2]) > UPRIGHT
                 if level and float(np.abs(np.array(pose.position_m) - at_m).max()) < SEATED_M:
-                    yield one
+                    yield body
 
     def _still(self, one: WorldPart) -> bool:
         return bool(np.all(np.abs(self._world.data.qvel[one.qvel : one.qvel + 6]) < STILL))

@@ -176,19 +176,19 @@ class World:
         pairs = self.model.geom_bodyid[self.data.contact.geom]
         touched = [set(pairs[(pairs == finger).any(axis=1)].ravel().tolist()) for finger in self.holding]
         touched = [found | {self.carriers[body].body for body in found & self.carriers.keys()} for found in touched]
-        return next((one for one in self.bodies if touched and all(one.body in bodies for bodies in touched)), None)
+        return next((part for part in self.bodies if touched and all(part.body in bodies for bodies in touched)), None)
 
     def join(self, stack: Sequence[WorldPart], whole: str) -> None:
         """Weld parts, the lowest first, to one body of a type of its own."""
         low, *upper = stack
-        for one in upper:
-            weld = self.model.equality(weld_name(low.name, one.name)).id
-            off = self.part_pose(low).inverse() @ self.part_pose(one)
+        for part in upper:
+            weld = self.model.equality(weld_name(low.name, part.name)).id
+            off = self.part_pose(low).inverse() @ self.part_pose(part)
             self.model.eq_data[weld, :10] = (0.0, 0.0, 0.0, *off.position_m, *off.quaternion_wxyz)
             self.data.eq_active[weld] = 1
-            self.carriers[one.body] = low
-            del self.parts[one.name]
-        self.bodies = tuple(one for one in self.bodies if one not in upper)
+            self.carriers[part.body] = low
+            del self.parts[part.name]
+        self.bodies = tuple(body for body in self.bodies if body not in upper)
         own, before = self._joined.get(low, (low.part, []))
         self._joined[low] = own, [*before, *upper]
         low.part = self.parts[low.name] = whole
@@ -196,10 +196,10 @@ class World:
     def split(self, low: WorldPart) -> list[WorldPart]:
         """Take a sub-assembly apart; the parts that stood on the lowest one, if there were any."""
         low.part, upper = self._joined.pop(low, (low.part, []))
-        for one in upper:
-            self.data.eq_active[self.model.equality(weld_name(low.name, one.name)).id] = 0
-            del self.carriers[one.body]
-            self.parts[one.name] = one.part
+        for part in upper:
+            self.data.eq_active[self.model.equality(weld_name(low.name, part.name)).id] = 0
+            del self.carriers[part.body]
+            self.parts[part.name] = part.part
         self.bodies += tuple(upper)
         if upper:
             self.parts[low.name] = low.part

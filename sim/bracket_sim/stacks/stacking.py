@@ -74,7 +74,7 @@ class Stack:
                 return False
             self._lower(number, *self._spot_over(number, below))
             carriers = self._come_to_rest(number, before[0])
-            levels = [self.level[one] + 1 for one in carriers]
+            levels = [self.level[carrier] + 1 for carrier in carriers]
             if carriers and max(levels) <= limit:
                 self.level[number] = max(levels)
                 return True
@@ -148,7 +148,7 @@ class Stack:
     def _in_room(self, *numbers: int) -> bool:
         if self._room_m is None:
             return True
-        return all(bool((np.abs(self.stage.points(one)[:, :2]) <= self._room_m).all()) for one in numbers)
+        return all(bool((np.abs(self.stage.points(number)[:, :2]) <= self._room_m).all()) for number in numbers)
 
     def set_on_table(self, number: int) -> bool:
         """Beside all others."""

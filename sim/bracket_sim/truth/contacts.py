@@ -93,9 +93,9 @@ class ContactMonitor:
         found = self.all()
         return {
             "contacts": self._forgotten + len(found),
-            "contact_speed_m_s": round(max((self._worst[0], *(one.speed_m_s for one in found))), 3),
-            "contact_relative_m_s": round(max((self._worst[1], *(one.relative_m_s for one in found))), 3),
-            "contact_force_n": round(max((self._worst[2], *(one.force_n for one in found))), 1),
+            "contact_speed_m_s": round(max((self._worst[0], *(contact.speed_m_s for contact in found))), 3),
+            "contact_relative_m_s": round(max((self._worst[1], *(contact.relative_m_s for contact in found))), 3),
+            "contact_force_n": round(max((self._worst[2], *(contact.force_n for contact in found))), 1),
         }
 
     def news(self) -> list[TruthEvent]:
@@ -104,14 +104,14 @@ class ContactMonitor:
         ended = self.contacts[self._told :]
         self._forget(self.contacts[:-KEPT])
         self._told = len(self.contacts)
-        return begun + [TruthEvent(one.end_s, "contact", {"edge": "end", **vars(one)}) for one in ended]
+        return begun + [TruthEvent(contact.end_s, "contact", {"edge": "end", **vars(contact)}) for contact in ended]
 
     def _forget(self, oldest: list[Contact]) -> None:
         """Keep of these only how many there were, and the worst."""
         del self.contacts[: len(oldest)]
         self._forgotten += len(oldest)
-        for one in oldest:
-            speeds = (one.speed_m_s, one.relative_m_s, one.force_n)
+        for contact in oldest:
+            speeds = (contact.speed_m_s, contact.relative_m_s, contact.force_n)
             self._worst = tuple(max(pair) for pair in zip(self._worst, speeds, strict=True))
 
     def _code(self, geom: int) -> int:

@@ -99,7 +99,7 @@ class GroundTruthPerception:
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:
             hands = [self._hand_seen(exposure, body) for body in self._hands] or [None]
-            others = tuple(one for one in hands[1:] if one is not None)
+            others = tuple(hand for hand in hands[1:] if hand is not None)
             seen = _Seen(hands[0], others, self._holes_seen(exposure), self._spots_seen(exposure))
             self._seen[exposure.camera, exposure.sequence] = seen
             self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
@@ -218,14 +218,22 @@ class GroundTruthPerception:
 
     def _parts_seen(self, exposure: Exposure) -> tuple[PartDetection, ...]:
         camera, found = self._world.bench.wrist.model, []
-        for one in resting_parts(self._world):
-            if one.part not in self._world.product.parts or one.posture != "upright" or one.on_top:
+        for resting_part in resting_parts(self._world):
+            if (
+                resting_part.part not in self._world.product.parts
+                or resting_part.posture != "upright"
+                or resting_part.on_top
+            ):
                 continue
-            size_m = self._world.product.parts[one.part].size_m
-            pixel = camera.project(exposure.world_from_camera, np.array([one.world_from_part.position_m]))[0]
-            if ((pixel > 0) & (pixel < (camera.width_px, camera.height_px))).all() and self._in_tray(one.name):
+            size_m = self._world.product.parts[resting_part.part].size_m
+            pixel = camera.project(exposure.world_from_camera, np.array([resting_part.world_from_part.position_m]))[0]
+            if ((pixel > 0) & (pixel < (camera.width_px, camera.height_px))).all() and self._in_tray(resting_part.name):
                 x, y = (int(value) for value in pixel)
-                found.append(PartDetection(one.part, 1.0, one.world_from_part, size_m, (x - 9, y - 9, x + 9, y + 9)))
+                found.append(
+                    PartDetection(
+                        resting_part.part, 1.0, resting_part.world_from_part, size_m, (x - 9, y - 9, x + 9, y + 9)
+                    )
+                )
         return tuple(found)
 
     def _in_tray(self, name: str) -> bool:

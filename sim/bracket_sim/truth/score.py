@@ -98,18 +98,22 @@ class Score:
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
         product, found = self._world.product, self.placements()
-        there = {position: one.part for position, one in found.items()}
+        there = {position: placement.part for position, placement in found.items()}
         wanted: Mapping[str, str] = self._job.placements
         if self._job.goal in product.goals:
             wanted = product.goal_placements(self._job.goal, there)
-        good = {position for position, one in found.items() if one.seated and one.part == wanted.get(position)}
+        good = {
+            position
+            for position, placement in found.items()
+            if placement.seated and placement.part == wanted.get(position)
+        }
         return {
             "correct": len(good) == len(wanted) == len(found),
             "goal": self._job.goal,
-            "placements": {position: one.part for position, one in found.items()},
+            "placements": {position: placement.part for position, placement in found.items()},
             "wrong_placements": len(found) - len(good),
-            "robot_placements": sum(one.by == "robot" for one in found.values()),
-            "human_placements": sum(one.by == "human" for one in found.values()),
+            "robot_placements": sum(placement.by == "robot" for placement in found.values()),
+            "human_placements": sum(placement.by == "human" for placement in found.values()),
             **({"places": self._places()} if self._world.bench.places else {}),
         }
 
@@ -118,7 +122,7 @@ class Score:
         world = self._world
         return {
             name: [
-                next((one.part for one in world.bodies if self._stands(one, place, number)), EMPTY)
+                next((body.part for body in world.bodies if self._stands(body, place, number)), EMPTY)
                 for number in range(len(place.spots_m))
             ]
             for name, place in world.bench.places.items()

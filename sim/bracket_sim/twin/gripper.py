@@ -145,7 +145,7 @@ class ModbusTwin:
     async def async_setValues(self, _device: int, _function: int, at: int, values: list[int]) -> None:
         """Write registers, likewise; others than those of the command are ignored."""
         if 0 <= (first := 2 * (at - COMMAND_REGISTER)) < 6:
-            self._registers.write(first, b"".join(one.to_bytes(2, "big") for one in values)[: 6 - first])
+            self._registers.write(first, b"".join(value.to_bytes(2, "big") for value in values)[: 6 - first])
 
     def _unplug(self) -> None:
         ends, self._ends = self._ends, (-1, -1)

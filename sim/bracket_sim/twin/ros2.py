@@ -155,13 +155,13 @@ class RosArm:
     def _accept(self, goal: Any) -> bool:
         """Whether a trajectory is taken; it is followed from now on."""
         points, names = goal.trajectory.points, list(goal.trajectory.joint_names)
-        times_s = np.array([one.time_from_start.sec + one.time_from_start.nanosec * 1e-9 for one in points])
+        times_s = np.array([point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in points])
         begun_s = self._clock.world_s(goal.trajectory.header.stamp)
         able = self.controller.runtime is Runtime.PLAYING and sorted(names) == sorted(self._names)
         late = len(points) == 0 or begun_s + times_s[-1] < self._cell.now_s()
         if not able or late or (np.diff(times_s) <= 0).any():
             return False
-        joints = np.array([one.positions for one in points])[:, [names.index(name) for name in self._names]]
+        joints = np.array([point.positions for point in points])[:, [names.index(name) for name in self._names]]
         self._path, self._along_s = (begun_s, times_s, joints), max(self._cell.now_s() - begun_s, 0.0)
         self._cell.person_comes()
         return True

@@ -101,8 +101,8 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "payload": ("DOUBLE", lambda of: of.payload_kg),
     "payload_cog": ("VECTOR3D", lambda of: of.payload_cog_m),
     "tcp_offset": ("VECTOR6D", lambda of: of.tcp),
-    **{one: ("VECTOR6D", lambda _: (0.0,) * 6) for one in SIXES},
-    **{one: ("DOUBLE", lambda _: 0.0) for one in DOUBLES},
+    **{six: ("VECTOR6D", lambda _: (0.0,) * 6) for six in SIXES},
+    **{double: ("DOUBLE", lambda _: 0.0) for double in DOUBLES},
     "joint_mode": ("VECTOR6INT32", lambda _: (255,) * 6),
     "actual_tool_accelerometer": ("VECTOR3D", lambda _: (0.0,) * 3),
     "actual_digital_input_bits": ("UINT64", lambda of: of.inputs),
@@ -212,9 +212,9 @@ class RtdeServer(Port):
     def _input_recipe(self, client: Client, names: str) -> bytes:
         wanted = [name for name in names.split(",") if name]
         types = [self._input_type(client, name) for name in wanted]
-        if all(one in FORMS for one in types):
+        if all(type_ in FORMS for type_ in types):
             self._owners.update(dict.fromkeys(wanted, client))
-            form = struct.Struct(">" + "".join(FORMS[one] for one in types))
+            form = struct.Struct(">" + "".join(FORMS[type_] for type_ in types))
             client.inputs.append((form, list(zip(wanted, types, strict=True))))
             return bytes([len(client.inputs)]) + ",".join(types).encode()
         return b"\0" + ",".join(types).encode()

@@ -39,10 +39,10 @@ class OperatorAnswers:
     def show(self, questions: tuple[Question, ...], time_s: float) -> None:
         """The cell asks these now."""
         self._standing = questions
-        for one in questions:
-            if one.number not in self._due_s:
-                self._due_s[one.number] = time_s + self._reaction_s(one)
-        self._due_s = {one.number: self._due_s[one.number] for one in questions}
+        for question in questions:
+            if question.number not in self._due_s:
+                self._due_s[question.number] = time_s + self._reaction_s(question)
+        self._due_s = {question.number: self._due_s[question.number] for question in questions}
 
     def alarm(self, text: str, time_s: float) -> None:
         """The panel shows a trouble from now on, or none."""
@@ -65,18 +65,18 @@ class OperatorAnswers:
 
     def noticed(self, time_s: float) -> Iterator[Question]:
         """Questions that stand, that the person has noticed, and that are not answered yet."""
-        return (one for one in self._standing if self._due_s[one.number] <= time_s)
+        return (question for question in self._standing if self._due_s[question.number] <= time_s)
 
     def asks_for_bracket(self, time_s: float) -> bool:
         """Whether it was noticed that an empty bracket is wanted; each question counts once."""
-        found = [one for one in self.noticed(time_s) if one.kind == "bracket"]
-        for one in found:
-            self._due_s[one.number] = float("inf")
+        found = [question for question in self.noticed(time_s) if question.kind == "bracket"]
+        for question in found:
+            self._due_s[question.number] = float("inf")
         return bool(found)
 
     def stands(self, kind: str) -> bool:
         """Whether such a question is asked now."""
-        return any(one.kind == kind for one in self._standing)
+        return any(question.kind == kind for question in self._standing)
 
     def answer(self, question: Question, value: str) -> None:
         """Say it; the cell hears it in its next tick."""

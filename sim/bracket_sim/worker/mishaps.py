@@ -62,7 +62,7 @@ class Mishaps:
     def update(self, _time_s: float, dt_s: float, /) -> None:
         """Let one control period pass."""
         self._dt_s = dt_s
-        self._scripts = [one for one in self._scripts if next(one, OVER) is not OVER]
+        self._scripts = [script for script in self._scripts if next(script, OVER) is not OVER]
 
     def _falls(self) -> Script:
         """It slips out of the fingers, as if they did not touch it."""
@@ -119,7 +119,7 @@ class Mishaps:
             yield
             hole = min(self._holes_m, key=self._beside_m)
         others = [part for part in self._in_tray() if part.part != held.part]
-        part = min(others, key=lambda one: kinds[one.part].size_m[0])
+        part = min(others, key=lambda other: kinds[other.part].size_m[0])
         _, width_m, height_m = kinds[part.part].size_m
         x, y, z = (float(value) for value in hole)
         self._world.put(part, Pose((x, y + height_m / 2, z + width_m / 2), LIES))
@@ -128,7 +128,7 @@ class Mishaps:
         """All of its type are gone from the tray."""
         while (part := self._below()) is None:
             yield
-        self._stock.take([one for one in self._in_tray() if one.part == part.part])
+        self._stock.take([world_part for world_part in self._in_tray() if world_part.part == part.part])
 
     def _broken(self) -> Script:
         """Its peg is bent, and goes into no hole."""
@@ -140,37 +140,37 @@ class Mishaps:
         """Where it stood, another type stands."""
         while (part := self._below()) is None:
             yield
-        other = max((one for one in self._in_tray() if one.part != part.part), key=self._away_m)
+        other = max((world_part for world_part in self._in_tray() if world_part.part != part.part), key=self._away_m)
         pose = self._world.part_pose(part)
         self._world.put(part, self._world.part_pose(other))
         self._world.put(other, pose)
 
     def _nearest(self) -> WorldPart:
         """The robot's part that is nearest to the tool: it is held, or about to be taken."""
-        return min((one for one in self._world.bodies if one.owner == "robot"), key=self._away_m)
+        return min((body for body in self._world.bodies if body.owner == "robot"), key=self._away_m)
 
     def _below(self) -> WorldPart | None:
         """The part in the tray that the tool comes to, once it is nearly over it."""
         tool_m = np.array(self._world.tool_pose().position_m)
         if tool_m[2] > BELOW_M:
             return None
-        places = {one.name: self._world.data.xpos[one.body] for one in self._in_tray()}
-        return next((one for one in self._in_tray() if math.dist(places[one.name][:2], tool_m[:2]) < COMES_M), None)
+        places = {part.name: self._world.data.xpos[part.body] for part in self._in_tray()}
+        return next((part for part in self._in_tray() if math.dist(places[part.name][:2], tool_m[:2]) < COMES_M), None)
 
     def _in_tray(self) -> list[WorldPart]:
         tray = self._world.bench.tray
         middle, half = np.array(tray.centre_m)[:2], np.array(tray.size_m) / 2
         return [
-            one
-            for one in self._world.bodies
-            if one.part in self._world.product.parts
-            and bool((np.abs(self._world.data.xpos[one.body][:2] - middle) < half).all())
-            and self._height_m(one) < tray.centre_m[2] + STANDS_M
+            body
+            for body in self._world.bodies
+            if body.part in self._world.product.parts
+            and bool((np.abs(self._world.data.xpos[body.body][:2] - middle) < half).all())
+            and self._height_m(body) < tray.centre_m[2] + STANDS_M
         ]
 
     def _free_way(self) -> Array:
         """Along which axis of the tray, and in which direction, there is most room beside its parts; (3,)."""
-        tray, places = self._world.bench.tray, np.array([self._world.data.xpos[one.body] for one in self._in_tray()])
+        tray, places = self._world.bench.tray, np.array([self._world.data.xpos[part.body] for part in self._in_tray()])
         middle, half = np.array(tray.centre_m)[:2], np.array(tray.size_m) / 2
         rooms = [
             (half[axis] - float((side * (places[:, axis] - middle[axis])).max()), axis, side)
@@ -183,7 +183,7 @@ class Mishaps:
         return way
 
     def _filled(self, hole: Array) -> bool:
-        return any(math.dist(self._world.data.xpos[one.body], hole) < NEAR_HOLE_M for one in self._world.bodies)
+        return any(math.dist(self._world.data.xpos[body.body], hole) < NEAR_HOLE_M for body in self._world.bodies)
 
     def _beside_m(self, hole: Array) -> float:
         """How far beside a hole's axis the tool is."""

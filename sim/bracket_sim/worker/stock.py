@@ -56,7 +56,7 @@ class Stock:
 
     def take(self, bodies: Iterable[WorldPart]) -> None:
         """Take parts away."""
-        self.kept |= {one.name: one for body in bodies for one in (body, *self._world.split(body))}
+        self.kept |= {part.name: part for body in bodies for part in (body, *self._world.split(body))}
         self.update(0.0, 0.0)
 
     def take_held(self) -> None:
@@ -116,7 +116,7 @@ class Stock:
             settings = settings.model_copy(update={"neighbour_share": 0.0, "nearest_gap_m": 0.03})
         for body, entry in zip(
             bodies,
-            add_to_clutter(self._product, self._bench.tray, there, [one.part for one in bodies], self._rng, settings),
+            add_to_clutter(self._product, self._bench.tray, there, [part.part for part in bodies], self._rng, settings),
             strict=True,
         ):
             self.kept.pop(body.name, None)

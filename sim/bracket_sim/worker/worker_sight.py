@@ -111,8 +111,8 @@ class Sight:
     def tops_m(self) -> Array:
         """Where the parts in the bracket end above (n, 3)."""
         standing = [seen for name in self.holes_m if (seen := self.in_hole(name)) is not None]
-        heights = [self._product.parts[one.part].size_m[2] for one in standing]
-        tops: Array = np.array([one.pose.position_m for one in standing]).reshape(-1, 3)
+        heights = [self._product.parts[seen_part.part].size_m[2] for seen_part in standing]
+        tops: Array = np.array([seen_part.pose.position_m for seen_part in standing]).reshape(-1, 3)
         tops[:, 2] += heights
         return tops
 
@@ -129,20 +129,28 @@ class Sight:
     def spares(self, part: str) -> list[SeenPart]:
         """Parts of a type on the person's side, the rightmost first: there a right hand has most room."""
         built = part in self._product.wholes
-        own = [one for one in self._of_type(part) if built or self._on_own_side(np.array(one.pose.position_m))]
-        return sorted(own, key=lambda one: -one.pose.position_m[1])
+        own = [
+            seen_part
+            for seen_part in self._of_type(part)
+            if built or self._on_own_side(np.array(seen_part.pose.position_m))
+        ]
+        return sorted(own, key=lambda seen_part: -seen_part.pose.position_m[1])
 
     def in_tray(self, part: str) -> list[SeenPart]:
         """Parts of a type in the robot's tray, the nearest to the person first."""
         middle, half = np.array(self._bench.tray.centre_m), np.array(self._bench.tray.size_m) / 2
         lying = [
-            one for one in self._of_type(part) if np.all(np.abs(np.array(one.pose.position_m) - middle)[:2] < half)
+            seen_part
+            for seen_part in self._of_type(part)
+            if np.all(np.abs(np.array(seen_part.pose.position_m) - middle)[:2] < half)
         ]
-        return sorted(lying, key=lambda one: -one.pose.position_m[0])
+        return sorted(lying, key=lambda seen_part: -seen_part.pose.position_m[0])
 
     def left(self, part: str) -> SeenPart | None:
         """A part of a type on the table between person and bracket, where the robot puts down what it brings."""
-        lying = (one for one in self._of_type(part) if self._before_bracket(np.array(one.pose.position_m)))
+        lying = (
+            seen_part for seen_part in self._of_type(part) if self._before_bracket(np.array(seen_part.pose.position_m))
+        )
         return next(lying, None)
 
     def handed(self, part: str, *, brought: bool = False) -> SeenPart | None:

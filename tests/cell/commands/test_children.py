@@ -39,12 +39,12 @@ def test_those_that_run_are_interrupted_and_no_other_begins(tmp_path: Path, monk
     ready = [tmp_path / name for name in ("one", "other")]
     some = Children()
     with ThreadPoolExecutor(2) as pool:
-        status = [pool.submit(some.run, waits(one, "default_int_handler"), None) for one in ready]
-        while not all(one.exists() for one in ready):
-            assert not any(one.done() for one in status)
+        status = [pool.submit(some.run, waits(path, "default_int_handler"), None) for path in ready]
+        while not all(path.exists() for path in ready):
+            assert not any(future.done() for future in status)
             time.sleep(0.01)
         some.interrupt()
-        assert [one.result(LIMIT_S) for one in status] == [-signal.SIGINT] * 2
+        assert [future.result(LIMIT_S) for future in status] == [-signal.SIGINT] * 2
     assert some.run([sys.executable, "-c", f"open({str(tmp_path / 'begun')!r}, 'w')"], None) != 0
     assert not (tmp_path / "begun").exists()
 

@@ -62,8 +62,8 @@ def test_cameras_of_a_new_cell_have_a_size_that_they_can_send(
     assert main(words) == 0
     bench = load_configuration(tmp_path / "config" / "cell.yaml").bench
     setups = bench.overhead, bench.wrist
-    assert {(one.width_px, one.height_px) for one in setups} == {(640, 480)}
-    assert tuple(one.focal_px for one in setups) == focals_px
+    assert {(setup.width_px, setup.height_px) for setup in setups} == {(640, 480)}
+    assert tuple(setup.focal_px for setup in setups) == focals_px
 
 
 def test_what_a_new_cell_cannot_have_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

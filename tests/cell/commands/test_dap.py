@@ -90,7 +90,7 @@ class Editor:
 
     def hear(self, name: str) -> dict[str, Any]:
         """The next event of this name."""
-        while not (found := [one for one in self.events if one["event"] == name]):
+        while not (found := [event for event in self.events if event["event"] == name]):
             self.events.append(self._inbox.get(timeout=LONG_S))
         self.events.remove(found[0])
         body: dict[str, Any] = found[0]["body"]
@@ -200,12 +200,12 @@ def test_the_first_node_waits_at_a_breakpoint_with_path_and_blackboard(port: int
         editor.ask("continue", threadId=stopped["threadId"])
         stopped = editor.hear("stopped")
         frames = editor.ask("stackTrace", threadId=stopped["threadId"])["stackFrames"]
-        assert [(one["name"], one["line"]) for one in frames] == [("Pick", SUBTREE), ("Sequence", 3)]
-        assert {one["source"]["path"] for one in frames} == {str(tree)}
+        assert [(frame["name"], frame["line"]) for frame in frames] == [("Pick", SUBTREE), ("Sequence", 3)]
+        assert {frame["source"]["path"] for frame in frames} == {str(tree)}
         assert editor.ask("evaluate", expression="{wait}", frameId=frames[0]["id"])["result"] == "3"
         scopes = editor.ask("scopes", frameId=frames[0]["id"])["scopes"]
         variables = editor.ask("variables", variablesReference=scopes[0]["variablesReference"])["variables"]
-        assert {one["name"]: one["value"] for one in variables} == {"wait": "3"}
+        assert {variable["name"]: variable["value"] for variable in variables} == {"wait": "3"}
 
 
 def test_a_node_of_many_ticks_waits_once_before_it_begins(port: int, tree: Path) -> None:
@@ -282,6 +282,6 @@ def test_an_editor_launches_a_run_stops_it_before_its_first_action_and_sees_it_e
         assert line_of(editor, thread) == 2
         editor.ask("continue", threadId=thread)
         assert editor.hear("exited") == {"exitCode": 0}
-        assert any("finished" in one["body"]["output"] for one in editor.events if one["event"] == "output")
+        assert any("finished" in event["body"]["output"] for event in editor.events if event["event"] == "output")
         editor.ask("disconnect")
         assert process.wait(LONG_S) == 0

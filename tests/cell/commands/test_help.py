@@ -22,6 +22,6 @@ def test_no_word_of_any_help_is_taken_for_a_style() -> None:
 def _texts(command: Any, name: str) -> Iterator[tuple[str, str]]:
     """Every text of a command's help and of those below it, with what it belongs to."""
     yield name, command.help or ""
-    yield from ((f"{name} {one.name}", getattr(one, "help", None) or "") for one in command.params)
+    yield from ((f"{name} {param.name}", getattr(param, "help", None) or "") for param in command.params)
     for word, below in getattr(command, "commands", {}).items():
         yield from _texts(below, f"{name} {word}")

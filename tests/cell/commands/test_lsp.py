@@ -162,7 +162,9 @@ def at(text: str, word: str, extra: int = 1) -> types.Position:
 
 def changed(text: str, edits: list[types.TextEdit]) -> str:
     """A text after edits that do not meet."""
-    for edit in sorted(edits, key=lambda one: (one.range.start.line, one.range.start.character), reverse=True):
+    for edit in sorted(
+        edits, key=lambda text_edit: (text_edit.range.start.line, text_edit.range.start.character), reverse=True
+    ):
         lines = text.split("\n")
         start, end = edit.range.start, edit.range.end
         head = [*lines[: start.line], lines[start.line][: start.character]]
@@ -212,7 +214,7 @@ def test_an_editor_is_served(folder: Path, talk: Talk) -> None:
         await places(editor, folder)
         (folder / "nodes" / "greet.py").write_text(NODE.replace("who =", "name_of ="))
         await editor.type(TREE)
-        assert [one.message.partition(";")[0] for one in editor.marks["tree.xml"]] == [
+        assert [mark.message.partition(";")[0] for mark in editor.marks["tree.xml"]] == [
             "Greet needs port 'name_of'",
             "Greet has no port 'who'",
         ]
@@ -305,7 +307,7 @@ def test_the_outline_links_hovers_and_offers_of_a_file(folder: Path, talk: Talk)
         await editor.type(DEEP)
         found = await editor.call("document_symbol", types.DocumentSymbolParams(editor.document))
         assert [one.name for one in found] == ["Main", "Own"]
-        assert [one.name for one in found[0].children[0].children][:2] == ["Script", "SubTree Own"]
+        assert [child.name for child in found[0].children[0].children][:2] == ["Script", "SubTree Own"]
         assert (found[0].range.start.line, found[0].range.end.line) == (2, 9)
         (link,) = await editor.call("document_link", types.DocumentLinkParams(editor.document))
         assert link.target == (folder / "more.xml").as_uri()

@@ -95,15 +95,15 @@ def test_a_block_stands_on_each_of_its_faces_however_its_file_is_turned(seed: in
     size = (0.03, 0.04, 0.055)
     mesh = hull_of(box(size) @ turned(seed).T + np.random.default_rng(seed).uniform(-0.2, 0.2, 3))
     found = stances(mesh, convex_pieces(mesh), MotionSettings())
-    assert {tuple(sorted(round(extent, 4) for extent in one.size_m)) for one in found} == {size}
-    assert sorted(round(one.size_m[2], 4) for one in found) == sorted(size)
-    assert all(one.flat and one.grips and one.grips[0].face_m2 > 2e-4 for one in found)
-    assert all(one.size_m[0] >= one.size_m[1] for one in found)
+    assert {tuple(sorted(round(extent, 4) for extent in stance.size_m)) for stance in found} == {size}
+    assert sorted(round(stance.size_m[2], 4) for stance in found) == sorted(size)
+    assert all(stance.flat and stance.grips and stance.grips[0].face_m2 > 2e-4 for stance in found)
+    assert all(stance.size_m[0] >= stance.size_m[1] for stance in found)
 
 
 def test_what_is_too_wide_cannot_be_held() -> None:
     mesh = hull_of(box((0.12, 0.12, 0.12)))
-    assert all(not one.grips for one in stances(mesh, convex_pieces(mesh), MotionSettings()))
+    assert all(not stance.grips for stance in stances(mesh, convex_pieces(mesh), MotionSettings()))
 
 
 def test_a_pyramid_does_not_stand_on_its_tip() -> None:

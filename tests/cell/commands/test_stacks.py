@@ -34,7 +34,7 @@ def test_a_folder_of_vmrd_is_written_and_can_be_read(
     read = read_vmrd(tmp_path / "new")
     assert (told["scenes"], told["test"]) == (40, len(read.test)) == (40, 4)
     assert len(read.trainval) == 36
-    assert {int(one.name) % 2 for one in read.test} == {0, 1}, "tests of each number of classes"
+    assert {int(stacked_scene.name) % 2 for stacked_scene in read.test} == {0, 1}, "tests of each number of classes"
     assert read.test[0] == scene(int(read.test[0].name))
     assert "--classes 5,31" in told["made_by"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [

@@ -50,7 +50,7 @@ def command(*path: str) -> Any:
 
 def options(*path: str) -> set[str]:
     """Long names of a command's options."""
-    asked = [one for one in command(*path).params if one.param_type_name == "option" and not one.hidden]
+    asked = [param for param in command(*path).params if param.param_type_name == "option" and not param.hidden]
     return {name for one in asked for name in one.opts if name.startswith("--")} - {"--help"}
 
 
@@ -87,7 +87,7 @@ def test_a_run_has_few_options_and_the_lab_five_more() -> None:
 def test_the_product_has_few_commands_and_options() -> None:
     """Outside of the laboratory; what is hidden is for programs."""
     commands = [(path, each) for path, each in leaves(whole(), ()) if path[0] not in ("record", "label")]  # the lab's
-    found = [(path, one) for path, each in commands for one in each.params if one.param_type_name == "option"]
+    found = [(path, param) for path, each in commands for param in each.params if param.param_type_name == "option"]
     found = [(path, one) for path, one in found if not one.hidden and one.name != "help"]
     assert len(commands) <= 38, [" ".join(path) for path, _ in commands]
     assert len(found) <= 165
@@ -97,9 +97,9 @@ def test_the_product_has_few_commands_and_options() -> None:
 def test_an_option_of_several_commands_has_one_text() -> None:
     texts: dict[str, set[str]] = {}
     for _, each in leaves(whole(), ()):
-        for one in each.params:
-            if one.param_type_name == "option":
-                texts.setdefault(max(one.opts, key=len), set()).add(one.help)
+        for param in each.params:
+            if param.param_type_name == "option":
+                texts.setdefault(max(param.opts, key=len), set()).add(param.help)
     assert {name: told for name, told in texts.items() if len(told) > 1} == {}
 
 

@@ -97,7 +97,7 @@ def test_commands_options_and_snippets_are_those_of_the_program(cell: Path) -> N
     assert {one["type"] for one in MANIFEST["contributes"]["debuggers"]} == {"cell"}
     assert MANIFEST["contributes"]["breakpoints"] == [{"language": "xml"}]
     snippets = json.loads((EXTENSION / "snippets.json").read_text())
-    assert all("\n".join(one["body"]).count("<") for one in snippets.values())
+    assert all("\n".join(snippet["body"]).count("<") for snippet in snippets.values())
 
 
 @pytest.mark.slow

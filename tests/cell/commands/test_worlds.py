@@ -29,7 +29,7 @@ def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:
 
 
 def _workers() -> int:
-    return sum(type(one) is Worker for one in gc.get_objects())
+    return sum(type(item) is Worker for item in gc.get_objects())
 
 
 def test_a_world_that_cannot_say_where_it_is_closes_its_processes(

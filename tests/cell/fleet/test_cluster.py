@@ -58,8 +58,8 @@ def started(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
         yield address, running
     finally:
         for process in reversed(running):
-            for one in (*psutil.Process(process.pid).children(recursive=True), process):
-                one.kill()
+            for child in (*psutil.Process(process.pid).children(recursive=True), process):
+                child.kill()
             process.wait()
 
 

@@ -195,7 +195,9 @@ def test_one_log_without_a_head_changes_no_type_and_what_is_empty_is_null(tmp_pa
     assert ask(tmp_path, "select avg(seed) from runs")[1] == [(7.0,)]
     assert ask(tmp_path, "select correct, seed, site from runs where run_id = 'old'")[1] == [(True, None, None)]
     names, rows = ask(tmp_path, "select * from runs")
-    told_by_end = {one["end"]: one for one in summaries([dict(zip(names, row, strict=True)) for row in rows], "end")}
+    told_by_end = {
+        summary["end"]: summary for summary in summaries([dict(zip(names, row, strict=True)) for row in rows], "end")
+    }
     told = told_by_end["finished"]
     assert (told["right"], told["wrong"], told["not_known"], told["share"]) == (0, 0, 1, None)
     assert "none is known" in summary_lines(told, "end")[0]

@@ -39,7 +39,7 @@ def decided(row: dict[str, Any]) -> dict[str, Any]:
 
 def workers(of: int) -> list[psutil.Process]:
     """Processes of a sweep that run tasks, found by what they were started as."""
-    return [one for one in psutil.Process(of).children(recursive=True) if WORKER.search(" ".join(one.cmdline()))]
+    return [child for child in psutil.Process(of).children(recursive=True) if WORKER.search(" ".join(child.cmdline()))]
 
 
 @pytest.mark.slow

@@ -94,7 +94,7 @@ def test_a_store_with_folders_gets_its_own(tmp_path: Path, monkeypatch: pytest.M
             more()
             [shard] = (tmp_path / "new" / "out" / store.SHARDS).glob("*.jsonl")
             assert json.loads(shard.read_text()) == {"key": number}
-    assert [one.name for one in (tmp_path / "new" / "out").iterdir()] == ["runs.jsonl"]
+    assert [path.name for path in (tmp_path / "new" / "out").iterdir()] == ["runs.jsonl"]
 
 
 def test_what_a_killed_sweep_sent_is_there_next_time(flaky: list[str], tmp_path: Path) -> None:
@@ -142,8 +142,8 @@ def test_a_scheduler_that_is_killed_and_comes_back_loses_no_run(
             rows.append(row)
             if len(rows) == 5:
                 for process in processes:
-                    for one in (*psutil.Process(process.pid).children(recursive=True), process):
-                        one.kill()
+                    for child in (*psutil.Process(process.pid).children(recursive=True), process):
+                        child.kill()
                     process.wait()
                 processes[:] = [again(process) for process in processes]
     assert Counter(row["seed"] for row in rows) == Counter(range(30))

@@ -53,7 +53,7 @@ def test_no_answer_of_the_inverse_is_beyond_a_limit(seed: int, tmp_path: Path) -
         arm.inverse(tool_down((x, y, 0.2), yaw), near_rad=rng.uniform(least, most))
         for x, y, yaw in rng.uniform((0.2, -0.7, -3), (0.9, 0.7, 3), (100, 3))
     ]
-    found = [one for one in answers if one is not None]
+    found = [answer for answer in answers if answer is not None]
     assert all(arm.within_limits(one) for one in found)
     assert all(
         ((one >= np.maximum(least, [-9, -9, -np.pi, -9, -9, -9]) - 1e-6) & (one <= most + 1e-6)).all() for one in found

@@ -21,7 +21,7 @@ def bench_with(folder: Path, *obstacles: str) -> Path:
     """A configuration with obstacles, one a line."""
     for name in ("products.yaml", "sim.yaml"):
         (folder / name).write_text((ROOT / "config" / name).read_text())
-    lines = "".join(f"    - {one}\n" for one in obstacles)
+    lines = "".join(f"    - {obstacle}\n" for obstacle in obstacles)
     text = (ROOT / "config" / "cell.yaml").read_text().replace("  tray:\n", f"  obstacles:\n{lines}  tray:\n", 1)
     path = folder / "cell.yaml"
     path.write_text(text)
@@ -33,7 +33,7 @@ def test_a_box_a_cylinder_and_a_mesh_reach_as_far_as_they_are_told_to(tmp_path: 
     lamp = "{name: lamp, position_m: [0.1, 0.5, 0], mesh: lamp.obj}"
     pipe = "{name: pipe, position_m: [0.1, 0.5, 0.2], cylinder_m: [0.08, 0.4]}"
     box, cylinder, mesh = load_configuration(bench_with(tmp_path, POST, pipe, lamp)).bench.obstacles
-    reaches = [np.ptp(one.points_m, axis=0) for one in (box, cylinder, mesh)]
+    reaches = [np.ptp(obstacle.points_m, axis=0) for obstacle in (box, cylinder, mesh)]
     assert np.allclose(reaches[0], (0.06, 0.06, 0.4))
     assert np.allclose(reaches[1], (0.08, 0.08, 0.4))
     assert np.allclose(reaches[2], (0.1, 0.1, 0.3))

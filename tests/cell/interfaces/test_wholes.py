@@ -76,5 +76,8 @@ def test_the_place_must_see_and_hold_it(nest: str | None, words: str, tmp_path: 
 def test_it_is_told_in_words() -> None:
     product = Product.model_validate(FILE)
     assert "p1: pump (pump), built at nest of body, cap" in product_text(product)
-    told = [str(one) for one in guidance_sentences({"body": (), "cap": (), "pump": ("p1",)}, product=product)]
+    told = [
+        str(guidance_sentence)
+        for guidance_sentence in guidance_sentences({"body": (), "cap": (), "pump": ("p1",)}, product=product)
+    ]
     assert told == ["The pump (pump) goes into p1", "Build the pump (pump) at nest of body (body) and cap (cap)"]

@@ -106,7 +106,7 @@ def test_another_kind_of_value_is_told_in_the_words_of_yaml(tmp_path: Path, text
 
 def test_aliases_of_aliases_cost_no_more_than_the_file(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x]", *(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60))]
-    assert any("unknown key 'a59'" in one for one in problems(tmp_path, "\n".join(lines)))
+    assert any("unknown key 'a59'" in problem for problem in problems(tmp_path, "\n".join(lines)))
 
 
 def test_a_file_that_is_not_there_or_not_text_is_an_input_error(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
     assert [one[1:] for one in found] == [(part, position)]
     assert abs(found[0][0] - number) <= CONFIGURATION.bench.overhead.rate_hz
     came = found[0][0]
-    leant = [replace(one, upright=-np.ones_like(one.upright)) for one in assembly.moments[came : came + 8]]
+    leant = [replace(moment, upright=-np.ones_like(moment.upright)) for moment in assembly.moments[came : came + 8]]
     leaning = replace(assembly, moments=(*assembly.moments[:came], *leant, *assembly.moments[came + 8 :]))
     pressed = slipped(Source(replace(leaning, labels=forgotten), PRODUCT, CONFIGURATION.bench))
     assert pressed == [(came + 8, part, position)]
@@ -91,7 +91,7 @@ def test_fingers_that_open_after_a_part_slipped_into_its_hole_placed_it_when_bot
     assert with_slips([told(1.5)], source) == [told(1.5)]
     assert placed(source) == sorted([*releases(source.assembly), (came, part, position)])
     moments = assembly.moments
-    leant = [replace(one, upright=-np.ones_like(one.upright)) for one in moments[number : number + 8]]
+    leant = [replace(moment, upright=-np.ones_like(moment.upright)) for moment in moments[number : number + 8]]
     leaning = replace(assembly, moments=(*moments[:number], *leant, *moments[number + 8 :]))
     assert (number + 8, part, position) in placed(Source(leaning, PRODUCT, CONFIGURATION.bench))
 

@@ -138,7 +138,7 @@ def test_holes_and_parts_change_places() -> None:
     assert view is not None
     assert [hole.part for hole in view.holes.values()] == [None, "o1"]
     parts: PartsView = answers("parts.detections:swapped")[-1]  # type: ignore[assignment]
-    assert [one.part for one in parts.detections] == ["o2", "o1"]
+    assert [detection.part for detection in parts.detections] == ["o2", "o1"]
     assert parts.detections[0].world_from_part.position_m[0] == 0.3
 
 
@@ -161,8 +161,8 @@ def test_several_faults_spoil_one_answer() -> None:
     source = Detector()
     both = Injections([Injection("hand.palm_m:nan", "carry"), Injection("hole.confidence:nan", "carry")])
     watcher, _ = both.detectors(source, Finder())  # type: ignore[arg-type]
-    for one in both.injections:
-        one.begin(one.fault, 0.0)
+    for injection in both.injections:
+        injection.begin(injection.fault, 0.0)
     view = watcher.poll()
     view = watcher.poll()
     assert view is not None

@@ -23,11 +23,11 @@ ONE = Measured(command="hands --look hard", page="seeing", table="Hands", minute
 
 
 def test_what_is_measured_has_its_place_in_the_pages_and_beside_the_paper() -> None:
-    for one in chosen_bars():
-        assert one.page in topics(), one.command
-        for figure in one.figures:
+    for bar in chosen_bars():
+        assert bar.page in topics(), bar.command
+        for figure in bar.figures:
             if figure.paper is not None:
-                assert paper().printed(figure.paper, f"{one.table}: {figure.claim}")
+                assert paper().printed(figure.paper, f"{bar.table}: {figure.claim}")
 
 
 def test_measured_rows_take_the_places_of_those_before(tmp_path: Path) -> None:
@@ -52,8 +52,17 @@ def test_the_cost_is_told_before_anything_is_measured(capsys: pytest.CaptureFixt
 
 def test_every_shipped_bar_names_a_command_and_one_bar() -> None:
     found = chosen_bars()
-    assert {one.command.split()[0] for one in found} >= {"hands", "actions", "holes", "parts", "grasp", "semantic"}
-    assert len({figure.claim for one in found for figure in one.figures}) == sum(len(one.figures) for one in found)
+    assert {measurement.command.split()[0] for measurement in found} >= {
+        "hands",
+        "actions",
+        "holes",
+        "parts",
+        "grasp",
+        "semantic",
+    }
+    assert len({figure.claim for measurement in found for figure in measurement.figures}) == sum(
+        len(measurement.figures) for measurement in found
+    )
 
 
 @pytest.mark.parametrize(("value", "met"), [(0.95, True), (0.85, False)])
@@ -114,8 +123,8 @@ def test_a_command_goes_on_in_its_own_part_and_a_benchmark_is_a_module(tmp_path:
 
 
 def test_modules_of_shipped_bars_exist() -> None:
-    for one in chosen_bars():
-        assert not one.module or (ROOT / f"{one.module.replace('.', '/')}.py").is_file()
+    for bar in chosen_bars():
+        assert not bar.module or (ROOT / f"{bar.module.replace('.', '/')}.py").is_file()
 
 
 def test_a_bar_needs_a_side_and_a_name_that_exists(tmp_path: Path) -> None:
@@ -150,7 +159,7 @@ def test_what_is_set_otherwise_is_set_for_the_command_alone(tmp_path: Path, monk
     assert row["command"].endswith(f"--json --config FILE {told}")
 
 
-@pytest.mark.parametrize("one", [one for one in chosen_bars() if one.settings], ids=lambda one: one.command)
+@pytest.mark.parametrize("one", [bar for bar in chosen_bars() if bar.settings], ids=lambda one: one.command)
 def test_settings_of_shipped_bars_are_legal(one: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(program: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
         load_configuration(Path(program[program.index("--config") + 1]))

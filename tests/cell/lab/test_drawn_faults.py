@@ -58,7 +58,7 @@ def beside() -> dict[str, Row]:
     """What came of faults in answers, by fault."""
     told: list[Row] = []
     trials = [Drawn(EACH + 1 + number, fault, TICK, 0.6) for number, fault in enumerate(ANSWERS)]
-    assert all(one.beside for one in trials)
+    assert all(trial.beside for trial in trials)
     drawn_rows(DEFAULT_CONFIGURATION, trials, 71, told.append)
     return {str(row["fault"]): row for row in told}
 
@@ -110,18 +110,18 @@ def test_coverage_is_the_share_of_dangerous_faults_that_is_detected() -> None:
 
 
 def test_trials_follow_from_number_and_seed_and_are_gone_on_with() -> None:
-    whole = [one for trials, _ in missing(2 * EACH, 7, ()) for one in trials]
+    whole = [trial for trials, _ in missing(2 * EACH, 7, ()) for trial in trials]
     assert len(whole) == 2 * EACH + 2
-    assert [one.fault for one in whole].count(NONE) == 2
+    assert [drawn.fault for drawn in whole].count(NONE) == 2
     rest = missing(2 * EACH, 7, range(EACH + 2))
-    assert next((one.number, seed) for trials, seed in rest for one in trials) == (EACH + 2, 8)
+    assert next((trial.number, seed) for trials, seed in rest for trial in trials) == (EACH + 2, 8)
     assert rest[0][0][0] == whole[EACH + 2]
 
 
 @pytest.mark.parametrize("signals", [SIGNALS, DETECTED], ids=["devices", "answers"])
 def test_every_kind_of_every_signal_is_drawn_and_can_be_read_again(signals: dict[str, Spread]) -> None:
     drawn = [drawn_fault(np.random.default_rng([3, number]), signals) for number in range(6000)]
-    pairs = {(f"{one.device}.{one.signal}", one.kind) for one in drawn}
+    pairs = {(f"{fault.device}.{fault.signal}", fault.kind) for fault in drawn}
     assert pairs == {(name, kind) for name, spread in signals.items() for kind in spread.kinds}
-    for one in drawn[:200]:
-        assert SignalFault.parse(one.name).name == one.name
+    for fault in drawn[:200]:
+        assert SignalFault.parse(fault.name).name == fault.name

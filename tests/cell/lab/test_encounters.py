@@ -54,7 +54,7 @@ def test_trackers_err_as_they_are_told_to() -> None:
     assert off is not None
     assert off.fingertips_m == pytest.approx((0.75, 0.1))
     assert 60 < sum(Tracker.half.spoil(hand, rng) is None for _ in range(200)) < 140
-    assert all(one.spoil(None, rng) is None for one in Tracker)
+    assert all(tracker.spoil(None, rng) is None for tracker in Tracker)
 
 
 def test_few_contacts_with_a_moving_arm_pass_and_none_that_is_fast() -> None:

@@ -117,7 +117,10 @@ def test_all_faults_in_all_states_are_asked_for_by_default() -> None:
 def test_several_faults_can_be_put_into_one_run() -> None:
     several = Injection.parse("arm_reduced@look,sigint@carry")
     assert isinstance(several, Injections)
-    assert [(one.fault, one.state) for one in several.injections] == [("arm_reduced", "look"), ("sigint", "carry")]
+    assert [(injection.fault, injection.state) for injection in several.injections] == [
+        ("arm_reduced", "look"),
+        ("sigint", "carry"),
+    ]
 
 
 def test_a_fault_or_state_that_there_is_not_is_refused() -> None:

@@ -146,8 +146,8 @@ def test_a_whole_assembly_is_a_demonstration_of_its_goal(tray_log: Log, tmp_path
     assert taken.goal_known_by == "all holes"
     assert taken.demonstration is not None
     assert taken.demonstration.goal == "g2"
-    assert [(one.position, one.part) for one in taken.demonstration.placements] == goal
-    assert [one.position for one in taken.demonstration.placements if one.by == "robot"] == ["p3"]
+    assert [(placement.position, placement.part) for placement in taken.demonstration.placements] == goal
+    assert [placement.position for placement in taken.demonstration.placements if placement.by == "robot"] == ["p3"]
     write_training_data([changed(tray_log, *edges)], tmp_path / "out", COMMAND)
     assert load_demonstrations(tmp_path / "out" / "demonstrations.jsonl", product) == [taken.demonstration]
 
@@ -159,7 +159,10 @@ def test_corrections_are_left_out_and_an_unsure_goal_gives_nothing(tray_log: Log
     taken = demonstration_of(changed(tray_log, *notes), product)
     assert taken.goal_known_by == "belief"
     assert taken.demonstration is not None
-    assert [(one.part, one.position) for one in taken.demonstration.placements] == [("o1", "p1"), ("o1", "p2")]
+    assert [(placement.part, placement.position) for placement in taken.demonstration.placements] == [
+        ("o1", "p1"),
+        ("o1", "p2"),
+    ]
     assert demonstration_of(changed(tray_log, *notes[:-1]), product).demonstration is None
     assert "g0 wants" in demonstration_of(changed(tray_log, edge("o3", "p1"), sure), product).why_not
     assert demonstration_of(changed(tray_log), product).why_not == "nothing was placed"
@@ -191,8 +194,8 @@ def views(count: int, placed_at: int, seen: str | None, missing: int | None = No
 
 
 def test_a_contradicted_action_is_told_as_one() -> None:
-    right = [one.confirmed for one in segments(views(80, 60, "o1"))]
-    wrong = [one.confirmed for one in segments(views(80, 60, "o3"))]
+    right = [segment.confirmed for segment in segments(views(80, 60, "o1"))]
+    wrong = [segment.confirmed for segment in segments(views(80, 60, "o3"))]
     assert {truth["agrees"] for truth in right if truth} == {True}
     assert {(truth["part"], truth["agrees"]) for truth in wrong if truth} == {("o3", False)}
     assert set(carried_parts(views(80, 60, "o3")).values()) == {"o3"}

@@ -68,8 +68,10 @@ def write(path: Path, contents: Contents) -> None:
                 )
             at = channels[channel.id]
             writer.add_message(at, message.log_time, message.data, message.publish_time, message.sequence)
-        for one in contents.attachments:
-            writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+        for attachment in contents.attachments:
+            writer.add_attachment(
+                attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
+            )
         for record in contents.metadata:
             writer.add_metadata(record.name, record.metadata)
         writer.finish()  # type: ignore[no-untyped-call]

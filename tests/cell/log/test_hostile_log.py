@@ -61,7 +61,7 @@ class Kept:
         self.replay.run(until_s=self.log.ticks[KEPT_AT].time_s)
         self.state = self.written()
         assert b"bracket_cell.skills.grasping" in orjson.dumps(self.state), "no skill was at work"
-        ends = [place for place, one in enumerate(self.log.messages) if one.topic == "/timing"]
+        ends = [place for place, message in enumerate(self.log.messages) if message.topic == "/timing"]
         self.messages = self.log.messages[: ends[20] + 1]
 
     def written(self) -> Any:
@@ -141,12 +141,12 @@ def read_again(kept: Kept, messages: list[Message]) -> None:
 def try_messages(kept: Kept, examples: int) -> None:
     read_again(kept, list(kept.messages))
     outcomes = {"refused": 0, "taken": 0}
-    topics = sorted({one.topic for one in kept.messages if one.encoding == "json"})
+    topics = sorted({message.topic for message in kept.messages if message.encoding == "json"})
 
     @settings(max_examples=examples, **FEW)  # type: ignore[arg-type]
     @given(topic=st.sampled_from(topics), number=st.integers(0, 20), edits=EDITS)
     def tried(topic: str, number: int, edits: Any) -> None:
-        alike = [place for place, one in enumerate(kept.messages) if one.topic == topic]
+        alike = [place for place, message in enumerate(kept.messages) if message.topic == topic]
         place, messages = alike[number % len(alike)], list(kept.messages)
         told = flipped(orjson.loads(messages[place].data), edits)
         lying = orjson.dumps(told, option=orjson.OPT_NON_STR_KEYS, default=str)

@@ -60,7 +60,7 @@ def test_an_episode_has_a_row_for_each_frame_time(data_set: Path, assembly_log: 
 def test_images_that_the_log_left_out_change_no_rate(assembly_log: Log, tray_log: Log, tmp_path: Path) -> None:
     """A recorder whose disk does not keep up leaves out images first; the camera's rate stays what it is."""
     messages = assembly_log.messages
-    kept = [one for one in messages if one.topic != "/camera/overhead" or not 1e9 < one.time_ns < 3e9]
+    kept = [message for message in messages if message.topic != "/camera/overhead" or not 1e9 < message.time_ns < 3e9]
     assert len(kept) < len(messages) - 20
     gap = replace(assembly_log, messages=tuple(kept))
     write_lerobot([gap, tray_log], tmp_path / "set")
@@ -137,7 +137,9 @@ def test_a_rosbag_has_joints_transforms_images_and_lines(assembly_log: Log, tmp_
     images = [message for message in assembly_log.messages if message.topic == "/camera/overhead"]
     assert len(found["/camera/overhead/compressed"]) == len(images)
     assert found["/camera/overhead/compressed"][0].data.tobytes()[:2] == b"\xff\xd8"
-    assert {one.child_frame_id for message in found["/tf_static"] for one in message.transforms} >= {"camera_overhead"}
+    assert {transform.child_frame_id for message in found["/tf_static"] for transform in message.transforms} >= {
+        "camera_overhead"
+    }
     assert found["/rosout"]
     with pytest.raises(InputError, match="exists already"):
         export(assembly_log, "rosbag2", target)
@@ -150,7 +152,9 @@ def test_candump_lines_are_read_back_by_python_can(assembly_log: Log, tmp_path: 
         frames = list(reader)
     told = [json.loads(message.data) for message in assembly_log.messages if message.topic == "/can"]
     assert count == len(frames) == len(told) > 0
-    assert [(one.arbitration_id, one.data.hex()) for one in frames] == [(one["id"], one["data_hex"]) for one in told]
+    assert [(frame.arbitration_id, frame.data.hex()) for frame in frames] == [
+        (one["id"], one["data_hex"]) for one in told
+    ]
 
 
 @pytest.mark.parametrize("style", ["parquet", "transitions", "notes"])

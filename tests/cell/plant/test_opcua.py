@@ -274,15 +274,15 @@ def test_half_greetings_take_no_more_than_their_places(served: tuple[OpcuaServer
     host, port = served[0].address.partition("//")[2].partition("/")[0].split(":")
     with ExitStack() as stack:
         callers = [stack.enter_context(socket.create_connection((host, int(port)), 5)) for _ in range(200)]
-        for one in callers:
+        for caller in callers:
             with suppress(ConnectionError):
-                one.sendall(begun)
+                caller.sendall(begun)
         with client(served[0]) as at:
             assert at.get_node("ns=2;s=Status.UnitModeCurrent").read_value() == 1
-        for one in callers:
-            one.settimeout(4 * GREETING_S)
+        for caller in callers:
+            caller.settimeout(4 * GREETING_S)
             with suppress(ConnectionError):
-                while one.recv(64):
+                while caller.recv(64):
                     pass
 
 

@@ -57,7 +57,7 @@ def bag(path: Path, prefix: str = "left_", size: tuple[int, int] = (640, 480), e
 def found(path: Path) -> dict[str, tuple[str, str]]:
     configuration = load_configuration()
     checks = examined_bag(path, configuration.robot, configuration.bench)
-    return {one.what.split(" ")[0]: (one.what, one.remedy) for one in checks}
+    return {check.what.split(" ")[0]: (check.what, check.remedy) for check in checks}
 
 
 def test_topics_rates_delays_and_what_takes_them(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ class Host:
             return
         read = payload.decode(message.payload)
         metrics = [read.bd_seq_metric] if kind == "NDEATH" else read.metrics
-        self.heard.append((kind, {one.name: one.value for one in metrics}, getattr(read, "seq", None)))
+        self.heard.append((kind, {metric.name: metric.value for metric in metrics}, getattr(read, "seq", None)))
 
     def order(self, name: str, value: bool) -> None:
         metric = pysparkplug.Metric(0, name, pysparkplug.DataType.BOOLEAN, value=value)

@@ -92,8 +92,8 @@ def read(path: Path) -> dict[str, list[tuple[int, Any]]]:
 def written(path: Path, *records: TickRecord) -> dict[str, list[tuple[int, Any]]]:
     """What a log of these ticks holds."""
     recorder = McapRecorder(path, LogSettings(), Heading())
-    for one in records:
-        recorder.tick(one)
+    for tick_record in records:
+        recorder.tick(tick_record)
     recorder.close(OUTCOME)
     return read(path)
 
@@ -123,7 +123,7 @@ def test_every_field_of_an_observation_comes_back(tmp_path: Path) -> None:
         work_s=0.5,
         held_by=("hand_too_near",),
     )
-    usual = {one.name: one.default for one in fields(Observation) if one.default is not MISSING}
+    usual = {field.name: field.default for field in fields(Observation) if field.default is not MISSING}
     assert not [name for name, value in usual.items() if getattr(seen, name) == value], "say another value here"
     written(tmp_path / "log.mcap", replace(record(), observation=seen))
     (tick,) = read_log(tmp_path / "log.mcap").ticks
@@ -187,7 +187,9 @@ def test_heading_and_outcome_are_attachments_and_metadata(tmp_path: Path) -> Non
     recorder.close(OUTCOME)
     with (tmp_path / "log.mcap").open("rb") as stream:
         reader = make_reader(stream)
-        assert [(one.name, one.data) for one in reader.iter_attachments()] == [("tree/assemble.xml", b"<root/>")]
+        assert [(attachment.name, attachment.data) for attachment in reader.iter_attachments()] == [
+            ("tree/assemble.xml", b"<root/>")
+        ]
         metadata = {one.name: one.metadata for one in reader.iter_metadata()}
     assert metadata["run"] == {"seed": "5"}
     assert metadata["outcome"]["end"] == "finished"

@@ -46,15 +46,19 @@ def record(observation: Observation, notes: Any = (), display: Display | None = 
 def written(path: Path, cell: CellModel, *records: TickRecord) -> dict[str, list[Any]]:
     recorder = McapRecorder(path, LogSettings(), Heading(), cell)
     recorder.frame(frame(0, 0.0))
-    for one in records:
-        recorder.tick(one)
+    for tick_record in records:
+        recorder.tick(tick_record)
     recorder.close(OUTCOME)
     return decoded(path)
 
 
 def test_frames_lead_from_the_world_to_the_tool_as_kinematics_do(tmp_path: Path, cell: CellModel) -> None:
     found = written(tmp_path / "log.mcap", cell, record(seen(0)))
-    frames = {one.child_frame_id: one for topic in ("/tf/robot", "/tf/bench") for one in found[topic][0].transforms}
+    frames = {
+        transform.child_frame_id: transform
+        for topic in ("/tf/robot", "/tf/bench")
+        for transform in found[topic][0].transforms
+    }
     assert world_from(frames, "tool") == pytest.approx(
         cell.motion.kinematics.forward(np.array(JOINTS_RAD)).matrix, abs=1e-9
     )
@@ -73,7 +77,7 @@ def test_an_arm_that_stands_writes_no_frames(tmp_path: Path, cell: CellModel) ->
 def test_every_body_stands_in_a_known_frame(tmp_path: Path, cell: CellModel) -> None:
     found = written(tmp_path / "log.mcap", cell, record(seen(0)))
     frames = {"world"} | {
-        one.child_frame_id for topic in ("/tf/robot", "/tf/bench") for one in found[topic][0].transforms
+        transform.child_frame_id for topic in ("/tf/robot", "/tf/bench") for transform in found[topic][0].transforms
     }
     bodies = [body for topic in ("/scene/robot", "/scene/bench") for body in found[topic][0].entities]
     assert {"forearm_link", "palm", "finger_left", "bench", "holes"} <= {body.id for body in bodies}

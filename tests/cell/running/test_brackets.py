@@ -30,7 +30,7 @@ def record(tick: int, notes: tuple[Note, ...] = (), belief: dict[str, float] | N
 
 def test_times_goals_and_questions_belong_to_their_bracket() -> None:
     tally = Bookkeeper(Book(), RunRow(""))
-    for one in (
+    for tick_record in (
         record(0),
         record(1, BEGIN),
         record(5, (("help", {"text": "o3"}),), {"g0": 0.2, "g1": 0.8}),
@@ -38,7 +38,7 @@ def test_times_goals_and_questions_belong_to_their_bracket() -> None:
         record(12, NEXT, {"g2": 1.0}),
         record(15),
     ):
-        tally.tick(one)
+        tally.tick(tick_record)
     told: Any = tally.report([{"goal": "g1", "correct": True, "robot_placements": 2, "human_placements": 4}])
     first, second = told["brackets"]
     assert (first["goal"], first["inferred_goal"], first["correct"], first["sim_time_s"]) == ("g1", "g1", True, 8.0)
@@ -57,8 +57,8 @@ def test_a_part_of_the_log_begins_with_every_bracket_but_the_first(tmp_path: Pat
     settings = for_shift(load_configuration(), 2).log
     assert settings.rotate_brackets
     recorder = McapRecorder(tmp_path / "shift.mcap", settings, Heading({}, {}))
-    for one in (record(0), record(1, BEGIN), record(2, END), record(3, NEXT), record(4)):
-        recorder.tick(one)
+    for tick_record in (record(0), record(1, BEGIN), record(2, END), record(3, NEXT), record(4)):
+        recorder.tick(tick_record)
     recorder.close(Outcome("finished", "", 5, 0, 5.0, 0.1))
     assert sorted(path.name for path in tmp_path.glob("*.mcap")) == ["shift.0001.mcap", "shift.0002.mcap"]
 

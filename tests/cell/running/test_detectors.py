@@ -211,7 +211,7 @@ def test_what_lies_in_the_tray_is_told_as_a_box_that_holds_it(seed: int) -> None
         points = [solid.points() for solid in whole(PRODUCT.parts[part.part])]
         outline = part.world_from_part.transform(np.concatenate(points))
         middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
-        box = min(view.others, key=lambda one: float(np.hypot(*(one.world_from_part.position_m - middle)[:2])))
+        box = min(view.others, key=lambda other: float(np.hypot(*(other.world_from_part.position_m - middle)[:2])))
         inside, half = box.world_from_part.inverse().transform(outline), np.array(box.size_m)[:2] / 2
         assert (np.abs(inside[:, :2]) < half + 0.005).all(), "the box lacks more than 5 mm"
         assert (half < np.ptp(inside[:, :2], axis=0) / 2 + 0.02).all(), "the box is far too large"

@@ -74,8 +74,8 @@ def test_what_the_arm_lost_is_split_by_whether_the_person_acts() -> None:
 def test_an_arm_that_stands_and_wants_nothing_is_not_held() -> None:
     fluency = Fluency(lambda _: (0.0, 0.0))
     wants = Command(follow=JointTrajectory(np.zeros(1), np.zeros((1, 6))))
-    for number, one in enumerate((Command(), Command(), wants, Command())):
-        fluency.tick(replace(tick(number, False, False, held=True), command=one))
+    for number, command in enumerate((Command(), Command(), wants, Command())):
+        fluency.tick(replace(tick(number, False, False, held=True), command=command))
     found = fluency.report()
     assert (found["interventions"], found["held_s"]) == (1, pytest.approx(0.08))
 

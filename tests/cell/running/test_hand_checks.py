@@ -41,7 +41,7 @@ def seen(number: int, hand: HandSample | None, holds: bool, full: bool, acknowle
 def test_a_part_that_came_without_a_hand_is_told_after_a_second() -> None:
     words = told()
     assert not any(words[: PLACED + 15])
-    assert all("p1" in one for one in words[PLACED + 16 :])
+    assert all("p1" in word for word in words[PLACED + 16 :])
 
 
 def test_a_hand_that_was_seen_a_moment_before_or_after_has_placed_it() -> None:

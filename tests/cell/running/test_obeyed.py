@@ -88,7 +88,7 @@ class Bench:
 
     def noticed(self, since: int) -> int:
         """Ticks from one on until something was done, that one included; 0 for never."""
-        acts = [any(self._of_arm(signal) for signal, _ in one.reasons) for one in self.judged[since:]]
+        acts = [any(self._of_arm(signal) for signal, _ in judgement.reasons) for judgement in self.judged[since:]]
         return acts.index(True) + 1 if True in acts else 0
 
     def way_m(self, since: int) -> float:
@@ -110,7 +110,12 @@ MIDWAY = 5 + round(way().duration_s / TICK_S / 2)
 
 
 def words(bench: Bench) -> list[str]:
-    return [text for one in bench.judged for signal, text in one.reasons if signal not in ("blind_area", "hand_near")]
+    return [
+        text
+        for judgement in bench.judged
+        for signal, text in judgement.reasons
+        if signal not in ("blind_area", "hand_near")
+    ]
 
 
 def test_an_arm_that_obeys_is_never_told_to_have_disobeyed() -> None:
@@ -181,7 +186,7 @@ def test_an_arm_that_moves_although_nothing_was_ordered_is_stopped() -> None:
 def test_what_a_stop_may_take_by_the_table_is_what_the_monitor_allows(
     row: dict[str, float | None], limits: StopLimits
 ) -> None:
-    faults = [one.model_copy(update=row if one.signal == "arm_not_obeying" else {}) for one in TABLE.faults]
+    faults = [fault.model_copy(update=row if fault.signal == "arm_not_obeying" else {}) for fault in TABLE.faults]
     supervisor = make_supervisor(TABLE.model_copy(update={"faults": faults}), motion_planner())
     (monitor,) = (kept for kept in supervisor.keeps if isinstance(kept, ArmMonitor))
     assert monitor.limits == limits
@@ -218,7 +223,7 @@ def spoiled(
 
     def spoil(seen: Observation) -> Observation:
         active, state = seen.tick >= MIDWAY, getattr(seen, device)
-        told = {name: one.told(getattr(state, name), seen.time_s, active=active) for name, one in faults.items()}
+        told = {name: fault.told(getattr(state, name), seen.time_s, active=active) for name, fault in faults.items()}
         other = replace(state, **told)
         if active and any(
             differ(getattr(state, name), value, TOLERATED.get(name, 0.0)) for name, value in told.items()
@@ -378,7 +383,7 @@ def test_an_arm_that_is_much_slower_than_allowed_is_told(percent: float, begins:
             bench.arm.faster = percent
 
     bench.run(begins + 75, until)
-    told = [number for number, one in enumerate(bench.judged) if "arm_slower" in dict(one.reasons)]
+    told = [number for number, judgement in enumerate(bench.judged) if "arm_slower" in dict(judgement.reasons)]
     assert told, "never noticed"
     assert told[0] <= begins + 60
     assert bench.judged[-1].action is Action.WARN

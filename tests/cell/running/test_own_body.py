@@ -19,7 +19,7 @@ from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel, frame,
 
 CONFIGURATION = load_configuration()
 BENCH = CONFIGURATION.bench
-LOOK, PARK = (tuple(float(one) for one in joints) for joints in (BENCH.arm_look_rad, BENCH.arm_park_rad))
+LOOK, PARK = (tuple(float(joint) for joint in joints) for joints in (BENCH.arm_look_rad, BENCH.arm_park_rad))
 
 
 @pytest.fixture(scope="module")

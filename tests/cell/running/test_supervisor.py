@@ -278,7 +278,7 @@ def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_
     waiting = [supervisor.unacknowledged]
     assert held[-1].action is Action.HOLD
     seen = [sound(tick) if comes_back else off(sound(tick)) for tick in range(ticks, ticks + 50)]
-    waits = [supervisor.judge(one) for one in seen]
+    waits = [supervisor.judge(observation) for observation in seen]
     assert {judgement.action for judgement in waits} == {Action.HOLD}, "nothing moves before somebody said so"
     said = replace(off(sound(ticks + 50)), acknowledged=True)
     supervisor.judge(said)
@@ -484,7 +484,7 @@ def test_what_is_wrong_in_an_extended_table_has_its_place(
 
 def changed(signal: str, **values: object) -> FaultTable:
     return FaultTable(
-        faults=tuple(one.model_copy(update=values) if one.signal == signal else one for one in TABLE.faults)
+        faults=tuple(fault.model_copy(update=values) if fault.signal == signal else fault for fault in TABLE.faults)
     )
 
 

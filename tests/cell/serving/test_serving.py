@@ -163,7 +163,7 @@ def test_orders_and_pictures_reach_the_run(served: Served) -> None:
         served.pair()
         rig.tick()
         assert served.ask("/order", {"kind": "pause", "value": "now"}) == (204, "")
-        assert [one.kind for one in rig.said] == ["pause"]
+        assert [operator_order.kind for operator_order in rig.said] == ["pause"]
         assert served.ask("/order", {"kind": "pause", "value": "now"}, token="x")[0] == 401
         status, told = served.ask("/order", {"kind": "speed", "value": "7"})
         assert (status, told) == (409, "a speed is 10 to 100 percent")

@@ -89,9 +89,9 @@ def test_a_crowd_that_comes_at_once_takes_no_more_handles_than_are_let_in(crowd:
     async def test(door: Door, port: int) -> None:
         callers = [crowd.enter_context(socket.socket()) for _ in range(100)]
         before, most = _handles(), 0
-        for one in callers:
-            one.setblocking(False)
-            one.connect_ex(("127.0.0.1", port))
+        for caller in callers:
+            caller.setblocking(False)
+            caller.connect_ex(("127.0.0.1", port))
         for _ in range(300):
             await asyncio.sleep(0)
             most = max(most, _handles())

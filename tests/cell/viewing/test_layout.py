@@ -74,7 +74,7 @@ def test_the_log_panel_has_log_lines(layout: dict[str, Any], recorded: dict[str,
 
 
 def test_every_plotted_path_leads_to_a_value(layout: dict[str, Any], tray_log: Log) -> None:
-    messages = {one.topic: json.loads(one.data) for one in tray_log.messages if one.encoding == "json"}
+    messages = {message.topic: json.loads(message.data) for message in tray_log.messages if message.encoding == "json"}
     for panel in (*panels(layout, "Plot"), *panels(layout, "StateTransitions")):
         for series in panel["paths"]:
             topic = max((topic for topic in messages if series["value"].startswith(f"{topic}.")), key=len)

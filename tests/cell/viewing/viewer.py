@@ -43,7 +43,11 @@ def topics(path: Path) -> dict[str, str]:
     assert summary is not None
     assert summary.statistics is not None
     counts = summary.statistics.channel_message_counts
-    return {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values() if counts.get(one.id)}
+    return {
+        channel.topic: summary.schemas[channel.schema_id].name
+        for channel in summary.channels.values()
+        if counts.get(channel.id)
+    }
 
 
 def world_from(transforms: Mapping[str, Any], frame: str) -> Array:

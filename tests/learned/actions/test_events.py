@@ -51,7 +51,7 @@ def told(
         )
         for index, frame in enumerate(stream)
     ]
-    return [one for one in found if one is not None]
+    return [placement for placement in found if placement is not None]
 
 
 def placing(frames: int = 8, opened: int = 5, **shares: float) -> list[tuple[Floats, float]]:
@@ -73,7 +73,7 @@ def test_the_default_product_has_the_paper_s_18_classes() -> None:
 
 def test_a_placement_is_told_once_when_the_fingers_have_opened_and_the_hand_leaves() -> None:
     found = told(AWAY * 20 + placing(frames=8, opened=5) + AWAY * 20)
-    assert [(one.part, one.position) for one in found] == [(0, 1)]
+    assert [(placement.part, placement.position) for placement in found] == [(0, 1)]
     assert found[0].time_s == pytest.approx(33 * FRAME_S)
 
 
@@ -106,7 +106,7 @@ def test_a_flicker_of_one_frame_is_no_placement() -> None:
 
 def test_the_part_is_that_of_the_whole_movement_not_of_its_last_frame() -> None:
     stream = placing(frames=8, opened=2) + placing(frames=0, opened=3, o2_at_p2=0.9)
-    assert [one.part for one in told(AWAY + stream + AWAY * 9)] == [0]
+    assert [placement.part for placement in told(AWAY + stream + AWAY * 9)] == [0]
 
 
 def test_a_second_placement_at_the_same_hole_counts_after_a_while() -> None:
@@ -116,7 +116,7 @@ def test_a_second_placement_at_the_same_hole_counts_after_a_while() -> None:
 
 def test_two_holes_one_after_the_other_are_two_placements() -> None:
     found = told(placing() + AWAY * 3 + placing(o3_at_p4=0.8) + AWAY * 10)
-    assert [(one.part, one.position) for one in found] == [(0, 1), (2, 3)]
+    assert [(placement.part, placement.position) for placement in found] == [(0, 1), (2, 3)]
 
 
 def test_a_screw_goes_on_through_doubtful_frames() -> None:
@@ -318,7 +318,7 @@ def leaving(released: float, frames: int = 6) -> list[tuple[Floats, float]]:
 
 def test_fingers_that_are_seen_open_only_as_the_hand_leaves_have_opened_there() -> None:
     fast = [(posterior(o1_at_p2=0.5), 0.3)] * 8
-    assert [(one.part, one.position) for one in told(fast + leaving(0.95))] == [(0, 1)]
+    assert [(placement.part, placement.position) for placement in told(fast + leaving(0.95))] == [(0, 1)]
     assert told(fast + leaving(0.1)) == []  # it leaves with the part
     assert told(fast + leaving(0.95), holds=dict.fromkeys(range(8, 14), 0)) == []  # it is seen to hold it
     assert told([(posterior(o1_at_p2=0.5), 0.3)] * 2 + leaving(0.95)) == []  # it passed by
@@ -327,4 +327,4 @@ def test_fingers_that_are_seen_open_only_as_the_hand_leaves_have_opened_there() 
 
 def test_a_hand_that_leaves_placed_one_part_in_the_hole_that_it_was_seen_at_most() -> None:
     between = [(posterior(o1_at_p2=0.35, o1_at_p3=0.5), 0.3)] * 10
-    assert [(one.part, one.position) for one in told(between + leaving(0.95))] == [(0, 2)]
+    assert [(placement.part, placement.position) for placement in told(between + leaving(0.95))] == [(0, 2)]

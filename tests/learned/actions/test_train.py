@@ -130,5 +130,7 @@ def test_weights_by_chance_answer_and_paper_has_all_channels_of_vgg16(tmp_path: 
     detector = load_actions(BENCH, PRODUCT, out)
     detector.detect(placing(0), {})
     assert 0.9 < detector.last_posterior.sum() < 1.1
-    weights = [one for layer in Vgg16().layers if isinstance(layer, nn.Conv2d) for one in layer.parameters()]
-    assert sum(one.numel() for one in weights) == 14_714_688
+    weights = [
+        parameter for layer in Vgg16().layers if isinstance(layer, nn.Conv2d) for parameter in layer.parameters()
+    ]
+    assert sum(weight.numel() for weight in weights) == 14_714_688

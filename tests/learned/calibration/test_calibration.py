@@ -71,7 +71,7 @@ def test_a_camera_that_hangs_where_it_is_believed_stays_there_for_what_is_high_o
     columns, rows = np.meshgrid(np.linspace(40, 440, 5), np.linspace(40, 320, 5))
     pixels = np.column_stack([columns.ravel(), rows.ravel()])
     for height_m in (0.0, 0.2):
-        views = (one.model.onto_plane(one.mount.pose, pixels, height_m) for one in (found, true))
+        views = (setup.model.onto_plane(setup.mount.pose, pixels, height_m) for setup in (found, true))
         assert float(np.median(np.linalg.norm(np.subtract(*views), axis=1))) < 0.0006, height_m
 
 
@@ -176,7 +176,7 @@ def test_a_plate_that_is_nearly_full_is_not_taken_for_a_pushed_camera() -> None:
     image = np.asarray(cv2.cvtColor(stored, cv2.COLOR_BGR2RGB), np.uint8)
     check = CalibrationCheck(bench, PRODUCT)
     frames = (Frame("overhead", number, float(number), image, bench.overhead.mount.pose) for number in range(LOOKS + 1))
-    assert [check.judge(one, AWAY) for one in frames] == [""] * (LOOKS + 1)
+    assert [check.judge(frame, AWAY) for frame in frames] == [""] * (LOOKS + 1)
 
 
 @pytest.mark.parametrize("shift_m", [0.0, 0.004, 0.02])

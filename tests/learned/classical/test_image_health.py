@@ -117,34 +117,38 @@ def noisy(number: int, image: NDArray[Any]) -> Image:
 Odd = Callable[[Shot], Image]
 ODD: dict[str, Odd] = {
     "noise": anything,
-    "half of it noise": lambda one: np.hstack([one.image[:, :240], anything(one)[:, 240:]]),
-    "upside down": lambda one: np.ascontiguousarray(one.image[::-1, ::-1]),
-    "mirrored": lambda one: np.ascontiguousarray(one.image[:, ::-1]),
-    "turned by 5 degrees": lambda one: np.asarray(
-        cv2.warpAffine(one.image, cv2.getRotationMatrix2D((240, 180), 5, 1), (480, 360)), np.uint8
+    "half of it noise": lambda shot: np.hstack([shot.image[:, :240], anything(shot)[:, 240:]]),
+    "upside down": lambda shot: np.ascontiguousarray(shot.image[::-1, ::-1]),
+    "mirrored": lambda shot: np.ascontiguousarray(shot.image[:, ::-1]),
+    "turned by 5 degrees": lambda shot: np.asarray(
+        cv2.warpAffine(shot.image, cv2.getRotationMatrix2D((240, 180), 5, 1), (480, 360)), np.uint8
     ),
-    "another place": lambda one: noisy(one.number, np.full_like(one.image, 90) + np.uint8(9) * (one.image[::-1] % 9)),
-    "lower half grey": lambda one: np.vstack([one.image[:180], np.full_like(one.image[180:], 128)]),
-    "lower half grey, with noise": lambda one: noisy(
-        one.number, np.vstack([one.image[:180], 0 * one.image[180:] + 128])
+    "another place": lambda shot: noisy(
+        shot.number, np.full_like(shot.image, 90) + np.uint8(9) * (shot.image[::-1] % 9)
     ),
-    "a third covered": lambda one: noisy(one.number, np.hstack([0 * one.image[:, :160], one.image[:, 160:]])),
+    "lower half grey": lambda shot: np.vstack([shot.image[:180], np.full_like(shot.image[180:], 128)]),
+    "lower half grey, with noise": lambda shot: noisy(
+        shot.number, np.vstack([shot.image[:180], 0 * shot.image[180:] + 128])
+    ),
+    "a third covered": lambda shot: noisy(shot.number, np.hstack([0 * shot.image[:, :160], shot.image[:, 160:]])),
     "left half frozen": half_frozen,
-    "a loop of 6 frames": lambda one: one.frames[one.number % 6].image,
+    "a loop of 6 frames": lambda shot: shot.frames[shot.number % 6].image,
     "torn": torn,
     "broken blocks": blocks,
     "blobs on the lens": blobs,
     "glare": glare,
     "rolling bars": bars,
-    "grey": lambda one: np.repeat(one.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8),
-    "a flickering lamp": lambda one: scaled(0.6 + 0.4 * float(np.sin(one.number)))(one.image),
+    "grey": lambda shot: np.repeat(shot.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8),
+    "a flickering lamp": lambda shot: scaled(0.6 + 0.4 * float(np.sin(shot.number)))(shot.image),
 }
 LATER: dict[str, Odd] = {  # what shows only by a comparison with before
-    "pushed aside": lambda one: np.roll(one.image, 12, axis=1),
-    "pushed far": lambda one: np.roll(one.image, 40, axis=0),
-    "zoomed": lambda one: np.asarray(cv2.resize(one.image[30:-30, 40:-40], (480, 360)), np.uint8),
-    "frames of 1 s ago": lambda one: one.frames[one.number - 15].image,
-    "a blob with noise": lambda one: noisy(one.number, cv2.circle(one.image.copy(), (330, 60), 45, (50, 45, 40), -1)),
+    "pushed aside": lambda shot: np.roll(shot.image, 12, axis=1),
+    "pushed far": lambda shot: np.roll(shot.image, 40, axis=0),
+    "zoomed": lambda shot: np.asarray(cv2.resize(shot.image[30:-30, 40:-40], (480, 360)), np.uint8),
+    "frames of 1 s ago": lambda shot: shot.frames[shot.number - 15].image,
+    "a blob with noise": lambda shot: noisy(
+        shot.number, cv2.circle(shot.image.copy(), (330, 60), 45, (50, 45, 40), -1)
+    ),
 }
 HEALTHY_S, COMPARED_S = 2.0, 3.0  # for so long an odd image may be taken for a sound one
 

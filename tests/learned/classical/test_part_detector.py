@@ -52,14 +52,14 @@ def test_a_part_alone_is_found_where_it_stands(name: str) -> None:
 def test_parts_of_one_type_that_touch_are_told_apart() -> None:
     width = PRODUCT.parts["o1"].size_m[1] + 0.0005
     parts = [on_tray("o1", 0.05, 0.06 + index * width, 0.0) for index in range(3)]
-    found = sorted(detect(parts), key=lambda one: one.world_from_part.position_m[1])
+    found = sorted(detect(parts), key=lambda detection: detection.world_from_part.position_m[1])
     assert len(found) == 3
-    assert all(error(one, part)[0] < 0.005 for one, part in zip(found, parts, strict=True))
+    assert all(error(detection, part)[0] < 0.005 for detection, part in zip(found, parts, strict=True))
 
 
 def test_a_part_behind_a_taller_one_is_found() -> None:
     parts = [on_tray("o3", 0.0, 0.03, 0.0), on_tray("o1", 0.0, 0.08, 0.0)]
-    found = {one.part: one for one in detect(parts)}
+    found = {detection.part: detection for detection in detect(parts)}
     assert error(found["o3"], parts[0])[0] < 0.0015
     assert error(found["o1"], parts[1])[0] < 0.005
 

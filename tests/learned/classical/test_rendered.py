@@ -20,9 +20,9 @@ def test_parts_in_clutter_are_found_in_a_rendered_view() -> None:
     truth = [(body.part, cell.world.part_pose(body)) for body in cell.world.bodies]
     compare(truth, ClassicalPartDetector(BENCH, PRODUCT).detect(look(cell)), errors)
     cell.close()
-    assert sum(one.missed + one.extra for one in errors.values()) == 0
-    assert max(distance for one in errors.values() for distance in one.position_m) < 0.002
-    assert max(turn for one in errors.values() for turn in one.yaw_rad) < np.radians(2.0)
+    assert sum(error.missed + error.extra for error in errors.values()) == 0
+    assert max(distance for error in errors.values() for distance in error.position_m) < 0.002
+    assert max(turn for error in errors.values() for turn in error.yaw_rad) < np.radians(2.0)
 
 
 @pytest.mark.long
@@ -35,13 +35,13 @@ def test_what_lies_or_is_of_no_type_is_not_taken_for_a_standing_part() -> None:
         cell = open_sim(CONFIGURATION, PRODUCT, seed, worker=False, clutter=clutter)
         cell.world.set_arm(BENCH.arm_look_rad)
         errors = {name: PartErrors() for name in PRODUCT.parts}
-        resting = [one for one in resting_parts(cell.world) if one.part != UNKNOWN]
+        resting = [resting_part for resting_part in resting_parts(cell.world) if resting_part.part != UNKNOWN]
         upright = [(one.part, one.world_from_part) for one in resting if one.posture == "upright"]
         compare(upright, ClassicalPartDetector(BENCH, PRODUCT).detect(look(cell)), errors)
         cell.close()
-        assert sum(one.extra for one in errors.values()) == 0
+        assert sum(error.extra for error in errors.values()) == 0
         lying += len(resting) - len(upright)
-        standing += len(upright) - sum(one.missed for one in errors.values())
+        standing += len(upright) - sum(error.missed for error in errors.values())
     assert lying > 8
     assert standing > 3
 

@@ -157,7 +157,8 @@ def test_the_papers_weights_beat_always_grasping_where_they_were_not_trained(
     planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
     scenes = look(list(draw_scenes(PRODUCT, 41, count, "validation", clutter)))
     right, always = (
-        evaluate_scenes(one, scenes, 41)["object_accuracy_2"] for one in (planner, Constant(Solution().plan(1.0)))
+        evaluate_scenes(grasp_planner, scenes, 41)["object_accuracy_2"]
+        for grasp_planner in (planner, Constant(Solution().plan(1.0)))
     )
     assert right > always
 

@@ -56,7 +56,7 @@ def told(ours: Ours, theirs: Theirs, expected_px: Sequence[Array] = ()) -> list[
 
 def test_hands_that_either_sees_are_told_and_one_that_both_see_once() -> None:
     found = told(Ours([hand(100, 100, 0.7, held_part="o2")]), Theirs([hand(110, 95, 0.8), hand(300, 200, 0.9)]))
-    assert [one.confidence for one in found] == [pytest.approx(1 - 0.3 * 0.2), 0.9]
+    assert [reading.confidence for reading in found] == [pytest.approx(1 - 0.3 * 0.2), 0.9]
     assert found[0].held_part == "o2"
     assert found[0].points_px["palm"].tolist() == [110, 95]  # the small networks were not sure where it is
 
@@ -72,7 +72,7 @@ def test_what_the_small_networks_see_alone_is_as_sure_as_mediapipe_makes_it(
 ) -> None:
     """A lone screwdriver on steel was a hand of .97 to them; MediaPipe's landmarks gave it .001."""
     found = told(Ours([hand(100, 100, 0.98)]), Theirs([], presence))
-    assert [one.confidence for one in found] == ([] if confidence is None else [pytest.approx(confidence)])
+    assert [reading.confidence for reading in found] == ([] if confidence is None else [pytest.approx(confidence)])
 
 
 def test_a_hand_that_is_followed_is_not_asked_about_again() -> None:

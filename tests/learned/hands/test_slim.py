@@ -123,12 +123,12 @@ def test_a_true_hand_is_seen_also_where_the_robot_is_said_to_be(look: str, share
     seen = list(hand_frames(source, [range(middle, middle + FRAMES)]))
     over, surprised = slim_tracker(bench, product, FILE), slim_tracker(bench, product, FILE)
     found = 0
-    for number, one in enumerate(seen):
-        palm = np.array(next(hand for hand in one.hands if hand.acting).points_m["palm"])
+    for number, frame in enumerate(seen):
+        palm = np.array(next(hand for hand in frame.hands if hand.acting).points_m["palm"])
         robot_m = (palm + ABOVE_M + BOX_M)[np.newaxis]
-        hand = over.track(one.frame.beside(robot_m))
+        hand = over.track(frame.frame.beside(robot_m))
         found += hand is not None and math.dist(hand.palm_m, palm[:2]) < FOUND_M
-        later = surprised.track(one.frame.beside(robot_m if number > 2 else None))
+        later = surprised.track(frame.frame.beside(robot_m if number > 2 else None))
         assert later is not None  # it came from elsewhere
     assert found >= share * FRAMES
 
@@ -139,7 +139,7 @@ def test_hands_are_read_before_anybody_asks_and_read_the_same(monkeypatch: pytes
     simulation = settings_of(configuration.devices.simulation)
     source = Source(record(product, configuration.bench, simulation, SEED, physics=False), product, configuration.bench)
     middle = len(source.assembly.moments) // 2
-    frames = [one.frame for one in hand_frames(source, [range(middle, middle + FRAMES)])]
+    frames = [hand_frame.frame for hand_frame in hand_frames(source, [range(middle, middle + FRAMES)])]
     asked, ahead = (slim_tracker(configuration.bench, product, FILE) for _ in range(2))
     unprepared = [(asked.track(frame), asked.others) for frame in frames]
     assert any(hand is not None for hand, _ in unprepared)

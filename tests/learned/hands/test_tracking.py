@@ -143,7 +143,7 @@ def test_what_is_held_is_what_most_of_the_last_frames_say() -> None:
     said = [None] * 4 + ["o2"] + [None] * 4 + ["o1", "o1", "o2", "o1", "o1", "o1", None, "o1"]
     frames = [[replace(reading((0.72, 0.1)), held_part=part)] for part in said]
     samples, _ = follow(Script(frames), len(frames))
-    told = [None if one is None else one.held_part for one in samples]
+    told = [None if sample is None else sample.held_part for sample in samples]
     assert told[:9] == [None] * 9  # one frame says nothing
     assert told[-1] == told[-2] == told[-3] == "o1"
     assert sum(one != other for one, other in pairwise(told)) == 1

@@ -352,7 +352,7 @@ def test_what_begins_with_weights_answers_as_they_do(
     inputs = {name: rng.random(shape, dtype=np.float32) for name, shape in shapes.items()}
     shipped = OnnxModel.load(WEIGHTS / file, kind).run(inputs)
     with torch.no_grad():
-        answer = begun(*(torch.from_numpy(one) for one in inputs.values()))
+        answer = begun(*(torch.from_numpy(input_) for input_ in inputs.values()))
     for name, value in answer._asdict().items():
         assert np.abs(value.numpy() - shipped[name]).max() < 1e-4, name
 

@@ -56,7 +56,7 @@ def test_it_is_told_how_a_part_lies(part: str, up: str) -> None:
     true = lying(part, up, 0.56 + rng.uniform(-0.06, 0.06), -0.38 + rng.uniform(-0.1, 0.1), rng.uniform(-3, 3))
     standing, others = sorted_out([(part, true)])
     assert standing == ()
-    assert [(one.part, one.upright) for one in others] == [(part, False)]
+    assert [(other.part, other.upright) for other in others] == [(part, False)]
     told = others[0].lies
     assert told is not None
     middle = np.array([0.0, 0.0, PRODUCT.parts[part].size_m[2] / 2])
@@ -72,10 +72,10 @@ def test_parts_that_lie_beside_others_are_told_each_once() -> None:
         ("o1", lying("o1", UPRIGHT, 0.60, -0.33, -0.4)),
     ]
     standing, others = sorted_out(scene)
-    assert sorted(one.part for one in standing) == ["o1", "o3"]
-    assert sorted(one.part for one in others) == ["o1", "o2"]
+    assert sorted(detection.part for detection in standing) == ["o1", "o3"]
+    assert sorted(other.part for other in others) == ["o1", "o2"]
     for part, true in scene[:2]:
-        told = next(one.lies for one in others if one.part == part)
+        told = next(other.lies for other in others if other.part == part)
         assert told is not None
         assert np.linalg.norm(np.subtract(told.position_m, true.position_m)) < 0.004
 
@@ -112,13 +112,15 @@ def test_a_thing_of_no_type_is_not_told_to_be_a_part_that_lies() -> None:
     frame, truth = look(cell), resting_parts(cell.world)
     found = Detectors(BENCH, PRODUCT, CONFIGURATION.perception).make("parts").detect(frame)
     cell.close()
-    told = [one for one in LyingPartResolver(BENCH, PRODUCT).sort(frame, found)[1] if one.lies is not None]
+    told = [
+        detection for detection in LyingPartResolver(BENCH, PRODUCT).sort(frame, found)[1] if detection.lies is not None
+    ]
     assert told
-    for one in told:
-        assert one.lies is not None
-        there = one.lies.position_m[:2]
+    for detection in told:
+        assert detection.lies is not None
+        there = detection.lies.position_m[:2]
         nearest = min(truth, key=lambda each: math.dist(each.world_from_part.position_m[:2], there))
-        assert nearest.part == one.part
+        assert nearest.part == detection.part
 
 
 def test_what_a_silhouette_of_a_third_of_a_part_says_does_not_count() -> None:
@@ -129,7 +131,7 @@ def test_what_a_silhouette_of_a_third_of_a_part_says_does_not_count() -> None:
         ("o2", lying("o2", UPRIGHT, 0.5179, -0.2601, -1.844)),
     ]
     standing, others = sorted_out(scene)
-    assert sorted(one.part for one in standing) == ["o1", "o2", "o3"]
+    assert sorted(detection.part for detection in standing) == ["o1", "o2", "o3"]
     assert others == ()
 
 

@@ -56,13 +56,17 @@ def test_standing_parts_are_found_to_two_millimetres(scenes: list[Scene]) -> Non
 
 def test_answers_have_what_a_planner_needs(scenes: list[Scene]) -> None:
     detector = CentrePartDetector.load(BENCH, PRODUCT, SHIPPED)
-    found = [one for scene in scenes for one in detector.detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))]
-    assert {len(one.embedding) for one in found} == {len(found[0].embedding)}
-    for one in found:
-        assert math.isfinite(one.confidence)
-        assert 0 < one.confidence <= 1
-        assert one.part in PRODUCT.parts or not one.upright
-        left, top, right, bottom = one.box_px
+    found = [
+        detection
+        for scene in scenes
+        for detection in detector.detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))
+    ]
+    assert {len(detection.embedding) for detection in found} == {len(found[0].embedding)}
+    for detection in found:
+        assert math.isfinite(detection.confidence)
+        assert 0 < detection.confidence <= 1
+        assert detection.part in PRODUCT.parts or not detection.upright
+        left, top, right, bottom = detection.box_px
         assert left < right
         assert top < bottom
 
@@ -71,7 +75,10 @@ def test_what_stands_is_nothing_else_too(scenes: list[Scene]) -> None:
     detector = CentrePartDetector.load(BENCH, PRODUCT, SHIPPED)
     for scene in scenes:
         found = detector.detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))
-        standing, others = ([np.array(one.box_px, float) for one in found if one.upright == up] for up in (True, False))
+        standing, others = (
+            [np.array(detection.box_px, float) for detection in found if detection.upright == up]
+            for up in (True, False)
+        )
         assert all(overlap(one, other) < SAME_BOX for one in standing for other in others)
 
 

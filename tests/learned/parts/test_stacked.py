@@ -24,7 +24,7 @@ TOP, BELOW, FREE = Told(0.9, 0.05, None), Told(0.1, 0.8, None), Told(0.1, 0.1, N
 
 
 def boxes(*sides: list[int]) -> list[Array]:
-    return [np.array(one, float) for one in sides]
+    return [np.array(side, float) for side in sides]
 
 
 class Said:

@@ -59,8 +59,8 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
     facts = train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
     assert facts["images"] == len(SCENES)
     detector = CentrePartDetector.load(BENCH, PRODUCT, out)
-    for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
-        assert math.isfinite(one.confidence)
+    for detection in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
+        assert math.isfinite(detection.confidence)
 
 
 class Nothing:
@@ -159,9 +159,9 @@ def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path:
     train_rcnn(SCENES, PRODUCT, out, settings, Task(out=out))
     assert not list(tmp_path.glob("*checkpoint*"))  # it is for what was interrupted
     detector = BoxPartDetector.load(BENCH, PRODUCT, out)
-    for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
-        assert one.part in (*PRODUCT.parts, "unknown")
-        assert 0 < one.confidence <= 1
+    for detection in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
+        assert detection.part in (*PRODUCT.parts, "unknown")
+        assert 0 < detection.confidence <= 1
     head_file(out).write_bytes(b"no weights")
     with pytest.raises(ModelError, match="damaged"):
         BoxPartDetector.load(BENCH, PRODUCT, out)

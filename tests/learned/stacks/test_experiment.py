@@ -46,9 +46,9 @@ class NoFeatures:
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     monkeypatch.setattr(experiment, "_regions", lambda _: NoFeatures())
     scenes = [scene(seed) for seed in range(60)]
-    for one in scenes:
-        write_scene(tmp_path / "data", one, picture())
-    names = [one.name for one in scenes]
+    for stacked_scene in scenes:
+        write_scene(tmp_path / "data", stacked_scene, picture())
+    names = [stacked_scene.name for stacked_scene in scenes]
     write_splits(tmp_path / "data", names[:40], names[40:])
     return Study(read_vmrd(tmp_path / "data"), tmp_path / "kept", BRIEF, 0)
 
@@ -76,7 +76,7 @@ def test_figure18_takes_what_was_drawn_from_so_many_classes(tmp_path: Path, monk
     for number in range(80):  # an eighth of all is drawn from 25 classes, though more show no others
         drawn_from = 25 if number % 8 == 0 else 31
         seeds = (seed for seed in range(number, 10_000, 80))
-        some = next(one for one in map(scene, seeds) if _shows(one, VMRD_CLASSES[:25]))
+        some = next(stacked_scene for stacked_scene in map(scene, seeds) if _shows(stacked_scene, VMRD_CLASSES[:25]))
         write_scene(tmp_path, replace(some, name=f"{number}", drawn_from=drawn_from), picture())
     write_splits(tmp_path, map(str, range(40)), map(str, range(40, 80)))
     study = Study(read_vmrd(tmp_path), tmp_path / "kept", BRIEF, 0)

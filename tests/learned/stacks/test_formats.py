@@ -23,7 +23,7 @@ def scene(tmp_path: Path) -> StackedScene:
 
 
 def test_fathers_lie_below_and_children_on_top(scene: StackedScene) -> None:
-    by_name = {one.name: one for one in scene.objects}
+    by_name = {item.name: item for item in scene.objects}
     assert by_name["cup"].children == ()
     assert set(by_name["cup"].fathers) == {1, 2}
     assert by_name["box"].fathers == ()
@@ -38,15 +38,15 @@ def test_children_are_taken_first(scene: StackedScene) -> None:
 
 
 def test_boxes_count_from_zero(scene: StackedScene) -> None:
-    assert {one.index: one.box_px for one in scene.objects}[7] == (30, 30, 50, 50)
+    assert {item.index: item.box_px for item in scene.objects}[7] == (30, 30, 50, 50)
     assert scene.size_px == (120, 90)
 
 
 def test_what_lies_on_what_lies_on_it_is_above(tmp_path: Path) -> None:
     scene = read_vmrd(vmrd(tmp_path)).test[0]
     direct = tuple(
-        replace(one, fathers=(2,)) if one.index == 7 else replace(one, children=(2,)) if one.index == 1 else one
-        for one in scene.objects
+        replace(item, fathers=(2,)) if item.index == 7 else replace(item, children=(2,)) if item.index == 1 else item
+        for item in scene.objects
     )
     assert above_of(replace(scene, objects=direct))[1] == {2, 7}
 
@@ -54,12 +54,12 @@ def test_what_lies_on_what_lies_on_it_is_above(tmp_path: Path) -> None:
 def test_vmrd_is_read_as_it_was_written(tmp_path: Path) -> None:
     first = read_vmrd(vmrd(tmp_path / "first"))
     trainval, test = (replace(first.trainval[0], drawn_from=5),), first.test
-    for one in (*trainval, *test):
-        write_scene(tmp_path / "second", one, picture())
+    for stacked_scene in (*trainval, *test):
+        write_scene(tmp_path / "second", stacked_scene, picture())
     write_splits(tmp_path / "second", ["00001"], ["00002"])
     second = read_vmrd(tmp_path / "second")
     assert (second.trainval, second.test) == (trainval, test)
-    assert [one.index for one in second.test[0].grasps] == [7, 4]
+    assert [grasp.index for grasp in second.test[0].grasps] == [7, 4]
 
 
 def _edit(file: Path, *changes: str) -> None:
@@ -189,7 +189,7 @@ def by_another_program(folder: Path) -> Path:
 def test_a_folder_by_another_program_is_read(tmp_path: Path) -> None:
     found = read_vmrd(by_another_program(tmp_path))
     (scene,) = found.test
-    assert [(one.name, one.fathers, one.children) for one in scene.objects] == [
+    assert [(item.name, item.fathers, item.children) for item in scene.objects] == [
         ("wrist developer", (), (3,)),
         ("cup", (1,), ()),
     ]

@@ -28,7 +28,7 @@ WIDTH = 6
 def example(seed: int) -> Labelled:
     """A scene whose unions' features say whether the left one of two is on top; regions' first feature is how left."""
     drawn = scene(seed)
-    boxes = np.array([one.box_px for one in drawn.objects]) / (480, 360, 480, 360)
+    boxes = np.array([item.box_px for item in drawn.objects]) / (480, 360, 480, 360)
     count = len(boxes)
     unions = np.zeros((count, count, WIDTH), np.float16)
     for i, j in combinations(range(count), 2):
@@ -38,13 +38,13 @@ def example(seed: int) -> Labelled:
         unions[i, j, :3] = unions[j, i, :3] = (lies, carries, not (lies or carries))
     regions = np.random.default_rng(seed).normal(size=(count, WIDTH)).astype(np.float16)
     regions[:, 0] = 6 * boxes[:, 0] - 2
-    tops = np.array([one.top_m for one in drawn.objects], dtype=float)
-    names = tuple(one.name for one in drawn.objects)
+    tops = np.array([item.top_m for item in drawn.objects], dtype=float)
+    names = tuple(item.name for item in drawn.objects)
     return labelled(drawn, StackView(names, boxes, regions, 3 * unions, tops))
 
 
 TAUGHT = [example(seed) for seed in range(160)]
-ASKED = [Seen(one, one.view) for one in (example(seed) for seed in range(900, 940))]
+ASKED = [Seen(labelled_frame, labelled_frame.view) for labelled_frame in (example(seed) for seed in range(900, 940))]
 
 
 def test_the_relation_of_a_pair_is_the_other_ones_turned_round() -> None:
@@ -67,7 +67,7 @@ def test_both_orders_of_a_pair_agree(kind: type[Vmrn | GvmrnRf]) -> None:
 def test_the_order_of_nodes_means_nothing_to_the_default() -> None:
     torch.manual_seed(0)
     network = PointerNet(WIDTH, len(VMRD_CLASSES)).eval()
-    view = next(one.view for one in TAUGHT if len(one.view.names) == 4)
+    view = next(labelled_frame.view for labelled_frame in TAUGHT if len(labelled_frame.view.names) == 4)
     order = [2, 0, 3, 1]
     names = tuple(view.names[one] for one in order)
     turned = StackView(names, view.boxes[order], view.regions[order], view.unions[np.ix_(order, order)])
@@ -82,8 +82,8 @@ def test_the_order_of_nodes_means_nothing_to_the_default() -> None:
 def test_padding_changes_nothing() -> None:
     torch.manual_seed(0)
     network = PointerNet(WIDTH, len(VMRD_CLASSES)).eval()
-    small = next(one.view for one in TAUGHT if len(one.view.names) == 2)
-    large = next(one.view for one in TAUGHT if len(one.view.names) == 5)
+    small = next(labelled_frame.view for labelled_frame in TAUGHT if len(labelled_frame.view.names) == 2)
+    large = next(labelled_frame.view for labelled_frame in TAUGHT if len(labelled_frame.view.names) == 5)
     alone, _ = network(batch_of([small], VMRD_CLASSES))
     beside, _ = network(batch_of([small, large], VMRD_CLASSES))
     assert torch.allclose(alone[0], beside[0, :2], atol=1e-5)
@@ -160,10 +160,10 @@ def test_views_are_read_as_they_were_written(tmp_path: Path) -> None:
     empty = StackView((), np.zeros((0, 4)), np.zeros((0, WIDTH), np.float16), np.zeros((0, 0, WIDTH), np.float16))
     views = [TAUGHT[0].view, empty, TAUGHT[1].view]
     _write(tmp_path / "views.npz", views)
-    for one, other in zip(views, _read(tmp_path / "views.npz"), strict=True):
-        assert one.names == other.names
-        assert np.array_equal(one.unions, other.unions)
-        assert np.array_equal(one.regions, other.regions)
+    for view, other in zip(views, _read(tmp_path / "views.npz"), strict=True):
+        assert view.names == other.names
+        assert np.array_equal(view.unions, other.unions)
+        assert np.array_equal(view.regions, other.regions)
 
 
 def test_numbers_of_classes_are_compared_on_alike_pictures() -> None:

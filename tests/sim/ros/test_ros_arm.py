@@ -122,6 +122,6 @@ def test_a_look_says_rate_mode_and_controller(served: tuple[float, RosArm]) -> N
     with twin.controller.cell.lock:
         twin._run_program()
     found = list(examine(SETTINGS, robot, WallClock(served[0])))
-    assert [one.remedy for one in found] == ["", "", ""]
+    assert [check.remedy for check in found] == ["", "", ""]
     other = SETTINGS.model_copy(update={"controller": "joint_trajectory_controller"})
     assert "no node has it" in list(examine(other, robot, WallClock(served[0])))[-1].remedy

@@ -58,11 +58,11 @@ def test_set_points_of_the_path_before_say_nothing_of_the_one_that_begins() -> N
         stream.begin(PATH)
         told.send(Sent(time.monotonic(), 0.5, True, 1), 1.0)
         stream.hear(1.0)
-        assert [one.path_s for one in stream.sent] == [0.5]
+        assert [sent.path_s for sent in stream.sent] == [0.5]
         stream.begin(PATH)
         told.send(Sent(time.monotonic(), None, False, 1), 1.0)  # it had not heard of the new one
         stream.hear(1.0)
         assert not stream.sent
         told.send(Sent(time.monotonic(), 0.01, True, 2), 1.0)
         stream.hear(1.0)
-        assert [one.path_s for one in stream.sent] == [0.01]
+        assert [sent.path_s for sent in stream.sent] == [0.01]

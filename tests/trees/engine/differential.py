@@ -328,9 +328,9 @@ class Ours:
     def _step(self, letter: str) -> Step:
         names = [node.name for node in self._tree.nodes]
         changes = [
-            (names[one.uid - 1], _word(one.old), _word(one.new))
-            for one in self._tree.status_changes
-            if _word(one.old) != _word(one.new)
+            (names[status_change.uid - 1], _word(status_change.old), _word(status_change.new))
+            for status_change in self._tree.status_changes
+            if _word(status_change.old) != _word(status_change.new)
         ]
         values = tuple(map(self._value, VARIABLES))
         return Step(letter, self._answers.take(), changes, values, frozenset(self._skipped))

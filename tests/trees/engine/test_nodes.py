@@ -209,7 +209,13 @@ def test_a_skipped_node_is_told_once_and_counts_as_idle(load: Load) -> None:
     for n in (0, 0, 1):
         tree.blackboard.entry("n").write(n)
         tree.tick()
-        told.append([(one.old.name, one.new.name) for one in tree.status_changes if one.path == "Steps::4"])
+        told.append(
+            [
+                (status_change.old.name, status_change.new.name)
+                for status_change in tree.status_changes
+                if status_change.path == "Steps::4"
+            ]
+        )
     assert told == [[("INVALID", "SKIPPED")], [], [("SKIPPED", "RUNNING")]]
     tree.halt()
     assert {node.status for node in tree.nodes} == {Status.INVALID}

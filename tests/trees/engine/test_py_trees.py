@@ -143,7 +143,7 @@ def test_display_visitors_and_dot_of_a_loaded_tree(load: Load) -> None:
     seen = py_trees.visitors.SnapshotVisitor()
     stock.visitors.append(seen)
     stock.tick()
-    names = {one.id: one.name for one in shown.iterate()}
+    names = {behaviour.id: behaviour.name for behaviour in shown.iterate()}
     answers = {names[uid]: status.name for uid, status in seen.visited.items()}
     assert answers == {
         **{"AlwaysSuccess": "SUCCESS", "AlwaysFailure": "FAILURE", "Inverter": "SUCCESS"},
@@ -180,7 +180,7 @@ def test_py_trees_halts_a_tree_of_ours_once(load: Load) -> None:
     stock.root.stop(common.Status.INVALID)
     assert {node.status for node in tree.nodes} == {Status.INVALID}
     assert [node.halts for node in tree.nodes if isinstance(node, Steps)] == [1]
-    assert {one.status for one in stock.root.iterate()} == {common.Status.INVALID}
+    assert {behaviour.status for behaviour in stock.root.iterate()} == {common.Status.INVALID}
 
 
 def test_a_monitors_hook_outlives_the_ticks_of_py_trees(load: Load) -> None:

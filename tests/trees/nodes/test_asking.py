@@ -175,7 +175,7 @@ def test_the_other_branch_asks_on_where_the_one_that_asked_is_halted() -> None:
     nodes[0].halt()
     assert not to.now.display.questions
     assert nodes[1].execute() is Status.RUNNING
-    assert [one.kind for one in to.now.display.questions] == ["goal"]
+    assert [question.kind for question in to.now.display.questions] == ["goal"]
 
 
 def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None:

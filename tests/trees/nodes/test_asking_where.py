@@ -94,7 +94,7 @@ def test_the_part_in_the_gripper_is_asked_for_first_and_though_another_is_told()
         node = asking(to, state, plan)
         later(to, node, 0.0)
         later(to, node, 7.0)
-        assert [(one.part, one.positions) for one in to.now.display.questions] == (
+        assert [(question.part, question.positions) for question in to.now.display.questions] == (
             [] if holes is None else [(held, holes)]
         )
 
@@ -105,7 +105,7 @@ def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
     says(to, OperatorOrder("place", "o1", time_s=8.0))
     for time_s in (8.0, 8.1, 8.2):
         later(to, node, time_s)
-    assert [(one.number, one.part) for one in to.now.display.questions] == [(2, "o2")]
+    assert [(question.number, question.part) for question in to.now.display.questions] == [(2, "o2")]
 
 
 def test_it_is_withdrawn_when_the_person_goes_on() -> None:

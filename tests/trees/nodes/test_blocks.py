@@ -344,7 +344,7 @@ def test_an_operator_is_asked_and_answered_or_not_in_time() -> None:
     tree.setup(to, ManualClock())
     assert tree.tick() is Status.RUNNING
     (question,) = to.now.display.questions
-    assert ([one.value for one in question.answers], to.now.display.help_request) == (["yes", "no"], "ready?")
+    assert ([answer.value for answer in question.answers], to.now.display.help_request) == (["yes", "no"], "ready?")
     said = OperatorOrder("answer", "no", question.number)
     to.now.observation = replace(to.now.observation, operator=OperatorState(said=(said,)))
     assert tree.tick() is Status.SUCCESS

@@ -80,7 +80,7 @@ def test_parts_that_were_swapped_are_told_together() -> None:
     to = services()
     other = next(name for name in G1 if G1[name] != G1[P1])
     found = told(to, waiting(to), 8.0, {P1: G1[other], other: G1[P1]})
-    assert {(one.position, one.kind) for one in found} == {(P1, "wrong"), (other, "wrong")}
+    assert {(mistake.position, mistake.kind) for mistake in found} == {(P1, "wrong"), (other, "wrong")}
 
 
 def test_without_a_known_goal_only_what_a_bracket_cannot_take_is_wrong() -> None:
@@ -90,7 +90,7 @@ def test_without_a_known_goal_only_what_a_bracket_cannot_take_is_wrong() -> None
     names = list(G1)[: kind.quantity + 1]
     assert told(to, waiting(to, unknown), 8.0, dict.fromkeys(names[:-1], part)) == ()
     found = told(to, waiting(to, unknown), 8.0, dict.fromkeys(names, part))
-    assert {(one.position, one.kind) for one in found} == {(name, "surplus") for name in names}
+    assert {(mistake.position, mistake.kind) for mistake in found} == {(name, "surplus") for name in names}
     assert reason_of(PRODUCT, found).endswith(f"hold the {PRODUCT.title(part)}, and a bracket takes 1 of them")
     assert told(to, waiting(to, AssemblyState({}), NO_IDEA), 8.0, {P2: ODD}) == ()
 
@@ -207,7 +207,9 @@ def test_what_is_said_to_be_right_counts_where_more_parts_stand_than_a_bracket_t
     names = list(G1)[:4]
     state = AssemblyState({}, told_goal=UNKNOWN_GOAL, kept={names[1]: part})
     found = told(to, waiting(to, state), 8.0, dict.fromkeys(names, part))
-    assert {(one.position, one.kind) for one in found} == {(name, "surplus") for name in names if name != names[1]}
+    assert {(mistake.position, mistake.kind) for mistake in found} == {
+        (name, "surplus") for name in names if name != names[1]
+    }
     left = replace(state, known_wrong={names[1]: part})
     assert told(to, waiting(to, left), 8.0, dict.fromkeys(names, part)) == (), "it is known which one is too many"
 

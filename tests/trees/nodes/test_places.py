@@ -60,7 +60,7 @@ def fails(node: TreeNode, to: Services, robot: IdealRobot, why: str) -> None:
 
 
 def there(to: Services, name: str) -> list[str | None]:
-    return [None if one is None else one.part for one in to.memory.places[name]]
+    return [None if place is None else place.part for place in to.memory.places[name]]
 
 
 def test_a_part_goes_from_the_fixture_into_the_chuck_and_is_known_there() -> None:
@@ -118,7 +118,7 @@ def looked_at(to: Services, time_s: float, *parts: str | None) -> list[str | Non
     spots = {f"nest {number}": HoleView(part, 1.0, time_s) for number, part in enumerate(parts)}
     view = BenchView(1, time_s, None, {}, Action("idle", 1.0), spots=spots)
     to.now.observation = replace(to.now.observation, time_s=time_s, bench=view)
-    return [None if one is None else one.part for one in to.at_place("nest")]
+    return [None if detection is None else detection.part for detection in to.at_place("nest")]
 
 
 def test_at_a_place_that_is_seen_the_camera_counts_once_it_saw_it_after_what_the_robot_did() -> None:
@@ -136,7 +136,7 @@ def test_at_a_place_that_is_seen_the_camera_counts_once_it_saw_it_after_what_the
 
 def test_what_stands_at_places_is_kept_clear_of() -> None:
     to = known()
-    standing = [one.part for one in to.memory.standing]
+    standing = [detection.part for detection in to.memory.standing]
     assert sorted(standing) == ["o1", "o1", "o2", "o2"]
 
 

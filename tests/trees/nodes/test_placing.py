@@ -65,8 +65,8 @@ def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(m
     assert answers == [False, False, False, True]
     assert list(to.memory.reasons)[-1] == "the gate valve (o1) does not go into p2"
     assert not in_vain(to)  # asked once, it is tried again
-    for one in (SkillStatus.FAILURE, SkillStatus.FAILURE, SkillStatus.SUCCESS, SkillStatus.FAILURE):
-        end[0] = one
+    for status in (SkillStatus.FAILURE, SkillStatus.FAILURE, SkillStatus.SUCCESS, SkillStatus.FAILURE):
+        end[0] = status
         place(to, 2.5)
     assert not in_vain(to)
     assert not in_vain(to, "p3")

@@ -24,7 +24,7 @@ def problems_of(tmp_path: Path, nodes: str, configuration: Configuration | None)
     inner = '<BehaviorTree ID="Blink"><SetSignal signal="{what}"/></BehaviorTree>'
     root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
     file.write_text(f'{root}\n<BehaviorTree ID="Main"><Sequence>{nodes}</Sequence></BehaviorTree>{inner}</root>')
-    return [str(one) for one in check([file], node_registry(PRODUCT, (), configuration))]
+    return [str(problem) for problem in check([file], node_registry(PRODUCT, (), configuration))]
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def lying(part: str, number: int, *on: int, told: bool = True) -> PartDetection:
 def stack(*others: PartDetection) -> PartsView:
     """An o1 that stands in box 0, an o2 in box 1, and others."""
     standing = seen_parts("o1", "o2").detections
-    return PartsView(0, 1.0, tuple(replace(one, box_px=BOXES[i]) for i, one in enumerate(standing)), others)
+    return PartsView(0, 1.0, tuple(replace(detection, box_px=BOXES[i]) for i, detection in enumerate(standing)), others)
 
 
 TOWER = stack(lying("o2", 2, 0), lying("o3", 3, 2, 0))
@@ -84,7 +84,7 @@ def test_what_stands_in_the_way_of_a_part_that_lies_is_moved_first() -> None:
     at, view = services(), stack(lying("o3", 2))
 
     def why_not(parts: PartsView, required: int) -> str | None:
-        there = [one.part for one in parts.detections]
+        there = [detection.part for detection in parts.detections]
         return "no room for the fingers" if parts.seen[required].part == "o3" and "o2" in there else None
 
     at.why_not_graspable = why_not  # type: ignore[method-assign]

@@ -159,7 +159,7 @@ class PlacementEvents:
     def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled]) -> Placement | None:
         """The placement that a hand tells whose fingers have opened, once it leaves or a new look shows the part."""
         due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
-        due[[one.position for one in looks]] = True
+        due[[look.position for look in looks]] = True
         for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
             if position not in self._stands and self._sure(position):
                 self._awaited[position] = True
@@ -170,16 +170,16 @@ class PlacementEvents:
         self, time_s: float, here: Bools, fallen: Collection[tuple[int, int]], holds: int | None
     ) -> Placement | None:
         """The placement that a newly filled hole tells with which the hand agrees, once that leaves."""
-        for position, (one, since_s) in list(self._filled.items()):
-            fell, waited_s = (one.part, position) in fallen and not here[position], time_s - since_s
-            agrees = fell or self._agrees(one)
+        for position, (filled, since_s) in list(self._filled.items()):
+            fell, waited_s = (filled.part, position) in fallen and not here[position], time_s - since_s
+            agrees = fell or self._agrees(filled)
             if self._told[position] or position in self._stands or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
-            elif agrees and one.part != holds and (not here[position] or waited_s >= self._settings.stays_s):
-                self._awaited[position] = one.confidence < self._settings.shown_confidence
-                self._stands[position] = one.part
+            elif agrees and filled.part != holds and (not here[position] or waited_s >= self._settings.stays_s):
+                self._awaited[position] = filled.confidence < self._settings.shown_confidence
+                self._stands[position] = filled.part
                 if fell:
-                    self._evidence[:, position] = np.eye(self._shape[0])[one.part]
+                    self._evidence[:, position] = np.eye(self._shape[0])[filled.part]
                 return self._placement(time_s, position, shown=True)
         return None
 

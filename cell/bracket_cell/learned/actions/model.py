@@ -60,7 +60,7 @@ class TrainedActionDetector:
         if placed is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
-        self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]
+        self._placed = [placement for placement in self._placed if now_s - placement.time_s < self._report_s]
         if self._placed:
             return self._finished(self._placed[0])
         return replace(self._classes.action(number, float(mean[number])), posterior=self._told(mean))

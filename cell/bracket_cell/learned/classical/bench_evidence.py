@@ -154,7 +154,7 @@ class Landmarks:
             return Landmarks(np.zeros((1, 0, 2), np.intp), np.zeros((0, 2)), *np.zeros((2, 0), np.intp))
         points, across, groups = zip(*found, strict=True)
         places = np.rint(np.concatenate(points) + shifts[:, np.newaxis]).astype(np.intp)
-        stretch = np.repeat(np.arange(len(found)), [len(one) for one in points])
+        stretch = np.repeat(np.arange(len(found)), [len(point) for point in points])
         return Landmarks(places, np.concatenate(across), stretch, np.array(groups))
 
     def seen(self, grey: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> dict[int, bool]:
@@ -263,7 +263,7 @@ class SceneConsistency:
         if first and not self._missing:
             coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
             bins = [coarse[window] for window in self._bins if coarse[window].size]
-            if any(float(one.std(axis=(0, 1)).max()) <= SCENE.least_contrast for one in bins):
+            if any(float(bin_.std(axis=(0, 1)).max()) <= SCENE.least_contrast for bin_ in bins):
                 self._missing = set(seen)
         return astray
 
@@ -297,7 +297,7 @@ class SceneConsistency:
 
         straight = off(())
         turns = {words: off(axes) for words, axes in TURNS.items()}
-        words = min(turns, key=lambda one: turns[one])
+        words = min(turns, key=lambda turn: turns[turn])
         return f"the image is {words}" if turns[words] < SCENE.turned * straight else ""
 
     def _gain(self, image: NDArray[np.float32], free: NDArray[np.bool_]) -> float:

@@ -102,7 +102,7 @@ class DueChange:
         self.stuck = "not changing where the robot moves" if max(self._unseen) >= self._limits.frames else ""
 
     def _at(self, time_s: float) -> _Shown | None:
-        return next((one for one in reversed(self._shown) if one.time_s <= time_s + 1e-3), None)
+        return next((shown for shown in reversed(self._shown) if shown.time_s <= time_s + 1e-3), None)
 
     def _changed(self, before: _Shown, now: _Shown) -> Mask:
         gain = float(np.median((now.smooth[::5, ::5, 1] + 1) / (before.smooth[::5, ::5, 1] + 1)))
@@ -124,7 +124,7 @@ class DueChange:
         then, before = self._at(now_s - lag_s), self._at(now_s - lag_s - limits.step_s)
         if then is None or before is None or self.late:
             return
-        outlines = [one.outline for one in (self._shown[-1], last, then, before)]
+        outlines = [shown.outline for shown in (self._shown[-1], last, then, before)]
         here, there = _alone(outlines[0], outlines[1:]), _alone(outlines[3], outlines[:3])
         here, there = here & self._regions[0], there & self._regions[0]
         if min(np.count_nonzero(here), np.count_nonzero(there)) < limits.least_apart_px:

@@ -49,8 +49,11 @@ def deviation_m(reading: Reading, image: Image, view: View) -> tuple[float, floa
     size, height = errors[0] / USUAL_ERROR, errors[1] / USUAL_HEIGHT_ERROR_M
     brightness = _brightness(image, reading.points_px["palm"])
     place_m, height_m = (
-        one.usual_m * max(size, 0.1) ** one.size * brightness**one.brightness * max(height, 0.1) ** one.height
-        for one in (PLACE, HEIGHT)
+        quantile.usual_m
+        * max(size, 0.1) ** quantile.size
+        * brightness**quantile.brightness
+        * max(height, 0.1) ** quantile.height
+        for quantile in (PLACE, HEIGHT)
     )
     lower_m = _taken_for_higher_m(reading, view)
     slope = float(np.linalg.norm(view.model.normalised(reading.points_px["palm"])))

@@ -57,14 +57,14 @@ class JointReader:
     def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
         """All hands in an RGB image, surest first."""
         ours, theirs = self._ours.read(image, expected_px), self._theirs.read(image, expected_px)
-        pairs = matched([one.centre_px for one in ours], [one.centre_px for one in theirs], SAME_PX)
+        pairs = matched([our.centre_px for our in ours], [their.centre_px for their in theirs], SAME_PX)
         paired, answered = {a for a, _ in pairs}, {b for _, b in pairs}
         found = [agreed(ours[a], theirs[b]) for a, b in pairs]
-        found += [completed(one, self._ours, image) for b, one in enumerate(theirs) if b not in answered]
-        for one in (one for a, one in enumerate(ours) if a not in paired):
+        found += [completed(their, self._ours, image) for b, their in enumerate(theirs) if b not in answered]
+        for one in (our for a, our in enumerate(ours) if a not in paired):
             followed = any(float(np.linalg.norm(one.centre_px - at)) < NEAR_PX for at in expected_px)
             found += [one] if followed else self._asked(image, one)
-        return _apart(sorted(found, key=lambda one: -one.confidence))
+        return _apart(sorted(found, key=lambda reading: -reading.confidence))
 
     def _asked(self, image: Image, one: Reading) -> list[Reading]:
         """What the small networks see alone, as far as MediaPipe believes it."""
@@ -85,7 +85,7 @@ def agreed(ours: Reading, theirs: Reading) -> Reading:
 def _apart(found: Sequence[Reading]) -> list[Reading]:
     """Without those that lie where a surer one does."""
     kept: list[Reading] = []
-    for one in found:
-        if all(float(np.linalg.norm(one.centre_px - other.centre_px)) >= NEAR_PX for other in kept):
-            kept.append(one)
+    for reading in found:
+        if all(float(np.linalg.norm(reading.centre_px - other.centre_px)) >= NEAR_PX for other in kept):
+            kept.append(reading)
     return kept

@@ -125,11 +125,11 @@ class SlimReader:
     def _closely(self, image: Image, small: Image, centres: Sequence[Array]) -> list[Reading]:
         """What is seen around points (column, row); what is doubtful is read again, about its own centre."""
         seen = self._read(image, small, centres)
-        doubtful = [index for index, one in enumerate(seen) if not _sure(one, centres[index])]
+        doubtful = [index for index, reading in enumerate(seen) if not _sure(reading, centres[index])]
         again = self._read(image, small, [seen[index].centre_px for index in doubtful])
-        for index, one in zip(doubtful, again, strict=True):
-            seen[index] = one if _sure(one, centres[index]) else seen[index]
-        return self._closer.refined(image, [one for one in seen if one.confidence >= LEAST_CONFIDENCE])
+        for index, reading in zip(doubtful, again, strict=True):
+            seen[index] = reading if _sure(reading, centres[index]) else seen[index]
+        return self._closer.refined(image, [reading for reading in seen if reading.confidence >= LEAST_CONFIDENCE])
 
     def _find(self, small: Image) -> list[Array]:
         """Centres (column, row) of what may be hands, likeliest first."""

@@ -101,25 +101,25 @@ class Refinement:
 
         Those without a size stay as they are; those whose close-up is unclear are believed less.
         """
-        sized = [(index, one, one.size) for index, one in enumerate(readings) if one.size is not None]
+        sized = [(index, ing, ing.size) for index, ing in enumerate(readings) if ing.size is not None]
         if not sized:
             return list(readings)
-        closeups = [self._closeup(one, size.log_angle) for _, one, size in sized]
-        patches = [self._regions.cut(image, one.centre_px, PATCH_PX) for _, one, _ in sized]
-        cuts = np.stack([one.cut(patch) for one, patch in zip(closeups, patches, strict=True)])
-        ways = [self._regions.from_middle(one.centre_px) for _, one, _ in sized]
-        places = np.array([one.aligned(way) for one, way in zip(closeups, ways, strict=True)], np.float32)
+        closeups = [self._closeup(reading, size.log_angle) for _, reading, size in sized]
+        patches = [self._regions.cut(image, reading.centre_px, PATCH_PX) for _, reading, _ in sized]
+        cuts = np.stack([closeup.cut(patch) for closeup, patch in zip(closeups, patches, strict=True)])
+        ways = [self._regions.from_middle(reading.centre_px) for _, reading, _ in sized]
+        places = np.array([closeup.aligned(way) for closeup, way in zip(closeups, ways, strict=True)], np.float32)
         told = self._network.run({"closeup": planes(cuts), "place": places})
         answer = list(readings)
-        for row, (index, one, size) in enumerate(sized):
+        for row, (index, reading, size) in enumerate(sized):
             error = float(told["error"][row])
             if error >= UNCLEAR:
-                answer[index] = replace(one, confidence=min(one.confidence, DOUBTED))
+                answer[index] = replace(reading, confidence=min(reading.confidence, DOUBTED))
                 continue
-            points = self._in_image(closeups[row].outside(told["points"][row].astype(float)), one.centre_px)
+            points = self._in_image(closeups[row].outside(told["points"][row].astype(float)), reading.centre_px)
             answer[index] = replace(
-                one,
-                points_px={**one.points_px, **dict(zip(REFINED, points, strict=True))},
+                reading,
+                points_px={**reading.points_px, **dict(zip(REFINED, points, strict=True))},
                 size=ApparentSize(size.log_angle + float(told["log_ratio"][row]), error, size.height_errors_m),
             )
         return answer

@@ -91,7 +91,7 @@ class _Track:
     def held_part(self) -> str | None:
         """What most of the last readings say that it holds; of as many, what was said last."""
         counts = Counter(self.holds)
-        return max(reversed(self.holds), key=lambda one: counts[one])
+        return max(reversed(self.holds), key=lambda hold: counts[hold])
 
     def expected_px(self, time_s: float) -> Array:
         """Where its region should be now."""
@@ -169,7 +169,7 @@ class HandTracks:
         readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
         self._assign(readings, now_s, RobotMask(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
-        self._doubtful = tuple(one for one in readings if all(one is not track.reading for track in seen))
+        self._doubtful = tuple(ing for ing in readings if all(ing is not track.reading for track in seen))
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
             # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.
@@ -194,7 +194,7 @@ class HandTracks:
 
         What has been seen on the robot alone, and is explained by it, is no hand.
         """
-        expected, centres = [one.expected_px(now_s) for one in self._tracks], [one.centre_px for one in readings]
+        expected, centres = [one.expected_px(now_s) for one in self._tracks], [ing.centre_px for ing in readings]
         pairs = matched(expected, centres, self._near_px)
         for t, r in pairs:
             track = self._tracks[t]
@@ -202,7 +202,7 @@ class HandTracks:
                 track.take(readings[r], now_s)
                 track.away = track.away or not robot.under(readings[r])
         taken = {r for _, r in pairs}
-        for reading in self._believed([one for r, one in enumerate(readings) if r not in taken], now_s):
+        for reading in self._believed([ing for r, ing in enumerate(readings) if r not in taken], now_s):
             away = not robot.under(reading) or self._was_seen(reading)
             if away or not robot.explains(reading):
                 self._tracks.append(_Track.begun(reading, now_s, away))
@@ -210,13 +210,13 @@ class HandTracks:
     def _believed(self, left: Sequence[Reading], now_s: float) -> list[Reading]:
         """Those that begin tracks: sure ones, and doubtful ones that were read often enough at their place."""
         self._doubts = [(seen_s, at) for seen_s, at in self._doubts if 0 < now_s - seen_s <= DOUBTFUL_S]
-        before = [{s for s, at in self._doubts if _apart_px(at, one.centre_px) < self._near_px} for one in left]
+        before = [{s for s, at in self._doubts if _apart_px(at, reading.centre_px) < self._near_px} for reading in left]
         if self._repeated:
-            self._doubts += [(now_s, one.centre_px) for one in left]
+            self._doubts += [(now_s, reading.centre_px) for reading in left]
         return [
-            one
-            for one, times_s in zip(left, before, strict=True)
-            if one.confidence >= self._new_confidence or len(times_s) >= DOUBTFUL_N - 1
+            reading
+            for reading, times_s in zip(left, before, strict=True)
+            if reading.confidence >= self._new_confidence or len(times_s) >= DOUBTFUL_N - 1
         ]
 
     def _was_seen(self, reading: Reading) -> bool:
@@ -295,7 +295,7 @@ def _smoothed(track: _Track, world: Mapping[str, Array], time_s: float) -> dict[
     """Points (3,) by name, smoothed over the frames in which they were seen."""
     step_s, track.smoothed_s = time_s - track.smoothed_s, time_s
     track.smooth = {name: track.smooth.get(name, _Smooth(point)) for name, point in world.items()}
-    return {name: one.update(world[name], step_s) for name, one in track.smooth.items()}
+    return {name: smooth.update(world[name], step_s) for name, smooth in track.smooth.items()}
 
 
 def _clipped(box: tuple[float, float, float, float], width: int, height: int) -> tuple[int, int, int, int]:

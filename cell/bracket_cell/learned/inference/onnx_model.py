@@ -149,7 +149,7 @@ class OnnxModel:
         self.card = card
         self.sha256 = sha256
         self._session = session
-        self.inputs = [one.name for one in session.get_inputs()]
+        self.inputs = [input_.name for input_ in session.get_inputs()]
         self.outputs = [output.name for output in session.get_outputs()]
 
     @staticmethod
@@ -211,7 +211,7 @@ class ForeignModel:
     def __init__(self, path: Path, session: onnxruntime.InferenceSession) -> None:
         self.path, self._session = path, session
         self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
-        self._input, self._outputs = session.get_inputs()[0], [one.name for one in session.get_outputs()]
+        self._input, self._outputs = session.get_inputs()[0], [output.name for output in session.get_outputs()]
 
     @staticmethod
     def load(path: Path) -> ForeignModel:
@@ -241,7 +241,7 @@ class ForeignModel:
             answers = self._session.run(self._outputs, {self._input.name: image})
         except (ValueError, *LOAD_ERRORS) as error:
             raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
-        found = {name: np.asarray(one, np.float32) for name, one in zip(self._outputs, answers, strict=True)}
+        found = {name: np.asarray(answer, np.float32) for name, answer in zip(self._outputs, answers, strict=True)}
         if wrong := [name for name, one in found.items() if not np.isfinite(one).all()]:
             raise ModelError(f"{self.path}: output {wrong[0]!r} is not finite")
         return found

@@ -68,8 +68,8 @@ class Policy:
         except LOAD_ERRORS as error:
             raise ModelError(f"{path}: is no ONNX file that runs here: {str(error).splitlines()[0]}") from None
         self.sha256 = hashlib.sha256(content).hexdigest()
-        inputs = {one.name: one.shape for one in self._session.get_inputs()}
-        self._bytes = {one.name for one in self._session.get_inputs() if one.type == "tensor(uint8)"}
+        inputs = {input_.name: input_.shape for input_ in self._session.get_inputs()}
+        self._bytes = {input_.name for input_ in self._session.get_inputs() if input_.type == "tensor(uint8)"}
         self._images = {name: shape for name, shape in inputs.items() if name.removeprefix(IMAGES) in CAMERAS}
         self.cameras = tuple(dict.fromkeys(name.removeprefix(IMAGES) for name in self._images))
         self._inputs = {name: shape[-1] for name, shape in inputs.items() if name not in self._images}
@@ -85,9 +85,9 @@ class Policy:
         for name, size in self._inputs.items():
             if sizes.get(name) != size:
                 legal = ", ".join(f"{known} of {count}" for known, count in sizes.items())
-                legal += f", and images: {', '.join((*(IMAGES + one for one in CAMERAS), *CAMERAS))}"
+                legal += f", and images: {', '.join((*(IMAGES + camera for camera in CAMERAS), *CAMERAS))}"
                 raise ModelError(f"{path}: wants {name!r} of {size} numbers; legal: {legal}")
-        if ACTION not in {one.name for one in self._session.get_outputs()}:
+        if ACTION not in {output.name for output in self._session.get_outputs()}:
             raise ModelError(f"{path}: has no output {ACTION!r}")
 
     def actions(self, seen: Mapping[str, Array], images: Mapping[str, NDArray[np.uint8]] | None = None) -> Array:

@@ -39,13 +39,13 @@ class LyingPartResolver:
 
     def sort(self, frame: Frame, found: Found) -> tuple[tuple[PartDetection, ...], tuple[PartDetection, ...]]:
         """What stands, and everything else, each thing once, as an upright box on the floor (see `PartsView`)."""
-        told = [one for one in found if one.upright and one.part in self._product.parts]
-        fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
-        standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
-        rest = [one for one in found if one not in told and one.confidence >= MIN_CONFIDENCE]
-        exact = [self._exact(one, fit.part, fit.world_from_part) for one, fit in fallen]
+        told = [detection for detection in found if detection.upright and detection.part in self._product.parts]
+        fallen = [(detection, fit) for detection in told if (fit := self._fallen(frame, detection, found)) is not None]
+        standing = tuple(detection for detection in told if all(detection is not other for other, _ in fallen))
+        rest = [detection for detection in found if detection not in told and detection.confidence >= MIN_CONFIDENCE]
+        exact = [self._exact(detection, fit.part, fit.world_from_part) for detection, fit in fallen]
         rough: list[PartDetection] = []
-        for one in sorted(rest, key=lambda one: (not one.lies_on, -one.confidence)):
+        for one in sorted(rest, key=lambda detection: (not detection.lies_on, -detection.confidence)):
             if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
                 continue
             lies = self._placed(frame, one, found, rough)
@@ -53,8 +53,12 @@ class LyingPartResolver:
                 rough.append(one)
             else:
                 exact.append(lies)
-        apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
-        return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
+        apart = [
+            detection
+            for detection in rough
+            if not _again(detection, exact) and not any(covers(part, detection) for part in exact)
+        ]
+        return standing, (*exact, *(on_floor(frame, self._bench, self._product, detection) for detection in apart))
 
     def _placed(self, frame: Frame, one: PartDetection, found: Found, rough: Found) -> PartDetection | None:
         """A thing exactly as it lies; None where that is not known. What looks like a rough one is not fitted again."""
@@ -95,8 +99,10 @@ class LyingPartResolver:
 
     def _clearly(self, part: str, same: Found) -> bool:
         """Whether the detector says clearly that a thing is of this type, and nothing unknown."""
-        sure = max((one.confidence for one in same if one.part == part), default=0.0)
-        strange = max((one.confidence for one in same if one.part not in self._product.parts), default=0.0)
+        sure = max((detection.confidence for detection in same if detection.part == part), default=0.0)
+        strange = max(
+            (detection.confidence for detection in same if detection.part not in self._product.parts), default=0.0
+        )
         return sure >= strange + MIN_CONFIDENCE_LEAD
 
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:

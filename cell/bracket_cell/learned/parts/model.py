@@ -147,7 +147,7 @@ class PosedPartDetector(ABC):
         sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
-        boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
+        boxes = [np.array(detection.box_px, float) for detection in answers] + [one.peak.box_px for one in standing]
         rest = [
             index
             for index, one in enumerate(found)
@@ -159,20 +159,20 @@ class PosedPartDetector(ABC):
             on = tuple(box_of[one] for one in below[index])
             lies = self._lies(found[index].peak, told[index], raised=bool(on))
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
-        return tuple(one for one in answers if self._near_tray(one))
+        return tuple(detection for detection in answers if self._near_tray(detection))
 
     def _below(self, frame: Frame, found: Sequence[_Seen]) -> tuple[list[tuple[int, ...]], list[Told]]:
         """For each thing those seen ones that it lies on, and what is told of it.
 
         Only what meets others or does not stand is looked at: that may hide what it lies on.
         """
-        boxes, told = [one.peak.box_px for one in found], [NOTHING_TOLD] * len(found)
-        fallen = {index for index, one in enumerate(found) if one.peak.upright < LEAST_STANDING}
+        boxes, told = [seen.peak.box_px for seen in found], [NOTHING_TOLD] * len(found)
+        fallen = {index for index, seen in enumerate(found) if seen.peak.upright < LEAST_STANDING}
         looked_at = sorted(fallen.union(meeting(boxes)))
         if self._stacks is not None and looked_at:
             some = [found[index] for index in looked_at]
-            yaws = [one.standing[0].yaw_rad if one.standing else 0.0 for one in some]
-            kinds, places = [one.peak.kind for one in some], [one.lying_m for one in some]
+            yaws = [seen.standing[0].yaw_rad if seen.standing else 0.0 for seen in some]
+            kinds, places = [seen.peak.kind for seen in some], [seen.lying_m for seen in some]
             answers = self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
             for index, answer in zip(looked_at, answers, strict=True):
                 stands = found[index].peak.upright >= LEAST_STANDING
@@ -231,10 +231,10 @@ class PosedPartDetector(ABC):
 
     def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
         """Those that stand, where the pose net sees them; of one thing the surest answer, none inside others."""
-        likely = [one for one in self._corrected(frame, supposed) if one.standing > LEAST_LIKELY]
+        likely = [standing for standing in self._corrected(frame, supposed) if standing.standing > LEAST_LIKELY]
         seen = self._corrected(frame, likely, both_ways=True)
         kept: list[_Standing] = []
-        for one in sorted(seen, key=lambda one: -one.standing):
+        for one in sorted(seen, key=lambda standing: -standing.standing):
             apart = all(float(np.hypot(*(one.place_m - other.place_m)[:2])) > SAME_M for other in kept)
             if one.standing >= LEAST_STANDING and apart and all(one.peak is not other.peak for other in kept):
                 kept.append(one)
@@ -248,9 +248,9 @@ class PosedPartDetector(ABC):
         """
         if not supposed or self._pose is None:
             return []
-        places, yaws = [one.place_m for one in supposed], [one.yaw_rad for one in supposed]
+        places, yaws = [standing.place_m for standing in supposed], [standing.yaw_rad for standing in supposed]
         crops = crops_of(frame.image, self._bench.wrist.model, frame.world_from_camera, places, yaws)
-        twice = [index for index, one in enumerate(supposed) if both_ways and self._alike[one.peak.kind]]
+        twice = [index for index, standing in enumerate(supposed) if both_ways and self._alike[standing.peak.kind]]
         answer = self._pose.run({"crops": np.concatenate([crops, half_turned(crops[twice])])})
         shares = np.exp(answer["kinds"] - answer["kinds"].max(axis=1, keepdims=True))
         shares /= shares.sum(axis=1, keepdims=True)

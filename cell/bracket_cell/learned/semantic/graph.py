@@ -66,7 +66,9 @@ class Layout:
     def completed(self, goal: int, edges: Floats) -> Floats:
         """(n, m) one where a goal puts a type, keeping of what is placed (n, m) what belongs there."""
         accepted = {
-            at: types for at, one in zip(self.positions, self.choices[goal], strict=True) if (types := types_of(one))
+            at: types
+            for at, choice in zip(self.positions, self.choices[goal], strict=True)
+            if (types := types_of(choice))
         }
         placed = {self.positions[at]: self.parts[part] for part, at in np.argwhere(edges)}
         found = completed(accepted, self.limits.get(self.goals[goal], {}), placed) or {}

@@ -92,7 +92,7 @@ class Hypotheses:
         averaged = []
         for number, (goal, choices) in enumerate(goals.items()):
             listed: list[Sequence[Choice]] = [choices]
-            if limits.get(goal) and any(len(types_of(one)) > 1 for one in choices):
+            if limits.get(goal) and any(len(types_of(choice)) > 1 for choice in choices):
                 few = arrangements_n(choices) <= MOST_TRIED
                 found = arrangements(choices, limits[goal], MOST_ROWS + 1) if few else []
                 if 0 < len(found) <= MOST_ROWS:

@@ -89,7 +89,9 @@ class Demonstration(Model):
             return (
                 f"unordered_n is {self.unordered_n}, but there are {len(self.placements)} placements: it must be less"
             )
-        wanted = product.goal_placements(self.goal, {one.position: one.part for one in self.placements})
+        wanted = product.goal_placements(
+            self.goal, {placement.position: placement.part for placement in self.placements}
+        )
         filled: set[str] = set()
         for placed in self.placements:
             if placed.position not in wanted:

@@ -129,7 +129,7 @@ class McapScanner:
         for what, count in self._counted.items():
             if self.kept[what] != count:
                 self._remark(f"{self.kept[what]} of {count} {what} are there")
-        self.of_run |= self.profile == PROFILE or any(one.topic == "/tick" for one in self._channels.values())
+        self.of_run |= self.profile == PROFILE or any(channel.topic == "/tick" for channel in self._channels.values())
 
     def _remark(self, text: str) -> None:
         if len(self.remarks) < MOST_REMARKS:
@@ -152,8 +152,8 @@ class McapScanner:
                 elif opcode == Opcode.STATISTICS:
                     break
                 at += HEAD.size + len(body)
-            for one in kinds if opcode == Opcode.STATISTICS else ():
-                self._take(*one)
+            for kind in kinds if opcode == Opcode.STATISTICS else ():
+                self._take(*kind)
         except Damage:
             return
 

@@ -95,7 +95,10 @@ def _weights(log: Log) -> dict[str, bytes]:
 def _write(log: Log, weights: Mapping[str, bytes], until_s: float, stream: Any) -> None:
     writer = CopyingWriter(stream, CHUNK_BYTES, renumber=True)
     writer.start("cell", "cell log to-test")
-    for name, content in {**log.attachments, **{f"{WEIGHTS}{name}.onnx": one for name, one in weights.items()}}.items():
+    for name, content in {
+        **log.attachments,
+        **{f"{WEIGHTS}{name}.onnx": weight for name, weight in weights.items()},
+    }.items():
         writer.attach(name, content)
     writer.note("run", dict(log.metadata))
     end_ns = round(min(until_s, log.ticks[-1].time_s) * 1e9)  # what follows the last whole tick is no part of it

@@ -177,7 +177,7 @@ class Comparison:
     def _ticked(self, path: str, *changes: Sequence[StatusChange]) -> bool:
         """Whether both runs may have ticked a node: it runs, or it changed in this tick."""
         pairs = zip(self._idle, changes, strict=True)
-        return all(path not in idle or any(one.path == path for one in changed) for idle, changed in pairs)
+        return all(path not in idle or any(change.path == path for change in changed) for idle, changed in pairs)
 
     def as_json(self) -> dict[str, object]:
         """Keys of the commands' `--json`."""

@@ -109,7 +109,7 @@ def _seen(comparison: Comparison, changed: Iterable[Change]) -> _Found:
     """What two runs saw; in a replay both see the same."""
     for aspect, words in SEEN_BY.items():
         if (first := comparison.first_by_aspect.get(aspect)) is not None:
-            keys = [str(one) for one in changed if any(word in one.where for word in words)]
+            keys = [str(change) for change in changed if any(word in change.where for word in words)]
             reason = f"; changed: {', '.join(keys)}" if keys else "; no record of what makes it so"
             yield first.tick, 0, f"{_at(first)}: {aspect} is seen otherwise{reason}"
 
@@ -151,7 +151,9 @@ def turn_text(turn: Turn) -> str:
     named = [f"{name} {was.given[name]:.6g} -> {now.given.get(name, math.nan):.6g}" for name in turn.changed]
     reason = f"changed: {', '.join(named)}" if named else "no parameter of it was changed"
     place = f" ({now.source})" if now.source else ""
-    sides = (f"{one}{f', since tick {at}' * (at < turn.tick)}" for one, at in zip((was, now), turn.noted, strict=True))
+    sides = (
+        f"{cause}{f', since tick {at}' * (at < turn.tick)}" for cause, at in zip((was, now), turn.noted, strict=True)
+    )
     return f"tick {turn.tick}, {turn.time_s:.2f} s: {NUMBER.sub('', now.by)}{place}, {' -> '.join(sides)}; {reason}"
 
 
@@ -218,8 +220,8 @@ def replay_row(path: str, changes: Changes) -> dict[str, Any]:
         return {**row, "error": str(error)}
     row |= {"ticks": comparison.ticks, "differing_ticks": comparison.differing_ticks}
     act = comparison.first_by_aspect.get("command")
-    for name, one in (("first", comparison.first), ("command", act)):
-        at = {"tick": None, "time_s": None, "aspect": None} if one is None else plain(one)
+    for name, difference in (("first", comparison.first), ("command", act)):
+        at = {"tick": None, "time_s": None, "aspect": None} if difference is None else plain(difference)
         row |= {f"{name}_{key}": at[key] for key in ("tick", "time_s", "aspect")}
     node = comparison.command_node if act is not None else (comparison.first.node if comparison.first else "")
     row["node"] = NUMBER.sub("", node) if changes.tree is not None else node

@@ -27,12 +27,12 @@ def partners(was: Tree, now: Tree) -> dict[str, str]:
 
 def renamed(changes: Sequence[StatusChange], names: Names) -> tuple[StatusChange, ...]:
     """Changes of a changed tree with the paths of the tree before."""
-    return tuple(replace(one, path=names[one.path]) if one.path in names else one for one in changes)
+    return tuple(replace(change, path=names[change.path]) if change.path in names else change for change in changes)
 
 
 def caused_by(causes: Sequence[Cause], names: Names) -> list[Cause]:
     """Comparisons of a changed tree with the paths of the tree before."""
-    return [replace(one, by=names.get(one.by, one.by)) for one in causes]
+    return [replace(cause, by=names.get(cause.by, cause.by)) for cause in causes]
 
 
 def _placed(tree: Tree) -> list[Placed]:

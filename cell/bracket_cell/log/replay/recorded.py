@@ -91,12 +91,14 @@ class RecordedArm(_Recorded):
     def samples(self) -> JointSamples | None:
         """What was measured since the last call, as far as it was logged."""
         count = bisect_right(self._samples, round(self._now_s() * 1e9), key=lambda message: message.time_ns)
-        found, self._samples = [decode(one.data) for one in self._samples[:count]], self._samples[count:]
+        found, self._samples = [decode(sample.data) for sample in self._samples[:count]], self._samples[count:]
         if not found:
             return None
-        times_s = np.concatenate([one.times_s for one in found]) + self._later_s
+        times_s = np.concatenate([joint_samples.times_s for joint_samples in found]) + self._later_s
         names = ("positions_rad", "velocities_rad_s", "efforts_nm")
-        return JointSamples(times_s, *(np.concatenate([getattr(one, name) for one in found]) for name in names))
+        return JointSamples(
+            times_s, *(np.concatenate([getattr(joint_samples, name) for joint_samples in found]) for name in names)
+        )
 
 
 class RecordedGripper(_Recorded):

@@ -200,7 +200,7 @@ class Replay:
                 found = comparison.add(differences(tick.number, tick.time_s, logged(tick), now, self._memory))
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
-                if self.changes.perception is not None and any(one.aspect == "command" for one in found):
+                if self.changes.perception is not None and any(difference.aspect == "command" for difference in found):
                     break  # the bench would have gone another way from here on
             if (now.status in ENDS or tick.status in ENDS) and not self._stops_next(place):
                 break

@@ -58,7 +58,10 @@ def shots(log: IndexedLog, moments: Moments, reason: str) -> list[Shot]:
     last = next(log.messages(topics=(overhead,), reverse=True), None)
     if first is None or last is None:
         return []
-    chosen = [(log.newest(CAMERA + one.camera, one.time_s), one.caption, one.boxes_px) for one in moments.chosen()]
+    chosen = [
+        (log.newest(CAMERA + moment.camera, moment.time_s), moment.caption, moment.boxes_px)
+        for moment in moments.chosen()
+    ]
     chosen = [(first, "begin", ()), *chosen, (last, f"end: {reason}", ())]
     return [_shot(log.paths[0], message, caption, boxes) for message, caption, boxes in chosen if message is not None]
 

@@ -18,7 +18,7 @@ SAME_STATE_S = 0.5  # placements that were read off the holes within this time h
 
 def finished_bracket(log: Log, product: Product) -> tuple[str, ...] | None:
     """The part at every position at the end of a run, whether the product lists such a goal or not, or None."""
-    final = {one.position: one.part for one in _lasting(placements(log))}
+    final = {placed.position: placed.part for placed in _lasting(placements(log))}
     found = tuple(final[position] for position in product.positions if position in final)
     return found if len(found) == len(product.positions) else None
 
@@ -44,7 +44,7 @@ def demonstration_of(log: Log, product: Product) -> Taken:
     lasting = _lasting(placements(log))
     if not lasting:
         return Taken(None, why_not="nothing was placed")
-    final = {one.position: one.part for one in lasting}
+    final = {placed.position: placed.part for placed in lasting}
     goal = product.goal_of(final) or ""
     known_by: Literal["all holes", "belief"] = "all holes"
     if not goal:
@@ -58,12 +58,12 @@ def demonstration_of(log: Log, product: Product) -> Taken:
         goal=goal,
         placements=tuple(
             PlacementRecord(
-                part=one.part,
-                position=one.position,
-                time_s=round(one.time_s - begin_s, 3),
-                by="robot" if one.source == "robot" else "person",
+                part=placed.part,
+                position=placed.position,
+                time_s=round(placed.time_s - begin_s, 3),
+                by="robot" if placed.source == "robot" else "person",
             )
-            for one in lasting
+            for placed in lasting
         ),
         unordered_n=_unordered(lasting),
         source=whole_path(log.path).name,
@@ -88,8 +88,8 @@ def _unordered(lasting: list[Placed]) -> int:
     """How many of the first were read off the holes together: they were there before anybody looked."""
     first = lasting[0]
     together = [
-        one
-        for one in lasting
-        if one.source == first.source == "seen hole" and one.time_s - first.time_s <= SAME_STATE_S
+        placed
+        for placed in lasting
+        if placed.source == first.source == "seen hole" and placed.time_s - first.time_s <= SAME_STATE_S
     ]
     return len(together) if 1 < len(together) < len(lasting) else 0

@@ -33,8 +33,12 @@ def write_replay(
     """
     leading = comparison.leading
     frames = Frames(log).newest(leading.time_s) if leading is not None else []
-    before = [one for one in following if leading is not None and one.tick <= leading.tick and one is not leading]
-    after = [one for one in following if leading is not None and one.tick > leading.tick]
+    before = [
+        difference
+        for difference in following
+        if leading is not None and difference.tick <= leading.tick and difference is not leading
+    ]
+    after = [difference for difference in following if leading is not None and difference.tick > leading.tick]
     page = rendered(
         TEMPLATE,
         log=log.path.name,
@@ -45,8 +49,8 @@ def write_replay(
         leading=leading,
         words=[] if leading is None else difference_lines(leading)[1:],
         frames=frames,
-        before=[line for one in before for line in difference_lines(one)],
-        after=[line for one in after[:MOST] for line in difference_lines(one)],
+        before=[line for difference in before for line in difference_lines(difference)],
+        after=[line for difference in after[:MOST] for line in difference_lines(difference)],
         left_out=max(0, len(after) - MOST),
     )
     return write_page(page, path)

@@ -88,14 +88,14 @@ def rule_lines(judged: Sequence[Judged]) -> list[str]:
 
     A log in which a rule was unknown in some tick, and never broken, does not count as kept.
     """
-    lines = [f"{one.log}: {violation}" for one in judged for violation in one.violations]
-    lines += [f"{one.log}: {one.lacks}" for one in judged if one.lacks]
+    lines = [f"{picture.log}: {violation}" for picture in judged for violation in picture.violations]
+    lines += [f"{picture.log}: {picture.lacks}" for picture in judged if picture.lacks]
     rows: list[tuple[str, ...]] = [("rule", *OUTCOMES)]
     for name in judged[0].rules if judged else ():
-        ticks = [one.rules[name] for one in judged]
-        logs = [sum(not broken and not unknown for _, broken, unknown in ticks), sum(bool(one[1]) for one in ticks)]
+        ticks = [picture.rules[name] for picture in judged]
+        logs = [sum(not broken and not unknown for _, broken, unknown in ticks), sum(bool(tick[1]) for tick in ticks)]
         counts = (*logs, len(ticks) - sum(logs))
-        rows.append((name, *(f"{logs} ({sum(one[n] for one in ticks)})" for n, logs in enumerate(counts))))
+        rows.append((name, *(f"{logs} ({sum(tick[n] for tick in ticks)})" for n, logs in enumerate(counts))))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     lines.append(f"{len(judged)} logs (ticks):")
     return lines + [

@@ -64,14 +64,14 @@ class Trend:
 
 def trend_of(brackets: Sequence[BracketRow]) -> Trend | None:
     """None where too few brackets ended."""
-    ended = [one for one in brackets if one.finished is not None]
+    ended = [bracket for bracket in brackets if bracket.finished is not None]
     if len(ended) < FEWEST:
         return None
-    longest_s = max(one.length_s for one in ended)
+    longest_s = max(row.length_s for row in ended)
     step, unit = WIDTH / len(ended), HEIGHT / max(longest_s, 1e-9)
     bars = [
-        Bar(one, round(i * step, 1), round(step * (1 - GAP), 1), round(one.length_s * unit, 1), _waiting(one, unit))
-        for i, one in enumerate(ended)
+        Bar(row, round(i * step, 1), round(step * (1 - GAP), 1), round(row.length_s * unit, 1), _waiting(row, unit))
+        for i, row in enumerate(ended)
     ]
     size = max(SMALLEST_STRETCH, -(-len(ended) // MOST_STRETCHES))
     return Trend(bars, longest_s, [_stretch(ended[i : i + size]) for i in range(0, len(ended), size)])
@@ -82,14 +82,14 @@ def _waiting(one: BracketRow, unit: float) -> float:
 
 
 def _stretch(some: Sequence[BracketRow]) -> Stretch:
-    known = [one.correct for one in some if one.correct is not None]
+    known = [row.correct for row in some if row.correct is not None]
     return Stretch(
         some[0].number,
         some[-1].number,
-        took_s=mean(one.length_s for one in some),
-        waited_s=mean(one.waited_s for one in some),
-        by_robot=mean(one.robot for one in some),
-        questions=mean(len(one.questions) for one in some),
+        took_s=mean(row.length_s for row in some),
+        waited_s=mean(row.waited_s for row in some),
+        by_robot=mean(row.robot for row in some),
+        questions=mean(len(row.questions) for row in some),
         right=mean(known) if known else None,
     )
 

@@ -266,7 +266,7 @@ def overruns(log: Log) -> list[Overrun]:
         for tick in log.ticks
         if tick.overrun
     ]
-    return sorted(found, key=lambda one: -one.wall_ms)
+    return sorted(found, key=lambda overrun: -overrun.wall_ms)
 
 
 def _short(path: str) -> str:

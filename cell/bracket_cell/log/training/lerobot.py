@@ -141,7 +141,9 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
                 "dataset_from_index": first,
                 "dataset_to_index": first + count,
                 **{f"data/{name}": value for name, value in place.items()},
-                **{f"videos/{_video(one)}/{name}": value for one in episode.pixels for name, value in video.items()},
+                **{
+                    f"videos/{_video(pixel)}/{name}": value for pixel in episode.pixels for name, value in video.items()
+                },
                 **{f"meta/episodes/{name}": 0 for name in place},
                 **_of_episode(episode, rate_hz),
             }
@@ -248,7 +250,7 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     for camera in episodes[0].pixels:
         pixels = [rows for episode in episodes for rows in episode.pixels[camera]]
         spread = _spread(np.concatenate(pixels))
-        image = {name: [[[one]] for one in values] for name, values in spread.items() if name != "count"}
+        image = {name: [[[value]] for value in values] for name, values in spread.items() if name != "count"}
         told[_video(camera)] = {**image, "count": [len(pixels)]}
     return told
 

@@ -338,7 +338,7 @@ class ModbusWire:
         registers = self._answered(lambda: ask(STATUS_REGISTER, count=REGISTERS, device_id=self._node_id)).registers
         if len(registers) != REGISTERS:
             raise TimeoutError(f"{len(registers)} registers in place of {REGISTERS}")
-        return b"".join(one.to_bytes(2, "big") for one in registers)
+        return b"".join(register.to_bytes(2, "big") for register in registers)
 
     def write(self, command: bytes) -> None:
         """As in `Wire`, likewise."""

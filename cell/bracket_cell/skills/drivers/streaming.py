@@ -223,14 +223,14 @@ class StreamingArm(ABC):
 
     def samples(self) -> JointSamples | None:
         """Every sample since the last call; moments are what the controller reckons."""
-        taken = [one for one in self._receiver.taken() if one.time_s > self._last_s]
+        taken = [sample for sample in self._receiver.taken() if sample.time_s > self._last_s]
         if not taken:
             return None
         self._last_s = taken[-1].time_s
         columns = (
-            [getattr(one, name) for one in taken] for name in ("positions_rad", "velocities_rad_s", "moments_nm")
+            [getattr(sample, name) for sample in taken] for name in ("positions_rad", "velocities_rad_s", "moments_nm")
         )
-        return JointSamples(np.array([one.time_s for one in taken]), *map(np.array, columns))
+        return JointSamples(np.array([sample.time_s for sample in taken]), *map(np.array, columns))
 
     def close(self) -> None:
         """The arm stands on its path, its program ends; harmless when repeated."""
@@ -346,14 +346,14 @@ class StreamingArm(ABC):
         if stream is None or not stream.sent:
             return True, self._path_s
         now_s, machine_s = self._clock.now_s(), time.monotonic()
-        times_s = np.array([now_s - (machine_s - one.time_s) / self.slower for one in stream.sent])
+        times_s = np.array([now_s - (machine_s - sent.time_s) / self.slower for sent in stream.sent])
         rates = max(self._receiver.newest.speed_share, 0.05)
         lag_s = self._lag_s / rates
         newest = stream.sent[-1]
         ended = newest.path_s is None
-        places_s = [one.path_s for one in stream.sent if one.path_s is not None]
+        places_s = [sent.path_s for sent in stream.sent if sent.path_s is not None]
         at_s = float(np.interp(sample.time_s - lag_s, times_s[: len(places_s)], places_s)) if places_s else 0.0
-        done_s = next((t for t, one in zip(times_s, stream.sent, strict=True) if not one.moving), np.inf)
+        done_s = next((t for t, sent in zip(times_s, stream.sent, strict=True) if not sent.moving), np.inf)
         settled = float(np.abs(sample.velocities_rad_s).max()) < SETTLED_RAD_S and sample.time_s > done_s + lag_s
         moving = newest.moving or not (settled or sample.time_s > done_s + SETTLES_S)
         if ended and not moving:

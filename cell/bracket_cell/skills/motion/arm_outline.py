@@ -76,9 +76,11 @@ class ArmOutline:
     def __init__(self, checker: CollisionChecker) -> None:
         objects = checker.arm_with_part(OUTLINE.held_radius_m).geometryObjects
         links = [item for item in objects if item.parentJoint > OUTLINE.fixed_joints]
-        self._places = LinkPlaces(checker.model, [one.parentJoint for one in links], [one.placement for one in links])
-        self.names, self.joints = tuple(one.name for one in links), checker.model.nq
-        self._shapes = [one.geometry for one in links]
+        self._places = LinkPlaces(
+            checker.model, [link.parentJoint for link in links], [link.placement for link in links]
+        )
+        self.names, self.joints = tuple(link.name for link in links), checker.model.nq
+        self._shapes = [link.geometry for link in links]
         self._corners = np.array([box_corners(shape) for shape in self._shapes])
         self._always = np.array([name != HELD for name in self.names])
 

@@ -199,7 +199,7 @@ class LinkPlaces:
         self._moves = [_move(model, number) for number in range(1, model.njoints)]
         self._slides = np.array([slides(model, number) for number in range(1, model.njoints)])
         self._joints = np.array(joints) - 1
-        self._placements = np.array([one.homogeneous for one in placements])
+        self._placements = np.array([placement.homogeneous for placement in placements])
 
     def at(self, joints_rad: Array) -> Array:
         """world_from_body (K, L, 4, 4) of L bodies, from joints (K, n)."""

@@ -209,7 +209,7 @@ def _grips(kind: PartType, surface: Mesh, settings: MotionSettings) -> list[Grip
             continue
         faces = [_between_pads(surface, grip.axis, side, at, tips_m) for side, at in zip((-1, 1), span, strict=True)]
         found.append(GripProposal(grip, span[1] - span[0], tips_m, min(faces)))
-    return sorted(found, key=lambda one: -one.face_m2)
+    return sorted(found, key=lambda proposal: -proposal.face_m2)
 
 
 def _between_pads(surface: Mesh, axis: int, side: int, at_m: float, tips_m: float) -> float:

@@ -147,7 +147,7 @@ class SameWay(FreeWay):
         if isinstance(now, str):
             return now
         shares = np.linspace(0.0, 1.0, 50)
-        before, after = (one.along(shares * one.duration_s) for one in (self.approved, now))
+        before, after = (trajectory.along(shares * trajectory.duration_s) for trajectory in (self.approved, now))
         same = np.abs(before - after).max() <= SAME_RAD
         return now if same else "the way is not the one that was planned; plan again"
 

@@ -76,7 +76,7 @@ def shapes(model: pinocchio.Model, geometry: pinocchio.GeometryModel) -> tuple[S
 
 def obstacle_shapes(bench: Bench) -> tuple[Shape, ...]:
     """The obstacles of a bench, in the world: boxes as they are, all else as convex hulls."""
-    return tuple(_obstacle(one) for one in bench.obstacles)
+    return tuple(_obstacle(obstacle) for obstacle in bench.obstacles)
 
 
 def _obstacle(one: Obstacle) -> Shape:
@@ -97,7 +97,7 @@ def _shape(item: pinocchio.GeometryObject, frame: str) -> Shape:
     hull = item.geometry if isinstance(item.geometry, coal.ConvexBase) else _turned(item.geometry)
     points = np.array([hull.point(number) for number in range(hull.num_points)])
     corners = (hull.polygons(number) for number in range(hull.num_polygons))
-    triangles = np.array([[one[0], one[1], one[2]] for one in corners], np.int64)
+    triangles = np.array([[corner[0], corner[1], corner[2]] for corner in corners], np.int64)
     return Shape(item.name, frame, pose, None, points, triangles)
 
 

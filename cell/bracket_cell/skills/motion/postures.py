@@ -160,7 +160,7 @@ def usual_posture(arm: Kinematics, postures: Postures) -> Array:
             break
         for start in arm.starts_near(spot, CANDIDATES):
             joints = arm.solved(spot, start, QUICK)
-            if joints is None or len(kinds) > KINDS or any(np.abs(joints - one).max() < LIKE_RAD for one in kinds):
+            if joints is None or len(kinds) > KINDS or any(np.abs(joints - kind).max() < LIKE_RAD for kind in kinds):
                 continue
             kinds.append(joints)
             if (score := _score(arm, joints, spots)) > best_score:

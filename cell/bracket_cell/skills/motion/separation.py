@@ -123,7 +123,10 @@ class SeparationMonitor:
             for pose, shape in map(placed, bench.obstacles)
         ]
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
-        bones = (float(np.linalg.norm(one.translation)) for one in list(self._model.jointPlacements)[2:])
+        bones = (
+            float(np.linalg.norm(joint_placement.translation))
+            for joint_placement in list(self._model.jointPlacements)[2:]
+        )
         self.arm_error_m = motion.arrival_tolerance_rad * (sum(bones) + SEPARATION.tool_length_m)
         self._off_m = self.settings.hand_error_m + self.arm_error_m
 
@@ -166,7 +169,7 @@ class SeparationMonitor:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
             found.append(Separation(room_m, 1.0, least_m, self.outline.names[link]))
         share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
-        return replace(min(found, key=lambda one: one.spare_m), share=share, leaving=leaving)
+        return replace(min(found, key=lambda separation: separation.spare_m), share=share, leaving=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, doubt_m: float = 0.0, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.

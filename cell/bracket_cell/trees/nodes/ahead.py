@@ -216,7 +216,7 @@ def remaining(
     likely = [] if plan is None else [goal for goal in product.goals if plan.goal_belief.get(goal, 0.0) >= LIKELY]
     if likely and product.varies:
         left = [product.remaining(goal, placed) for goal in likely]
-        return Counter({part: (max if most else min)(one[part] for one in left) for part in product.parts})
+        return Counter({part: (max if most else min)(counter[part] for counter in left) for part in product.parts})
     left_n = Counter(product.most)
     left_n.subtract(placed.values())
     return left_n

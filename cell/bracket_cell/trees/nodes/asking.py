@@ -131,7 +131,7 @@ class AskOperator(Asks):
         self._asked_s = self.now.observation.time_s
         self._question = self.services.ask("choice" if answers else "text", text, todo=text, answers=answers)
         self.now.show(help_request=text)
-        self.tools.journal.note("help", text=text, answers=[one.value for one in answers])
+        self.tools.journal.note("help", text=text, answers=[answer.value for answer in answers])
         self.feedback_message = Message("asks: {text}", text=text)
 
     def update(self) -> Status:
@@ -178,7 +178,7 @@ class AskWhichGoal(Asks):
         if not (services.now.observation.operator.present or self.unattended.get()):
             self.feedback_message = "nobody to ask"
             return Status.FAILURE
-        if not any(one.kind == "goal" for one in services.now.display.questions):
+        if not any(question.kind == "goal" for question in services.now.display.questions):
             self._ask(plan, state)
         self._asks = True
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING

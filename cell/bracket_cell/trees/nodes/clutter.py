@@ -131,7 +131,7 @@ class DecodeSolution(CellNode):
         if not parts.others or index >= len(parts.detections) or self.services.why_not_graspable(alone, index):
             return ""
         place = parts.seen[index].world_from_part.position_m[:2]
-        near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))
+        near = min(parts.others, key=lambda other: math.dist(other.world_from_part.position_m[:2], place))
         if near.part not in self.tools.product.parts:
             return "something that I do not know lies in the way"
         return Message("the {part} that lies on its side is in the way", part=self.tools.product.title(near.part))

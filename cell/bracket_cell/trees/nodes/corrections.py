@@ -40,15 +40,17 @@ class AwaitMistake(CellNode):
             return Status.RUNNING
         self._began_s = view.time_s if self._began_s is None else self._began_s
         now = mistakes_in(self.services, self.plan.get(), self.state.get())
-        self._since_s = {one: self._since_s.get(one, view.holes[one.position].seen_s) for one in now}
-        settled = [one for one in now if self.compare(self._stood_s(one), ">=", self.settle_s, one.position)]
+        self._since_s = {mistake: self._since_s.get(mistake, view.holes[mistake.position].seen_s) for mistake in now}
+        settled = [
+            mistake for mistake in now if self.compare(self._stood_s(mistake), ">=", self.settle_s, mistake.position)
+        ]
         settled += self._hidden()
         for kind in KINDS:
-            if told := tuple(one for one in settled if one.kind == kind):
+            if told := tuple(mistake for mistake in settled if mistake.kind == kind):
                 self.mistakes.set(told)
                 self.feedback_message = reason_of(self.tools.product, told)
                 return Status.SUCCESS
-        self.feedback_message = f"watches {' '.join(one.position for one in now)}" if now else ""
+        self.feedback_message = f"watches {' '.join(mistake.position for mistake in now)}" if now else ""
         return Status.RUNNING
 
     def _stood_s(self, mistake: Mistake) -> float:
@@ -161,7 +163,7 @@ class AskToMend(Asks):
         if (named := self._named(answer)) is not None:
             keep(
                 self,
-                tuple(one for one in self._asked if one is not named),
+                tuple(mistake for mistake in self._asked if mistake is not named),
                 Message("a person says that {answer} is wrong", answer=answer),
             )
             self.terminate(Status.RUNNING)
@@ -181,10 +183,13 @@ class AskToMend(Asks):
         reason, todo = reason_of(services.tools.product, mistakes), todo_of(mistakes)
         answers = [Answer(HELP_GIVEN, "done, look again")]
         if mistakes[0].kind == "surplus" and len(mistakes) > 1:
-            answers += [Answer(one.position, Message("{position} is wrong", position=one.position)) for one in mistakes]
+            answers += [
+                Answer(mistake.position, Message("{position} is wrong", position=mistake.position))
+                for mistake in mistakes
+            ]
         if mistakes[0].kind != "hidden":
             answers.append(Answer(IS_RIGHT, "it is right so"))
-        positions = tuple(one.position for one in mistakes)
+        positions = tuple(mistake.position for mistake in mistakes)
         self._question = services.ask(
             "mend", reason, tried=tried, todo=todo, positions=positions, answers=tuple(answers)
         )
@@ -200,7 +205,7 @@ class AskToMend(Asks):
 
     def _named(self, answer: str | None) -> Mistake | None:
         """The one of several that a person says is wrong."""
-        return next((one for one in self._asked if one.position == answer), None)
+        return next((mistake for mistake in self._asked if mistake.position == answer), None)
 
     def _in_vain(self) -> Status:
         self._before = self._standing(self._asked)
@@ -212,10 +217,13 @@ class AskToMend(Asks):
         holes = view.holes if view else {}
         now = mistakes_in(self.services, self.plan.get(), self.state.get())
         return tuple(
-            one
-            for one in mistakes
-            if one in now
-            or (one.kind == "hidden" and (one.position not in holes or holes[one.position].seen_s < self._asked_s))
+            mistake
+            for mistake in mistakes
+            if mistake in now
+            or (
+                mistake.kind == "hidden"
+                and (mistake.position not in holes or holes[mistake.position].seen_s < self._asked_s)
+            )
         )
 
 
@@ -255,7 +263,7 @@ class BracketIsRight(CellNode):
 
 def keep(node: AskToMend | LeaveMistake, mistakes: Mistakes, why: str, known_wrong: bool = False) -> None:
     """Take it as it is from now on, in this bracket."""
-    holes = {one.position: one.part for one in mistakes}
+    holes = {mistake.position: mistake.part for mistake in mistakes}
     state = node.state.get()
     known_wrong = known_wrong and mistakes[0].kind != "hidden"  # what cannot be read is not known
     wrong = {**state.known_wrong, **holes} if known_wrong else state.known_wrong

@@ -39,7 +39,7 @@ class NoteFastenings(CellNode):
         if goal is None and product.varies:
             goal = self.tools.infer(state, self.now.observation.operator.job).goal
         filled = product.accepted(goal) if goal in product.goals else product.positions
-        at = {name: [slot for slot in one.at if slot in filled] for name, one in product.fastenings.items()}
+        at = {name: [slot for slot in fastening.at if slot in filled] for name, fastening in product.fastenings.items()}
         standing = [name for name in state.fastened if all(slot in state.placed for slot in at[name])]
         due = product.unfastened(filled, {*state.placed, *standing})
         self._worked_at = frozenset((name, slot) for name, slot in {*self._worked_at, *self._seen(due)} if name in due)

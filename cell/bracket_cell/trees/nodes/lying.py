@@ -47,17 +47,21 @@ class FindLying(CellNode):
             raise NodeError(f"part number {near} is not among the {len(view.seen)} seen parts")
         there = None if near is None else _place(view.seen[near])
         found = []
-        for number, one in enumerate(view.seen):
-            away_m = 0.0 if there is None else math.dist(_place(one), there)
-            vain = self.memory.tried_in_vain(one)
+        for number, detection in enumerate(view.seen):
+            away_m = 0.0 if there is None else math.dist(_place(detection), there)
+            vain = self.memory.tried_in_vain(detection)
             wanted = (
-                one.lies is not None
-                and part in ("", one.part)
+                detection.lies is not None
+                and part in ("", detection.part)
                 and self.compare(away_m, "<=", self.within_m, str(number))
             )
-            wanted = wanted and not view.on_top(number) and (not self.on_others.get() or raised(self.tools.motion, one))
-            if wanted and self.after.get() <= vain < self.tries.get() and not self._turned_in_vain(one):
-                found.append((vain, away_m, -one.confidence, number))
+            wanted = (
+                wanted
+                and not view.on_top(number)
+                and (not self.on_others.get() or raised(self.tools.motion, detection))
+            )
+            if wanted and self.after.get() <= vain < self.tries.get() and not self._turned_in_vain(detection):
+                found.append((vain, away_m, -detection.confidence, number))
         if not found:
             self.feedback_message = f"no {part or 'part'} lies {'near it' if there else 'there'} that could be taken"
             return Status.FAILURE

@@ -74,21 +74,21 @@ def _judged(
 
 def reason_of(product: Product, mistakes: Mistakes) -> str:
     """What is wrong, for people."""
-    kind, names = mistakes[0].kind, _listed([one.position for one in mistakes])
+    kind, names = mistakes[0].kind, _listed([mistake.position for mistake in mistakes])
     if kind == "wrong":
         return listed(
             [
                 Message(
                     "{position} holds the {part}, where this bracket needs the {wanted}",
-                    position=one.position,
-                    part=product.title(one.part or ""),
-                    wanted=product.title(one.wanted or ""),
+                    position=mistake.position,
+                    part=product.title(mistake.part or ""),
+                    wanted=product.title(mistake.wanted or ""),
                 )
-                for one in mistakes
+                for mistake in mistakes
             ]
         )
     if kind == "surplus":
-        there = Counter(one.part or "" for one in mistakes)
+        there = Counter(mistake.part or "" for mistake in mistakes)
         takes = {part: product.most[part] for part in there}
         return listed(
             [
@@ -96,7 +96,7 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
                 if there[part] == 1 and takes[part]
                 else Message(
                     "{names} hold the {part}, and a bracket takes {takes} of them",
-                    names=_listed([one.position for one in mistakes if one.part == part]),
+                    names=_listed([mistake.position for mistake in mistakes if mistake.part == part]),
                     part=product.title(part),
                     takes=takes[part] or "none",
                 )

@@ -65,11 +65,13 @@ class Pick(_AtSpot):
 
         services, name, wanted = self.services, self.source.get(), self.wanted.get_or("")
         there = services.at_place(name)
-        numbers = [number for number, one in enumerate(there) if one is not None and wanted in ("", one.part)]
+        numbers = [
+            number for number, detection in enumerate(there) if detection is not None and wanted in ("", detection.part)
+        ]
         nothing = Message("no {part} at {place}", part=wanted or "part", place=name)
         target = there[self._chosen(name, numbers, nothing)]
         assert target is not None
-        others = tuple(one for one in services.memory.standing if one is not target)
+        others = tuple(detection for detection in services.memory.standing if detection is not target)
         if not services.now.observation.gripper.holding:
             services.memory.held_part, services.memory.held_lying = target.part, False
         self.part.set(Part(target.part))
@@ -116,7 +118,11 @@ class BuiltBeside(CellNode):
             self.feedback_message = Message("no {part} is built", part=part)
             return FAILURE
         self.feedback_message = place = services.tools.product.parts[part].built_at
-        [number, *_] = (n for n, one in enumerate(services.at_place(place)) if one is not None and one.part == part)
+        [number, *_] = (
+            n
+            for n, detection in enumerate(services.at_place(place))
+            if detection is not None and detection.part == part
+        )
         self.place.set(Location(place))
         self.spot.set(FramedPose(place, Pose((*services.tools.bench.places[place].spots_m[number], 0.0))))
         return SUCCESS
@@ -137,7 +143,7 @@ class Place(_AtSpot):
         place, memory = services.tools.bench.places[name], services.memory
         if not place.takes(part):
             raise NodeError(f"{part} does not belong at {name}, which holds {', '.join(place.holds)}")
-        free = [number for number, one in enumerate(services.at_place(name)) if one is None]
+        free = [number for number, detection in enumerate(services.at_place(name)) if detection is None]
         number = self._chosen(name, free, Message("no free spot at {place}", place=name))
         spot = place.spot(number)
         return put_down.PutDown(services.tools.motion, part, spot, f"{name} {number}", memory.standing, name)
@@ -162,8 +168,8 @@ class CountAt(CellNode):
     def update(self) -> Status:
         name, wanted = self.place.get(), self.wanted.get_or("")
         there = self.services.at_place(name)
-        parts = sum(one is not None and wanted in ("", one.part) for one in there)
-        free = sum(one is None for one in there)
+        parts = sum(detection is not None and wanted in ("", detection.part) for detection in there)
+        free = sum(detection is None for detection in there)
         self.parts.set(parts)
         self.free.set(free)
         self.feedback_message = f"{parts} at {name}, {free} free"

@@ -199,7 +199,7 @@ class Services:
             parts = [*place.filled, *[EMPTY] * (len(place.spots_m) - len(place.filled))]
             if place.known_by == "felt":
                 parts = [place.holds[0]] * len(parts)
-            there = [None if one == EMPTY else self.standing_at(name, n, one) for n, one in enumerate(parts)]
+            there = [None if part == EMPTY else self.standing_at(name, n, part) for n, part in enumerate(parts)]
             self.memory.places = {**self.memory.places, name: tuple(there)}
         if place.known_by == "seen":
             self._look_at(name)
@@ -209,17 +209,17 @@ class Services:
         """How many of a type stand ready where they are built; 0 of what is no sub-assembly."""
         kind = self.tools.product.parts[part]
         there = self.at_place(kind.built_at) if kind.made_of else ()
-        return sum(one is not None and one.part == part for one in there)
+        return sum(detection is not None and detection.part == part for detection in there)
 
     def _look_at(self, name: str) -> None:
         """Take over what the camera has seen at a place since it was noted what stands there."""
         view, there = self.now.observation.bench, list(self.memory.places[name])
-        for number, one in enumerate(there):
+        for number, detection in enumerate(there):
             seen = None if view is None else view.spots.get(spot_name(name, number))
             if seen is not None and seen.seen_s > self._noted_s.get((name, number), -math.inf):
                 if seen.part is None:
                     there[number] = None
-                elif one is None or one.part != seen.part:
+                elif detection is None or detection.part != seen.part:
                     there[number] = self.standing_at(name, number, seen.part)
         if tuple(there) != self.memory.places[name]:
             self.memory.places = {**self.memory.places, name: tuple(there)}
@@ -279,7 +279,8 @@ class Services:
         """What stands near a part that lies, so that it could be taken if that were away, and can be moved away."""
         place = parts.seen[required].world_from_part.position_m
         near = sorted(
-            (math.dist(one.world_from_part.position_m, place), number) for number, one in enumerate(parts.detections)
+            (math.dist(detection.world_from_part.position_m, place), number)
+            for number, detection in enumerate(parts.detections)
         )
         for _, number in near[:MOST_BESIDE]:
             without = replace(parts, detections=parts.detections[:number] + parts.detections[number + 1 :])

@@ -36,7 +36,7 @@ def scene_of(model: CellModel) -> dict[str, Any]:
         ],
         "bracket": _pose(bench.bracket.pose),
         "hole_radius_m": product.hole_radius_m,
-        "parts": {name: [solid_of(one) for one in part.solids] for name, part in product.parts.items()},
+        "parts": {name: [solid_of(solid) for solid in part.solids] for name, part in product.parts.items()},
     }
 
 

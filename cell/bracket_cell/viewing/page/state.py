@@ -120,7 +120,7 @@ class PageState:
             "alarms": alarms,
             "held": held,
             "asks": self.instructor.asks,
-            "questions": [_question(one) for one in self._display.questions],
+            "questions": [_question(question) for question in self._display.questions],
             "operator": plain(seen.operator),
             "hand": self._hand(seen.bench),
             "belief": {name: _finite(value) for name, value in self._display.goal_belief.items()},
@@ -149,7 +149,11 @@ class PageState:
     def _seen_parts(self, view: PartsView | None) -> list[dict[str, object]]:
         """Parts in the tray as they were seen last."""
         if view is not self._parts[0]:
-            told = [] if view is None else [(one.part, one.lies or one.world_from_part) for one in view.detections]
+            told = (
+                []
+                if view is None
+                else [(detection.part, detection.lies or detection.world_from_part) for detection in view.detections]
+            )
             self._parts = (
                 view,
                 [

@@ -32,7 +32,7 @@ class Catalogue:
         """What is to be shown for a message."""
         if not isinstance(text, Message):
             return self.texts.get(text, text)
-        values = {name: self(one) if isinstance(one, str) else one for name, one in text.values.items()}
+        values = {name: self(value) if isinstance(value, str) else value for name, value in text.values.items()}
         template = self.texts.get(text.id, text.id)
         return template.format(**values) if values else template
 

@@ -50,7 +50,7 @@ def data_of(text: str | None) -> Any:
     """A message as plain data, [id, values], for another program that has a catalogue; other texts as they are."""
     if not isinstance(text, Message) or not text.values:
         return text
-    return [text.id, {name: data_of(one) if isinstance(one, str) else one for name, one in text.values.items()}]
+    return [text.id, {name: data_of(value) if isinstance(value, str) else value for name, value in text.values.items()}]
 
 
 def _made(id: str, values: Mapping[str, Any]) -> Message:

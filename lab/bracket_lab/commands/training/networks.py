@@ -60,16 +60,16 @@ def hands(asked: Training, weights: Path) -> Scores:
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
     configuration, product = asked.cell()
     setup, types = configuration.bench.overhead, tuple(product.parts)
-    own = [one for folder in asked.data or () for one in frames_of(folder, types)]
+    own = [frame for folder in asked.data or () for frame in frames_of(folder, types)]
     validation = 0 if own and not asked.simulated else max(2, int(HAND_VALIDATION * count))
-    logs = apart({one.row.log for one in own}, OWN_SHARE, asked.seed) if own else set()
+    logs = apart({frame.row.log for frame in own}, OWN_SHARE, asked.seed) if own else set()
     folders, unseen = made(asked, weights, "hands", HANDS, count, validation=validation)
-    kept = [one for one in own if one.row.log in logs]
+    kept = [frame for frame in own if frame.row.log in logs]
 
     def score() -> dict[str, float]:
         scorer = Scorer(configuration, product, "hands", "slim", weights)
         drawn = frames_of(unseen) if validation else []
-        measured = [one for one in (*kept, *drawn) if all(hand.points_m for hand in one.row.hands)]
+        measured = [frame for frame in (*kept, *drawn) if all(hand.points_m for hand in frame.row.hands)]
         told = score_readings(SlimReader(setup, types, weights), configuration.bench, measured) if measured else {}
         return told | scorer.scores((kept or drawn)[:MOST_COMPARED])
 
@@ -308,12 +308,12 @@ def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Pa
     if asked.look is not None:
         shares = [Share(asked.look, 1.0, 0, tracker=asked.tracker)]
     if not network_file(model_folder(), "landmark", ON_THE_BENCH).is_file():
-        missing = [one for one in shares if one.tracker == "mediapipe"]
+        missing = [share for share in shares if share.tracker == "mediapipe"]
         if len(missing) == len(shares):
             raise InputError(f"--tracker mediapipe: its networks are not there; fetch them once with: {FETCH}")
         console().print(f"no recordings with MediaPipe's hands: its networks come with: {FETCH}", highlight=False)
-        shares = [one for one in shares if one not in missing]
-    each_s = sum(one.share * _recording_s(one) for one in shares)
+        shares = [share for share in shares if share not in missing]
+    each_s = sum(share.share * _recording_s(share) for share in shares)
     count = max(4, int(_data_share(asked) * budget_s / each_s))
     flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
     return made(

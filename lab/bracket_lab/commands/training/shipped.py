@@ -77,8 +77,8 @@ def train_steps(steps: Sequence[Step], out: Path, config: Path, *, jobs: int, pl
             for number, step in enumerate(steps, 1)
         ]
         try:
-            for one in as_completed(begun):
-                one.result()
+            for future in as_completed(begun):
+                future.result()
         except KeyboardInterrupt:
             say("interrupted; the same command goes on with what is not made yet", highlight=False)
             pool.shutdown(wait=False, cancel_futures=True)

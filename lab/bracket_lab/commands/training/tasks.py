@@ -172,8 +172,8 @@ def _beside_parts(file: Path, kind: str) -> Paths:
 
 
 TASKS = {
-    one.name: one
-    for one in (
+    task.name: task
+    for task in (
         LearnedTask(
             "hands",
             "hand tracker",

@@ -88,15 +88,15 @@ class Training:
             epochs: that the budget allowed.
         """
         words = []
-        for one in fields(self):
-            value = epochs if one.name == "epochs" else getattr(self, one.name)
-            told = one.name == "seed" or value != one.default
-            if one.name in NOT_OF_THE_NETWORK or not told or value in (None, "", (), []):
+        for field in fields(self):
+            value = epochs if field.name == "epochs" else getattr(self, field.name)
+            told = field.name == "seed" or value != field.default
+            if field.name in NOT_OF_THE_NETWORK or not told or value in (None, "", (), []):
                 continue
-            if one.name == "kind" and name in ONE_KIND:
+            if field.name == "kind" and name in ONE_KIND:
                 continue
             for each in value if isinstance(value, list) else [value]:
-                words += [f"--{one.name}", *([] if each is True else [str(each)])]
+                words += [f"--{field.name}", *([] if each is True else [str(each)])]
         return shlex.join(["cell", "lab", "train", name, *words])
 
 

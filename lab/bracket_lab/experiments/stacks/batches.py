@@ -107,14 +107,14 @@ def overlaps(boxes: Array, least: float = 0.05) -> Array:
 
 def answers_of(examples: Sequence[Labelled]) -> Answers:
     """What is right for some views of true boxes."""
-    size, most = len(examples), max(len(one.view.names) for one in examples)
+    size, most = len(examples), max(len(example.view.names) for example in examples)
     relations = np.full((size, most, most), NOTHING)
     above, order = np.zeros((size, most, most), np.float32), np.full((size, most, MOST_ON_TOP), -1)
-    for k, one in enumerate(examples):
-        count, place = len(one.view.names), {each.index: row for row, each in enumerate(one.scene.objects)}
-        relations[k, :count, :count] = np.where(one.children, FATHER, np.where(one.children.T, CHILD, NOTHING))
-        above[k, :count, :count] = one.above
-        for row, each in enumerate(one.scene.objects):
-            taken = [place[index] for index in children_first(one.scene, each.index)][:MOST_ON_TOP]
+    for k, example in enumerate(examples):
+        count, place = len(example.view.names), {each.index: row for row, each in enumerate(example.scene.objects)}
+        relations[k, :count, :count] = np.where(example.children, FATHER, np.where(example.children.T, CHILD, NOTHING))
+        above[k, :count, :count] = example.above
+        for row, each in enumerate(example.scene.objects):
+            taken = [place[index] for index in children_first(example.scene, each.index)][:MOST_ON_TOP]
             order[k, row, : len(taken)] = taken
     return Answers(*(torch.from_numpy(values) for values in (relations, above, order)))

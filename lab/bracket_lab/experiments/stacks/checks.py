@@ -76,7 +76,7 @@ class StackData:
     @property
     def classes(self) -> tuple[str, ...]:
         """VMRD's in their order, where all are of these; else those that there are."""
-        names = {one.name for scene in (*self.trainval, *self.test) for one in scene.objects}
+        names = {item.name for scene in (*self.trainval, *self.test) for item in scene.objects}
         return VMRD_CLASSES if names <= set(VMRD_CLASSES) else tuple(sorted(names))
 
 
@@ -86,15 +86,15 @@ def faults(scene: StackedScene, where: Where, classes: Sequence[str] | None) -> 
     Args:
         classes: that are legal; None where any is.
     """
-    indices = [one.index for one in scene.objects]
-    for place, one in enumerate(scene.objects):
-        if one.index in indices[:place]:
-            yield Problem(where(place, "index"), f"index {one.index} is taken by another object", "indices differ")
-        if classes is not None and one.name not in classes:
+    indices = [item.index for item in scene.objects]
+    for place, item in enumerate(scene.objects):
+        if item.index in indices[:place]:
+            yield Problem(where(place, "index"), f"index {item.index} is taken by another object", "indices differ")
+        if classes is not None and item.name not in classes:
             legal = f"legal: {', '.join(classes)}"
-            yield Problem(where(place, "name"), f"unknown class {one.name!r}", legal)
-        yield from _box_faults(scene, one, where(place, "box"))
-        yield from _link_faults(scene, one, place, where)
+            yield Problem(where(place, "name"), f"unknown class {item.name!r}", legal)
+        yield from _box_faults(scene, item, where(place, "box"))
+        yield from _link_faults(scene, item, place, where)
     yield from _cycle_faults(scene, where)
 
 
@@ -135,13 +135,13 @@ def _link_faults(scene: StackedScene, one: StackedObject, place: int, where: Whe
 
 def _cycle_faults(scene: StackedScene, where: Where) -> Iterator[Problem]:
     """An object must not lie on itself, by way of others."""
-    fathers = {one.index: set(one.fathers) - {one.index} for one in scene.objects}
+    fathers = {item.index: set(item.fathers) - {item.index} for item in scene.objects}
     while free := [index for index, below in fathers.items() if not below & fathers.keys()]:
         for index in free:
             del fathers[index]
     if fathers:
         ring = _ring(fathers)
-        place = next(number for number, one in enumerate(scene.objects) if one.index == ring[0])
+        place = next(number for number, item in enumerate(scene.objects) if item.index == ring[0])
         what = f"objects lie on each other in a ring: {' on '.join(map(str, ring))}"
         yield Problem(where(place, "fathers"), what, "what lies on top is taken first, so there must be a topmost one")
 
@@ -156,7 +156,7 @@ def _ring(fathers: Mapping[int, set[int]]) -> list[int]:
 
 def children_first(scene: StackedScene, wanted: int) -> list[int]:
     """Indices of what must be taken before an object, in an order that works: who lies on top goes first."""
-    above, objects = above_of(scene), {one.index: one for one in scene.objects}
+    above, objects = above_of(scene), {item.index: item for item in scene.objects}
     left, order = set(above[wanted]), list[int]()
     while left:
         free = min((one for one in left if not above[one] & left), key=lambda one: objects[one].box_px)
@@ -167,7 +167,7 @@ def children_first(scene: StackedScene, wanted: int) -> list[int]:
 
 def above_of(scene: StackedScene) -> dict[int, set[int]]:
     """By index all that lies on an object, also by way of others."""
-    above = {one.index: set(one.children) for one in scene.objects}
+    above = {item.index: set(item.children) for item in scene.objects}
     for _ in above:
         above = {index: children.union(*(above[child] for child in children)) for index, children in above.items()}
     return above

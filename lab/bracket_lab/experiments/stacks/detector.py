@@ -154,7 +154,7 @@ def mirrored_boxes(boxes: Array, width_px: int) -> Array:
 
 def boxes_of(scene: StackedScene) -> Array:
     """(n, 4) of a scene."""
-    return np.array([one.box_px for one in scene.objects], dtype=float).reshape(-1, 4)
+    return np.array([item.box_px for item in scene.objects], dtype=float).reshape(-1, 4)
 
 
 def _example(
@@ -163,7 +163,7 @@ def _example(
     boxes = boxes_of(scene)
     if mirrored:
         image, boxes = image[:, ::-1], mirrored_boxes(boxes, image.shape[1])
-    labels = [classes.index(one.name) + 1 for one in scene.objects]
+    labels = [classes.index(item.name) + 1 for item in scene.objects]
     target = {"boxes": torch.from_numpy(boxes).float(), "labels": torch.tensor(labels)}
     return as_input(image), {name: values.to(DEVICE) for name, values in target.items()}
 

@@ -77,7 +77,7 @@ class Study:
 
     @property
     def _heights_known(self) -> bool:
-        return all(one.top_m is not None for scene in self.data.test for one in scene.objects)
+        return all(item.top_m is not None for scene in self.data.test for item in scene.objects)
 
     def __hash__(self) -> int:
         return id(self)
@@ -143,8 +143,8 @@ def _some(count: int, wanted: int, rng: np.random.Generator) -> list[int]:
 def _pictures(study: Study, scenes: tuple[StackedScene, ...], name: str, boxes: Boxes) -> list[Seen]:
     truths = _labelled(study, scenes, f"{name}_true", turn=False)
     if boxes == "true":
-        return [Seen(one, one.view) for one in truths]
-    files, regions = [study.data.images[one.name] for one in scenes], _regions(study)
+        return [Seen(labelled_frame, labelled_frame.view) for labelled_frame in truths]
+    files, regions = [study.data.images[scene.name] for scene in scenes], _regions(study)
     views = kept_views(_file(study, f"{name}_detected.npz"), scenes, files, regions, seen=True, turn=False)
     return [Seen(truth, view) for truth, view in zip(truths, views, strict=True)]
 
@@ -153,11 +153,11 @@ def _pictures(study: Study, scenes: tuple[StackedScene, ...], name: str, boxes: 
 def _turned(study: Study) -> dict[str, Labelled]:
     """The training pictures turned over, by name."""
     turned = _labelled(study, study.data.trainval, "trainval_turned", turn=True)
-    return {one.scene.name: one for one in turned}
+    return {labelled_frame.scene.name: labelled_frame for labelled_frame in turned}
 
 
 def _labelled(study: Study, scenes: tuple[StackedScene, ...], name: str, *, turn: bool) -> list[Labelled]:
-    files = [study.data.images[one.name] for one in scenes]
+    files = [study.data.images[stacked_scene.name] for stacked_scene in scenes]
     views: list[StackView] = kept_views(
         _file(study, f"{name}.npz"), scenes, files, _regions(study), seen=False, turn=turn
     )
@@ -178,7 +178,7 @@ def _regions(study: Study) -> Regions:
     """The trained detector, of this folder where it is there."""
     path, data = _file(study, DETECTOR), study.detector_data
     if not path.exists():
-        images = [data.images[one.name] for one in data.trainval]
+        images = [data.images[scene.name] for scene in data.trainval]
         settings = study.settings.fit_to(len(images))
         checkpoint = Checkpoint(path.with_suffix(".unfinished"), str(path))
         network = train_detector(data.trainval, images, study.seed, settings, checkpoint=checkpoint, quiet=False)

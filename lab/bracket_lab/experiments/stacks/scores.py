@@ -59,7 +59,7 @@ def matched(picture: Seen) -> list[int | None]:
             if name == view.names[found] and shares[one, found] > LEAST_IOU and one not in taken
         ]
         if fits:
-            best = max(fits, key=lambda one: float(shares[one, found]))
+            best = max(fits, key=lambda fit: float(shares[fit, found]))
             match[best] = found
             taken.add(best)
     return match
@@ -124,10 +124,10 @@ def names_what_lies_on(text: str, truth: Labelled, wanted: int) -> bool:
 
 def restricted(pictures: Iterable[Seen], classes: Sequence[str]) -> list[Seen]:
     """The pictures whose objects are all of these classes."""
-    return [one for one in pictures if set(one.truth.view.names) <= set(classes)]
+    return [picture for picture in pictures if set(picture.truth.view.names) <= set(classes)]
 
 
 def of_classes(pictures: Sequence[Seen], classes: Sequence[str]) -> list[Seen]:
     """The pictures that show how hard so many classes are: drawn from just these, where that is told of any."""
-    drawn = [one for one in pictures if one.truth.scene.drawn_from == len(classes)]
+    drawn = [picture for picture in pictures if picture.truth.scene.drawn_from == len(classes)]
     return restricted(drawn or pictures, classes)

@@ -59,20 +59,20 @@ class Labelled:
 
 def labelled(scene: StackedScene, view: StackView) -> Labelled:
     """The view with the scene's answer; the objects of both are in the same order."""
-    place = {one.index: number for number, one in enumerate(scene.objects)}
+    place = {item.index: number for number, item in enumerate(scene.objects)}
     count, above_by_index = len(scene.objects), above_of(scene)
     children, above = np.zeros((2, count, count), dtype=bool)
-    for one in scene.objects:
-        children[place[one.index], [place[child] for child in one.children]] = True
-        above[place[one.index], [place[other] for other in above_by_index[one.index]]] = True
+    for item in scene.objects:
+        children[place[item.index], [place[child] for child in item.children]] = True
+        above[place[item.index], [place[other] for other in above_by_index[item.index]]] = True
     return Labelled(scene, view, children, above)
 
 
 def true_view(scene: StackedScene, image: NDArray[np.uint8], regions: Regions) -> StackView:
     """A view of the boxes that are written."""
-    tops = [one.top_m for one in scene.objects]
+    tops = [item.top_m for item in scene.objects]
     known = np.array(tops, dtype=float) if None not in tops else None
-    return replace(_view(boxes_of(scene), [one.name for one in scene.objects], image, regions), tops_m=known)
+    return replace(_view(boxes_of(scene), [item.name for item in scene.objects], image, regions), tops_m=known)
 
 
 def seen_view(image: NDArray[np.uint8], regions: Regions) -> StackView:
@@ -84,7 +84,7 @@ def seen_view(image: NDArray[np.uint8], regions: Regions) -> StackView:
 def mirrored(scene: StackedScene) -> StackedScene:
     """The scene in the picture turned over."""
     boxes = mirrored_boxes(boxes_of(scene), scene.size_px[0]).tolist()
-    objects = (replace(one, box_px=tuple(box)) for one, box in zip(scene.objects, boxes, strict=True))
+    objects = (replace(item, box_px=tuple(box)) for item, box in zip(scene.objects, boxes, strict=True))
     return replace(scene, objects=tuple(objects), grasps=())
 
 

@@ -28,7 +28,7 @@ _TAGS: dict[Part, str] = {
 
 def write_scene(folder: Path, scene: StackedScene, jpeg: bytes) -> None:
     """Write one picture with its labels; the splits come last, by `write_splits`."""
-    grasps = (" ".join(f"{value:g}" for value in one.corners_px) + f" {one.index}\n" for one in scene.grasps)
+    grasps = (" ".join(f"{value:g}" for value in grasp.corners_px) + f" {grasp.index}\n" for grasp in scene.grasps)
     _put(folder / IMAGES / f"{scene.name}.jpg", jpeg)
     _put(folder / GRASPS / f"{scene.name}.txt", "".join(grasps).encode())
     _put(folder / ANNOTATIONS / f"{scene.name}.xml", _annotation(scene).encode())
@@ -60,7 +60,7 @@ def read_vmrd(folder: Path) -> StackData:
     problems: list[Problem] = []
     scenes = [tuple(_read_scenes(folder, names, file, problems)) for file, names in splits.items()]
     require(problems)
-    images = {one.name: folder / IMAGES / f"{one.name}.jpg" for some in scenes for one in some}
+    images = {scene.name: folder / IMAGES / f"{scene.name}.jpg" for some in scenes for scene in some}
     return StackData(scenes[0], scenes[1], images)
 
 
@@ -72,7 +72,8 @@ def _read_scenes(folder: Path, names: list[str], split: Path, problems: list[Pro
             yield read_scene(folder, name)
         except InputError as error:
             problems += [
-                one if isinstance(one, Problem) else Problem(Place(split, line), one) for one in error.problems
+                problem if isinstance(problem, Problem) else Problem(Place(split, line), problem)
+                for problem in error.problems
             ]
 
 
@@ -104,18 +105,18 @@ def _annotation(scene: StackedScene) -> str:
         f"  <size><width>{width}</width><height>{height}</height><depth>3</depth></size>",
         *drawn,
     ]
-    for one in scene.objects:
-        sides = zip(("xmin", "ymin", "xmax", "ymax"), one.box_px, strict=True)
+    for item in scene.objects:
+        sides = zip(("xmin", "ymin", "xmax", "ymax"), item.box_px, strict=True)
         box = "".join(f"<{side}>{value + 1:g}</{side}>" for side, value in sides)
-        top = [] if one.top_m is None else [f"    <top_m>{one.top_m:g}</top_m>"]
+        top = [] if item.top_m is None else [f"    <top_m>{item.top_m:g}</top_m>"]
         lines += [
             "  <object>",
-            f"    <name>{escape(one.name)}</name>",
+            f"    <name>{escape(item.name)}</name>",
             f"    <bndbox>{box}</bndbox>",
-            f"    <difficult>{int(one.difficult)}</difficult>",
-            f"    <index>{one.index}</index>",
-            f"    <father>{_numbers(one.fathers)}</father>",
-            f"    <children>{_numbers(one.children)}</children>",
+            f"    <difficult>{int(item.difficult)}</difficult>",
+            f"    <index>{item.index}</index>",
+            f"    <father>{_numbers(item.fathers)}</father>",
+            f"    <children>{_numbers(item.children)}</children>",
             *top,
             "  </object>",
         ]
@@ -231,7 +232,7 @@ def _read_grasps(path: Path, objects: tuple[StackedObject, ...]) -> tuple[StackG
     """Rectangles of a file, a line each; a picture without a file has none."""
     if not path.is_file():
         return ()
-    found, known = [], {one.index for one in objects}
+    found, known = [], {item.index for item in objects}
     for line, text in enumerate(read_text(path).splitlines(), 1):
         words = text.split()
         if not words:

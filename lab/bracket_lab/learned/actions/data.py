@@ -242,7 +242,9 @@ def _row(folder: Path, row: SegmentRow, label: TrueAction, classes: Classes) -> 
         guarded=row.guarded,
         files=(hand, hole),
         frames=tuple(folder / name for name in row.frames),
-        track_m=np.array([UNKNOWN_HAND if one is None else _told(one) for one in [before, *row.hands]], float),
+        track_m=np.array(
+            [UNKNOWN_HAND if sample_row is None else _told(sample_row) for sample_row in [before, *row.hands]], float
+        ),
         before_s=math.inf if before is None else row.begin_s - before.time_s,
     )
 

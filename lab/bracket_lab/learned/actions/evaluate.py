@@ -72,7 +72,7 @@ def times_s(network: Network, segments: Segments, reader: SegmentReader) -> list
 def _shuffled(values: NDArray[Any], name: str, rng: np.random.Generator) -> NDArray[Any]:
     """Each segment's frames in another order."""
     axis = TIME_AXIS[name]
-    return np.stack([rng.permutation(one, axis=axis - 1) for one in values])
+    return np.stack([rng.permutation(value, axis=axis - 1) for value in values])
 
 
 def class_scores(segments: Segments, posterior: Floats, classes: Classes) -> dict[str, float]:

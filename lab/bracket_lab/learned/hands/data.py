@@ -132,13 +132,18 @@ def load_hands(
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
-    rows = [one for folder in folders for one in frames_of(folder, types) if one.row.log not in apart]
+    rows = [
+        labelled_frame
+        for folder in folders
+        for labelled_frame in frames_of(folder, types)
+        if labelled_frame.row.log not in apart
+    ]
     small, patches = _room(rows)
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
     samples: list[_Sample] = []
     lengths_m: list[float] = []
-    for frame, (row, file) in enumerate((one.row, one.file) for one in rows):
+    for frame, (row, file) in enumerate((labelled_frame.row, labelled_frame.file) for labelled_frame in rows):
         image = _taken_by(setup, file)
         small[frame] = regions.small(image)
         hands, doubtful = _hands_of(row, setup)
@@ -148,7 +153,7 @@ def load_hands(
         for centre, hand in [*hands, *((place, None) for place in _none(regions, row, rng))]:
             patches[len(samples)] = regions.cut(image, centre, PATCH_PX)
             samples.append(_sample(regions, view, frame, centre, hand, types))
-    columns = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
+    columns = {name: np.stack([getattr(sample, name) for sample in samples]) for name in _Sample._fields}
     return HandData(
         small=small,
         patches=patches[: len(samples)],
@@ -166,7 +171,7 @@ def _room(rows: Sequence[LabelledFrame]) -> tuple[NDArray[np.uint8], NDArray[np.
 
     They are gigabytes: to collect patches in a list first takes twice as much.
     """
-    (width, height), most = FINDER_PX, sum(len(one.row.hands) + _most_empty(one.row) for one in rows)
+    (width, height), most = FINDER_PX, sum(len(row.row.hands) + _most_empty(row.row) for row in rows)
     return np.empty((len(rows), height, width, 3), np.uint8), np.empty((most, PATCH_PX, PATCH_PX, 3), np.uint8)
 
 

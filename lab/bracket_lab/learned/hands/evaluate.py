@@ -28,11 +28,11 @@ def score_readings(reader: HandReader, bench: Bench, frames: Iterable[LabelledFr
         frames: in which it is known where each hand is in space.
     """
     scored, times_s = _Scored(bench), list[float]()
-    for row, file in ((one.row, one.file) for one in frames):
+    for row, file in ((frame.row, frame.file) for frame in frames):
         image, began_s = read_image(file), time.process_time()
         read = reader.read(image, ())
         times_s.append(time.process_time() - began_s)
-        readings = [one for one in read if one.confidence >= SURE]
+        readings = [reading for reading in read if reading.confidence >= SURE]
         true = sum(scored.add(hand, readings) for hand in row.hands)
         scored.counter.measure("imagined_per_frame", len(readings) - true)
     return scored.counter.scores() | scored.errors() | latencies(times_s)
@@ -53,7 +53,7 @@ class _Scored:
         points = {name: np.array(px) for name, px in hand.points_px.items()}
         heights = {name: point[2] for name, point in hand.points_m.items()}
         there = {name: view.on_plane(px[np.newaxis], heights[name])[0] for name, px in points.items()}
-        nearest = _nearest([_xy(view, one, "palm") for one in readings], there["palm"])
+        nearest = _nearest([_xy(view, ing, "palm") for ing in readings], there["palm"])
         if self._must_be_found(hand.visible, np.array([points["palm"], points["pinch"]])):
             self.counter.add("found" if hand.acting else "second_found", nearest is not None)
             if nearest is not None:

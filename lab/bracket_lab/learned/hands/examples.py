@@ -32,7 +32,7 @@ def finder_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     turns, mirrored_all = drawn_turns(len(rows), rng), rng.random() < 0.5
     small = planes(turned_images(data.small[rows], turns))
     image, _ = varied(torch.from_numpy(small), rng, FINDER_NOISE)
-    score, offset, weight = (torch.from_numpy(one) for one in finder_targets(data, rows, turns))
+    score, offset, weight = (torch.from_numpy(finder_target) for finder_target in finder_targets(data, rows, turns))
     batch = {"image": image, "score": score, "offset": offset, "weight": weight}
     if mirrored_all:
         batch = {name: one.flip(-1) for name, one in batch.items()}
@@ -58,16 +58,16 @@ def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tup
         chosen = np.flatnonzero(np.isin(hands[:, 0], rows))
         seen = turned_points(hands[chosen, 1:] - 0.5, turns[places[chosen]], small_px) + 0.5
         inside = (np.minimum(seen, 1 - seen) * size_px).min(axis=1) >= EDGE_PX
-        for one, (x, y), shown in zip(places[chosen], seen, inside, strict=True):
+        for place, (x, y), shown in zip(places[chosen], seen, inside, strict=True):
             away = (column - x * columns) ** 2 + (line - y * lines) ** 2
             if not (sure and shown):
-                weight[one, 0][away < 4] = 0
+                weight[place, 0][away < 4] = 0
                 continue
             cell = min(lines - 1, int(y * lines)), min(columns - 1, int(x * columns))
-            score[one, 0] = np.maximum(score[one, 0], np.exp(-away / 1.5))
-            score[one, 0][cell] = 1.0
-            weight[one, 0][away < 4] = 1
-            offset[(one, slice(None), *cell)] = x * columns - cell[1], y * lines - cell[0]
+            score[place, 0] = np.maximum(score[place, 0], np.exp(-away / 1.5))
+            score[place, 0][cell] = 1.0
+            weight[place, 0][away < 4] = 1
+            offset[(place, slice(None), *cell)] = x * columns - cell[1], y * lines - cell[0]
     return score, offset, weight
 
 
@@ -97,7 +97,7 @@ def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
         "held": data.held[rows],
         "place": np.array(places, np.float32),
     }
-    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
     batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE, shades=False)
     batch["region"], mixed = varied(batch["region"], rng, shades=False)
     batch["paint"] = mixed < MIXED

@@ -303,5 +303,5 @@ def _answers(
 
 def _temperature(logits: Tensor, truth: Tensor) -> float:
     """The one under which the truth is likeliest."""
-    losses = [float(nn.functional.cross_entropy(logits / float(one), truth)) for one in TEMPERATURES]
+    losses = [float(nn.functional.cross_entropy(logits / float(temperature), truth)) for temperature in TEMPERATURES]
     return float(TEMPERATURES[int(np.argmin(losses))])

@@ -120,7 +120,7 @@ def judge(scene: Scene, answers: Sequence[PartDetection], product: Product, find
     """Compare the answers about one scene with its labels."""
     for name in (*product.parts, UNKNOWN):
         labels = [label for label in scene.labels if label.part == name]
-        own = sorted((one for one in answers if one.part == name), key=lambda one: -one.confidence)
+        own = sorted((answer for answer in answers if answer.part == name), key=lambda answer: -answer.confidence)
         counted = [label for label in labels if label.shown >= LEAST_SHOWN]
         findings.things[name] = findings.things.get(name, 0) + len(counted)
         for level, least in enumerate(IOU):
@@ -129,7 +129,7 @@ def judge(scene: Scene, answers: Sequence[PartDetection], product: Product, find
         return  # of a person's own pictures boxes are known, and no poses
     for name, kind in product.parts.items():
         _poses([one for one in scene.labels if one.part == name and one.upright and one.shown >= LEAST_SHOWN],
-               [one for one in answers if one.part == name and one.upright],
+               [answer for answer in answers if answer.part == name and answer.upright],
                kind.alike_after_half_turn, findings)  # fmt: skip
 
 

@@ -108,7 +108,7 @@ def train_stacked(
 ) -> dict[str, float]:
     """Train the network and write it to `out`; interrupted, the same call goes on there."""
     things = things_seen(scenes, product, floor_m, centre)
-    on_top, carrying = sum(one.on_top for one in things), sum(one.carrying for one in things)
+    on_top, carrying = sum(thing.on_top for thing in things), sum(thing.carrying for thing in things)
     facts = {"things seen": float(len(things)), "on top": float(on_top), "carrying": float(carrying)}
     torch.manual_seed(seed)
     rng = np.random.default_rng([seed, 4])
@@ -118,7 +118,7 @@ def train_stacked(
     alike = torch.tensor([kind.alike_after_half_turn for kind in product.parts.values()])
 
     def loss(some: list[Thing]) -> Tensor:
-        return _loss(network, [stack_sample(one, product, settings, rng) for one in some], alike)
+        return _loss(network, [stack_sample(thing, product, settings, rng) for thing in some], alike)
 
     task = Task(out=out, seed=seed, command=command, quiet=quiet)
     recipe = Recipe(
@@ -130,7 +130,7 @@ def train_stacked(
         **on_examples(things, loss, settings, rng),
     )
     recipe.fit(task)
-    shown = [stack_sample(one, product, settings, rng).crop for one in things[:: max(1, len(things) // SHOWN)]]
+    shown = [stack_sample(thing, product, settings, rng).crop for thing in things[:: max(1, len(things) // SHOWN)]]
     samples: list[Inputs] = [{"crops": np.stack(shown[:count])} for count in (2, 1, 5)]
     met_with: list[Inputs] = [{"crops": one[np.newaxis]} for one in shown]
     outputs = ("lies", "stacked")
@@ -188,15 +188,18 @@ def _supposed(peak: Peak, scene: Scene, floor_m: float, types: int) -> tuple[Arr
 def _loss(network: StackNet, samples: Sequence[Sample], alike: Tensor) -> Tensor:
     """L1 of the pose, where there is one: of a part that is alike after half a turn, to the nearer of both."""
     with short_numbers():
-        seen = network.seen(torch.from_numpy(np.stack([one.crop for one in samples])))
+        seen = network.seen(torch.from_numpy(np.stack([sample.crop for sample in samples])))
     lies, stacked = network.tell(seen.float())
-    kinds = torch.tensor([one.kind for one in samples])
-    said, truth = lies[torch.arange(len(kinds)), kinds], torch.from_numpy(np.stack([one.wanted for one in samples]))
+    kinds = torch.tensor([sample.kind for sample in samples])
+    said, truth = (
+        lies[torch.arange(len(kinds)), kinds],
+        torch.from_numpy(np.stack([sample.wanted for sample in samples])),
+    )
     off = (said[:, :6] - truth[:, :6]).abs().mean(dim=1)
     other = (said[:, :6] + truth[:, :6]).abs().mean(dim=1)
     turned_off = torch.where(alike[kinds], torch.minimum(off, other), off)
     away = nn.functional.smooth_l1_loss(said[:, 6:], truth[:, 6:], reduction="none", beta=0.1).mean(dim=1)
-    posed = torch.tensor([float(one.posed) for one in samples])
+    posed = torch.tensor([float(sample.posed) for sample in samples])
     pose = ((2 * turned_off + 0.5 * away) * posed).sum() / posed.sum().clamp(min=1)
-    wanted = torch.from_numpy(np.stack([one.stacked for one in samples]))
+    wanted = torch.from_numpy(np.stack([sample.stacked for sample in samples]))
     return pose + 2 * nn.functional.binary_cross_entropy_with_logits(stacked, wanted)

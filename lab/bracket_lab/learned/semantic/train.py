@@ -64,7 +64,9 @@ def recorded_data(path: Path, product: Product, ratio: float, seed: int) -> Trai
         InputError: the file has mistakes, or too few demonstrations to keep any from training.
     """
     layout = Layout.of(product)
-    found = [one for one in load_demonstrations(path, product) if one.goal in product.goals]
+    found = [
+        demonstration for demonstration in load_demonstrations(path, product) if demonstration.goal in product.goals
+    ]
     count = round(ratio * len(found))
     if not 0 < count < len(found):
         raise InputError(f"{path}: {len(found)} demonstrations are too few to hold any out; at least 3 are needed")

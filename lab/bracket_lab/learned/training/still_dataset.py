@@ -87,6 +87,6 @@ def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[One
 
 def _still(folder: Path, row: StillRow) -> Still:
     image, true = read_image(folder / row.file), row.true_camera
-    lens = true.model_dump(include={one.name for one in fields(CameraModel)})
+    lens = true.model_dump(include={field.name for field in fields(CameraModel)})
     camera = CameraModel(width_px=image.shape[1], height_px=image.shape[0], **lens)
     return Still(row.log, image, camera, true.pose, row.world_from_camera.pose)

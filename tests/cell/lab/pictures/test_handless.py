@@ -70,7 +70,7 @@ def test_what_the_tracker_takes_for_a_hand_is_learned_as_none(tmp_path: Path) ->
     folder = DataFolder(tmp_path / "data", "test")
     left_out = write_handless(files, Tracker(), Compositor(Teacher(), SETUP, folder, [], 2, 0))  # type: ignore[arg-type]
     assert left_out == 1
-    rows = [one.row for one in frames_of(tmp_path / "data")]
+    rows = [frame.row for frame in frames_of(tmp_path / "data")]
     assert [(len(row.hands), row.decoys_px) for row in rows] == [(0, ((200.0, 100.0),))] * 4
     data = load_hands([tmp_path / "data"], SETUP, ("o1",), 0)
     assert not data.facts.any()

@@ -126,12 +126,14 @@ def labelled(browser: Any, folder: Path, plates: int, trays: int) -> tuple[list[
         person.until("all are labelled")
         person.close()
     read = load_plates([folder / "own" / "plates"], PRODUCT)
-    assert [{hole.position: hole.part for hole in one.holes} for one in read] == [one.holes for one in of_plates]
+    assert [{hole.position: hole.part for hole in plate.holes} for plate in read] == [
+        plate.holes for plate in of_plates
+    ]
     frames = frames_of(folder / "own" / "plates", TYPES)
-    assert [len(one.row.hands) for one in frames] == [int(one.hand is not None) for one in of_plates]
+    assert [len(frame.row.hands) for frame in frames] == [int(plate.hand is not None) for plate in of_plates]
     scenes = load_scenes([folder / "own" / "trays"], PRODUCT)
-    types = [[part.part for part in one.labels] for one in scenes]
-    assert types == [[name for name, _ in one.parts] for one in of_trays]
+    types = [[part.part for part in scene.labels] for scene in scenes]
+    assert types == [[name for name, _ in tray.parts] for tray in of_trays]
     return of_plates, of_trays
 
 

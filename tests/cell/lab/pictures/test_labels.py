@@ -77,7 +77,7 @@ def test_labels_are_rows_that_trainings_read(folder: Path) -> None:
     [plate] = load_plates([folder], PRODUCT)
     assert [hole.part for hole in plate.holes] == [None, "o1", None, None, None, None]
     frames = frames_of(folder, tuple(PRODUCT.parts))
-    assert [len(one.row.hands) for one in frames] == [1, 0]
+    assert [len(frame.row.hands) for frame in frames] == [1, 0]
     assert frames[0].row.hands[0] == HAND
     again = LabelFolder(folder, PRODUCT)
     assert again.labels == read.labels

@@ -141,11 +141,11 @@ def padded(data: bytes) -> bytes:
 def official(data: bytes) -> tuple[list[tuple[int, bytes]], int, int]:
     """(time, data) of all messages, numbers of attachments and metadata, as the `mcap` package reads them."""
     records = list(StreamReader(BytesIO(data)).records)
-    messages = [(one.log_time, one.data) for one in records if isinstance(one, Message)]
+    messages = [(record.log_time, record.data) for record in records if isinstance(record, Message)]
     return (
         messages,
-        sum(isinstance(one, Attachment) for one in records),
-        sum(isinstance(one, Metadata) for one in records),
+        sum(isinstance(record, Attachment) for record in records),
+        sum(isinstance(record, Metadata) for record in records),
     )
 
 
@@ -167,7 +167,7 @@ def test_a_file_that_the_specification_allows_is_whole(style: Style, content: Co
     path.write_bytes(write(style, content))
     messages, attachments, metadata = official(path.read_bytes())
     found = read_mcap(path)
-    assert [(one.time_ns, one.data) for one in found.messages] == messages
+    assert [(message.time_ns, message.data) for message in found.messages] == messages
     assert (found.profile, found.unfinished, found.cropped) == (style.profile, "", {})
     assert found.attachments == ({"note.txt": b"one"} if content.attachments else {})
     with pytest.raises(LogError, match="is not a log of this program"):

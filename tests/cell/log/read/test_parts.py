@@ -77,7 +77,7 @@ def whole(folder: Path, path: Path) -> Path:
 
 
 def told(log: Log) -> list[tuple[str, int, bytes]]:
-    return [(one.topic, one.time_ns, one.data) for one in log.messages]
+    return [(message.topic, message.time_ns, message.data) for message in log.messages]
 
 
 def test_all_parts_together_are_the_log_in_one_file(whole: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_part_can_be_read_alone(path: Path) -> None:
     assert [tick.number for tick in part.ticks] == list(range(20, 30))
     assert part.ticks[0].observation.bench is not None, "the part does not hold what its first tick saw"
     assert part.attachments["tree/a.xml"] == b"<root/>"
-    [snapshot] = [one for one in part.messages if one.topic == "/snapshot"]
+    [snapshot] = [message for message in part.messages if message.topic == "/snapshot"]
     assert b'"Assemble/park":"RUNNING"' in snapshot.data
     assert b'"part":"o1"' in snapshot.data
     assert b'"message":"moving"' in snapshot.data
@@ -284,10 +284,10 @@ def test_a_part_that_was_cut_off_is_read_and_said(path: Path, number: int) -> No
 
 @pytest.mark.parametrize("span", [(0.0, 0.1), (0.39, 0.41), (0.5, 0.9), (1.5, 99.0), (0.0, 99.0), (50.0, 60.0)])
 def test_a_question_about_a_span_reads_only_its_parts_and_misses_nothing(path: Path, span: tuple[float, float]) -> None:
-    whole = [one for one in read_log(path).messages if span[0] <= one.time_ns / 1e9 <= span[1]]
+    whole = [message for message in read_log(path).messages if span[0] <= message.time_ns / 1e9 <= span[1]]
     found = list(IndexedLog(path).messages(*span))
-    assert {(one.topic, one.time_ns, one.data) for one in whole} <= {
-        (one.topic, one.time_ns, one.data) for one in found
+    assert {(message.topic, message.time_ns, message.data) for message in whole} <= {
+        (message.topic, message.time_ns, message.data) for message in found
     }
     parts = parts_of(path)
     within = parts_within(parts, *span)

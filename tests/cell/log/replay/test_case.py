@@ -47,11 +47,12 @@ def test_a_trimmed_case_ends_where_it_was_cut(assembly_log: Log, tmp_path: Path)
 
 def test_a_case_with_another_decision_differs(assembly_log: Log, tmp_path: Path) -> None:
     changed = [
-        replace(one, data=one.data.replace(b'"source":"action"', b'"source":"rumour"')) for one in assembly_log.messages
+        replace(message, data=message.data.replace(b'"source":"action"', b'"source":"rumour"'))
+        for message in assembly_log.messages
     ]
     assert changed != list(assembly_log.messages)
     write_case(replace(assembly_log, messages=tuple(changed)), tmp_path / "case.mcap")
-    assert [one.aspect for one in check_case(tmp_path / "case.mcap")] == ["belief"]
+    assert [difference.aspect for difference in check_case(tmp_path / "case.mcap")] == ["belief"]
 
 
 def test_rounding_is_no_difference_and_words_are() -> None:

@@ -133,7 +133,7 @@ WHAT_IFS = {
 
 def explained(log: Log, changes: Changes) -> tuple[Comparison, list[str]]:
     replay = Replay(log, changes)
-    comparison = replay.run(watch=lambda step: all(one.aspect != "command" for one in step.differences))
+    comparison = replay.run(watch=lambda step: all(difference.aspect != "command" for difference in step.differences))
     return comparison, causes(comparison, changed_keys(replay))
 
 

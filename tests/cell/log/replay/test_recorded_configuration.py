@@ -70,7 +70,7 @@ def test_nodes_that_a_log_names_count_where_they_are_its_own_and_nothing_is_writ
     named: dict[str, Any] = {"nodes": ["nodes", "mine"], "devices": {"simulation": "sim.yaml"}}
     assert as_recorded(log, **named).nodes == ()
     assert as_recorded(log, {"nodes/own.py": b"OWN = 1\n"}, **named).nodes == (str(here / "mine" / "own.py"),)
-    assert [one.name for one in here.iterdir()] == ["mine"]
+    assert [path.name for path in here.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize(

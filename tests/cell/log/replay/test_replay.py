@@ -319,7 +319,7 @@ def test_other_detectors_see_the_recorded_images(assembly_log: Log) -> None:
     was = [tick.observation.bench for tick in assembly_log.ticks if tick.observation.bench is not None]
     assert [view.sequence for view in seen] == [view.sequence for view in was]
     assert seen != was, "images are packed, so something is seen otherwise in its last digits"
-    alike = sum(one.holes.keys() == other.holes.keys() for one, other in zip(seen, was, strict=True))
+    alike = sum(bench_view.holes.keys() == other.holes.keys() for bench_view, other in zip(seen, was, strict=True))
     assert alike == len(seen)
     assert comparison.ticks > 0
     with pytest.raises(InputError, match="legal: classical, learned"):

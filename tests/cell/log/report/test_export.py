@@ -78,14 +78,19 @@ def transitions(path: Path) -> tuple[dict[int, str], list[tuple[int, int, int]]]
     records = content[begin + length + 8 :]
     assert len(records) % 9 == 0
     pieces = (records[at : at + 9] for at in range(0, len(records), 9))
-    return names, [(int.from_bytes(one[:6], "little"), *struct.unpack("<HB", one[6:])) for one in pieces]
+    return names, [(int.from_bytes(piece[:6], "little"), *struct.unpack("<HB", piece[6:])) for piece in pieces]
 
 
 def test_btlog_holds_the_tree_and_every_transition(assembly_log: Log, tmp_path: Path) -> None:
     path = tmp_path / "run.btlog"
     count = export(assembly_log, "btlog", path)
     names, found = transitions(path)
-    logged = [(tick.time_s, one) for tick in assembly_log.ticks for one in tick.changes if one.old is not one.new]
+    logged = [
+        (tick.time_s, status_change)
+        for tick in assembly_log.ticks
+        for status_change in tick.changes
+        if status_change.old is not status_change.new
+    ]
     assert count == len(found) == len(logged)
     for (time_us, uid, status), (time_s, change) in zip(found, logged, strict=True):
         assert (time_us, uid) == (round(time_s * 1e6), change.uid)

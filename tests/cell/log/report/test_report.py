@@ -203,6 +203,6 @@ def test_a_later_part_is_told_from_its_own_beginning(assembly_log: Log) -> None:
     assert "3 s</text>" in part
     assert "1 s</text>" in whole
     assert "1 s</text>" not in part
-    assert [one.goal for one in placements(assembly_log)] == [
-        one.goal for one in placements(replace(assembly_log, ticks=assembly_log.ticks[begin:]))
+    assert [placement.goal for placement in placements(assembly_log)] == [
+        placement.goal for placement in placements(replace(assembly_log, ticks=assembly_log.ticks[begin:]))
     ]

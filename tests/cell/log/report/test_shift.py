@@ -41,7 +41,7 @@ def shift(tmp_path: Path) -> Shift:
         ("belief", {"edge": ["o2", "p2"], "source": "robot"}),
     )
     end: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": "g0"}),)
-    for one in (
+    for tick_record in (
         record(0),
         record(1, BEGIN),
         replace(record(2), judgement=HELD),
@@ -53,7 +53,7 @@ def shift(tmp_path: Path) -> Shift:
         record(12, (("bracket", {**NEXT[0][1], "order": "A-7"}),)),
         record(16, SECOND_END),
     ):
-        recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
+        recorder.tick(replace(tick_record, observation=replace(tick_record.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 10, 0, 16.0, 0.1))
     log = read_log(path)
     told = shift_of(shift_from(log.ticks, lambda: log.metadata, lambda: log.result).book)
@@ -83,8 +83,8 @@ def test_a_question_beside_the_work_is_no_wait_and_what_stays_wrong_is_told(tmp_
     recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
     mend = Display(questions=(Question(1, "mend", "p2 holds the safety valve (o3)", positions=("p2",)),))
     end: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": None, "known_wrong": ["p2"]}),)
-    for one in (record(0), record(1, BEGIN), replace(record(2), command=Command(display=mend)), record(9, end)):
-        recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
+    for tick_record in (record(0), record(1, BEGIN), replace(record(2), command=Command(display=mend)), record(9, end)):
+        recorder.tick(replace(tick_record, observation=replace(tick_record.observation, tick=recorder._tick)))
     recorder.close(Outcome("finished", "", 4, 0, 9.0, 0.1))
     log = read_log(path)
     told = shift_of(shift_from(log.ticks, lambda: log.metadata, lambda: log.result).book)
@@ -104,7 +104,7 @@ def test_effectiveness_is_the_standards_and_what_is_not_known_is_not_made_up(shi
     assert known.effectiveness == pytest.approx((3 + 2) / 10)
     assert known.oee == pytest.approx(0.25 * 0.5 * 0.5)
     assert known.per_hour == pytest.approx(2 * 3600 / 40)
-    nobody = effectiveness_of(runs, [replace(one, correct=None) for one in shift.brackets])
+    nobody = effectiveness_of(runs, [replace(bracket, correct=None) for bracket in shift.brackets])
     assert (nobody.quality, nobody.oee) == (None, None)
 
 

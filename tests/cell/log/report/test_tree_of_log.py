@@ -59,9 +59,9 @@ def test_a_span_counts_only_its_ticks(assembly_log: Log) -> None:
     middle_s = assembly_log.ticks[len(assembly_log.ticks) // 2].time_s
     halves = [node_statistics(assembly_log, until_s=middle_s), node_statistics(assembly_log, from_s=middle_s + 1e-6)]
     for uid, node in whole.items():
-        parts = [one for half in halves for one in half if one.uid == uid]
-        assert sum(one.ticks for one in parts) == node.ticks
-        assert sum(one.success for one in parts) == node.success
+        parts = [statistics for half in halves for statistics in half if statistics.uid == uid]
+        assert sum(part.ticks for part in parts) == node.ticks
+        assert sum(part.success for part in parts) == node.success
 
 
 def test_the_tree_stands_as_it_did_at_a_time(assembly_log: Log) -> None:

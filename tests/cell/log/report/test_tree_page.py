@@ -64,7 +64,7 @@ def opened(chromium: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[..
 
     yield opens
     browser.close()
-    assert [line for one in readers for line in one.complaints] == []
+    assert [line for reader in readers for line in reader.complaints] == []
 
 
 @pytest.fixture

@@ -37,9 +37,16 @@ def test_stretches_cover_every_ended_bracket_once_and_tell_what_is_known() -> No
     rows = [bracket(i, questions=["help"] * (i > 20), correct=None if i < 4 else i != 24) for i in range(1, 25)]
     trend = trend_of(rows)
     assert trend is not None
-    assert [(one.first, one.last) for one in trend.stretches] == [(1, 4), (5, 8), (9, 12), (13, 16), (17, 20), (21, 24)]
-    assert [one.questions for one in trend.stretches] == [0, 0, 0, 0, 0, 1]
-    assert [one.right for one in trend.stretches] == [1.0, 1.0, 1.0, 1.0, 1.0, 0.75]
+    assert [(stretch.first, stretch.last) for stretch in trend.stretches] == [
+        (1, 4),
+        (5, 8),
+        (9, 12),
+        (13, 16),
+        (17, 20),
+        (21, 24),
+    ]
+    assert [stretch.questions for stretch in trend.stretches] == [0, 0, 0, 0, 0, 1]
+    assert [stretch.right for stretch in trend.stretches] == [1.0, 1.0, 1.0, 1.0, 1.0, 0.75]
     nobody_knows = trend_of([bracket(i, correct=None) for i in range(6)])
     assert nobody_knows is not None
     assert nobody_knows.stretches[0].right is None

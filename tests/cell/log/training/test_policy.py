@@ -108,7 +108,7 @@ def samples(dataset: Path) -> tuple[Any, Any]:
     parts, joints = [], []
     for file in sorted((dataset / "data").rglob("*.parquet")):
         rows = parquet.read_table(file).to_pydict()
-        places = [tuple(one) for one in rows[ENVIRONMENT]]
+        places = [tuple(row) for row in rows[ENVIRONMENT]]
         for at, place in enumerate(places):
             if any(place) and (at + 1 == len(places) or places[at + 1] != place):
                 parts.append(place)
@@ -214,7 +214,7 @@ def answers_of(log: Log) -> list[dict[str, Any]]:
 def test_a_policy_sees_images_and_its_replay_needs_neither_them_nor_its_file(tmp_path: Path) -> None:
     brightness(tmp_path / "bright.onnx")
     log = recorded(tmp_path / "led", LED.replace("FILE", str(tmp_path / "bright.onnx")), 3, pixels=True)
-    told = [json.loads(one["answer"]) for one in answers_of(log)]
+    told = [json.loads(answer["answer"]) for answer in answers_of(log)]
     assert len(told) >= 2, "it is asked again until the arm stands where it wants it"
     assert set(told[0]["frames"]) == {"overhead", "wrist"}
     assert told[1]["frames"]["overhead"] > told[0]["frames"]["overhead"]

@@ -116,7 +116,7 @@ class MediaPipeReader:
         """All hands in the next RGB image; where none is expected, it stands alone, whatever came before it."""
         hands = self._hands.frame(image) if len(expected_px) else self._hands.picture(image)
         found = [self._reading(hand) for hand in hands]
-        return found if self._closer is None else [completed(one, self._closer, image) for one in found]
+        return found if self._closer is None else [completed(reading, self._closer, image) for reading in found]
 
     def read_at(self, image: Image, where: Reading) -> Reading | None:
         """What MediaPipe sees of a hand that another reader saw, however little it believes it; None of no size."""

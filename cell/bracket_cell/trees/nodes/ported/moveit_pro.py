@@ -251,6 +251,8 @@ class ApprovePath(_Approval):
 def _numbers(name: str, values: object, count: int) -> list[float]:
     """So many numbers."""
     numbers = values if isinstance(values, list | tuple) else ()
-    if len(numbers) != count or not all(isinstance(one, int | float) and math.isfinite(one) for one in numbers):
+    if len(numbers) != count or not all(
+        isinstance(number, int | float) and math.isfinite(number) for number in numbers
+    ):
         raise NodeError(f"{name} is {values!r}, not {count} numbers")
-    return [float(one) for one in numbers]
+    return [float(number) for number in numbers]

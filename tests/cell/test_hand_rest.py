@@ -7,22 +7,31 @@ import re
 from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.files.units import Point
+from bracket_ground.interfaces.bench import Obstacle
 from tests.integration.cell_rig import BENCH, PRODUCT, motion_planner
 
+IN_THE_WAY = (0.95, 0.24, 0.1)
 
-def advice(rest_m: Point) -> str:
-    bench = BENCH.model_copy(update={"hand_rest_m": rest_m})
+
+def advice(rest_m: Point, *obstacles: Obstacle) -> str:
+    bench = BENCH.model_copy(update={"hand_rest_m": rest_m, "obstacles": obstacles})
     return BenchView(bench, PRODUCT, MotionPlanner(PRODUCT, bench, motion_planner().settings)).rest_advice
 
 
 def test_a_hand_in_the_arms_way_is_told_where_it_would_better_rest() -> None:
-    told = advice((0.95, 0.24, 0.1))
+    told = advice(IN_THE_WAY)
     found = re.fullmatch(r"a hand that rests at \[(.+)\] spares (\d\.\d) s of each part: bench.hand_rest_m", told)
     assert found, told
     x, _, z = (float(value) for value in found[1].split(", "))
     assert x > 0.95, "farther back, towards the person"
     assert z == 0.1
     assert float(found[2]) >= 0.5, "it lay over the way from the tray to the bracket"
+
+
+def test_nobody_is_told_to_rest_a_hand_in_a_post() -> None:
+    place = x, y, z = re.findall(r"[\d.]+", advice(IN_THE_WAY))[:3]
+    post = Obstacle(name="the post", position_m=(float(x), float(y), float(z)), cylinder_m=(0.05, 0.4))
+    assert re.findall(r"[\d.]+", advice(IN_THE_WAY, post))[:3] != place
 
 
 def test_a_hand_far_from_the_arms_ways_is_told_nothing() -> None:

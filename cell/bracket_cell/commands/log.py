@@ -171,11 +171,11 @@ def rules(
     files, beside = user_files(own)
     judged = [judge(path, rules, (*files, *always_loaded()), beside) for path in log]
     if as_json:
-        for picture in judged:
-            tell_json(picture.plain())
+        for verdict in judged:
+            tell_json(verdict.plain())
     else:
         say(*rule_lines(judged))
-    return int(any(picture.violations for picture in judged))
+    return int(any(verdict.violations for verdict in judged))
 
 
 def _nodes(log: list[Path], as_json: bool) -> None:

@@ -134,7 +134,7 @@ class Limit:
 
     def broken(self, findings: Iterable[Finding]) -> bool:
         """Whether the measured difference is beyond the bound; also where nothing could be measured."""
-        finding = next(ing for ing in findings if ing.measure is self.measure)
+        finding = next(finding for finding in findings if finding.measure is self.measure)
         value, bound = finding.difference.value, self.bound * (finding.one if self.of_one else 1.0)
         if math.isnan(value):
             return True

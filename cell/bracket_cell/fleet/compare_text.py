@@ -62,9 +62,9 @@ def _grouped(pairs: Sequence[tuple[Row, Row]]) -> dict[str, list[Finding]]:
     persons = dict.fromkeys(str(a.get("person") or "as configured") for a, _ in pairs)
     return {
         person: [
-            ing
-            for ing in findings([two for two in pairs if str(two[0].get("person") or "as configured") == person])
-            if ing.measure.name in BY_PERSON
+            finding
+            for finding in findings([two for two in pairs if str(two[0].get("person") or "as configured") == person])
+            if finding.measure.name in BY_PERSON
         ]
         for person in persons
     }

@@ -15,7 +15,7 @@ from bracket_ground.interfaces.pose import Array
 BACK_M = (0.0, 0.05, 0.10)  # towards the person
 ASIDE_M = (0.0, -0.15, 0.15, -0.30, 0.30)  # a forearm turns so far while the person stands
 WORTH_S = 0.1  # of a part; less is no reason to move
-GAP_M = 0.10  # of a palm from the middle of a bin
+GAP_M = 0.10  # of a palm from the middle of a bin, or from what stands on the bench
 KNOWN_S = 0.1  # the usual age of what is known of hands
 
 
@@ -29,7 +29,7 @@ def rest_advice(motion: MotionPlanner, bench: Bench, ways_rad: Sequence[Array]) 
     if not ways_rad or present_s < WORTH_S:
         return ""
     found = [(_lost_s(motion, bench, place, ways_rad), place) for place in _places(bench)]
-    least_s, place = min(found, key=lambda one: one[0], default=(present_s, bench.hand_rest_m))
+    least_s, place = min(found, default=(present_s, bench.hand_rest_m))
     if present_s - least_s < WORTH_S:
         return ""
     told = ", ".join(f"{value:.2f}" for value in place)
@@ -37,16 +37,24 @@ def rest_advice(motion: MotionPlanner, bench: Bench, ways_rad: Sequence[Array]) 
 
 
 def _places(bench: Bench) -> Iterator[tuple[float, float, float]]:
-    """Farther back or aside, with the whole hand in the overhead camera's view and no bin below it."""
+    """Farther back or aside, the whole hand in the overhead camera's view, over no bin and no obstacle."""
     x, y, z = bench.hand_rest_m
+    things = [obstacle.points_m[:, :2] for obstacle in bench.obstacles]
     camera, from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
     for place in ((x + back_m, y + aside_m, z) for back_m in BACK_M for aside_m in ASIDE_M):
         ends = from_world.transform(np.array(place) + np.array([[-PERSON.hand_length_m, 0.0, 0.0], [0.0, 0.0, 0.0]]))
         pixels = (ends @ camera.matrix.T)[:, :2] / ends[:, 2:]
         inside = (pixels > PERSON.edge_px) & (pixels < np.array([camera.width_px, camera.height_px]) - PERSON.edge_px)
         free = all(np.hypot(place[0] - at[0], place[1] - at[1]) > GAP_M for at in bench.bins_m.values())
+        free &= not any(_meets(place, thing_m) for thing_m in things)
         if inside.all() and free:
             yield place
+
+
+def _meets(place_m: Sequence[float], thing_m: Array) -> bool:
+    """Whether a hand at a place lies over the rectangle about a thing's points (n, 2), or near it."""
+    tips_m = (place_m[0] - PERSON.hand_length_m, place_m[1])
+    return bool(np.all(thing_m.min(0) - GAP_M < place_m[:2]) and np.all(thing_m.max(0) + GAP_M > tips_m))
 
 
 def _lost_s(motion: MotionPlanner, bench: Bench, rest_m: Sequence[float], ways_rad: Sequence[Array]) -> float:

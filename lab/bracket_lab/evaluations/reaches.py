@@ -164,6 +164,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         values["spared"] = [alone - beside for alone, beside in zip(values["alone"], values["beside"], strict=True)]
         for how, numbers in values.items():
             mean, half = student(numbers)
-            found |= {f"{name}_{how}": mean, f"{name}_{how}_low": mean - half, f"{name}_{how}_high": mean + half}
+            low = mean - half if how == "spared" else max(0.0, mean - half)
+            found |= {f"{name}_{how}": mean, f"{name}_{how}_low": low, f"{name}_{how}_high": mean + half}
     places = [sum((Counter(row[how]["places"]) for row in rows), Counter()) for how in ("alone", "beside")]
     return {**found, "places_alone": dict(places[0]), "places_beside": dict(places[1])}

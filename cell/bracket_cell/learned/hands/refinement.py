@@ -101,7 +101,7 @@ class Refinement:
 
         Those without a size stay as they are; those whose close-up is unclear are believed less.
         """
-        sized = [(index, ing, ing.size) for index, ing in enumerate(readings) if ing.size is not None]
+        sized = [(index, reading, reading.size) for index, reading in enumerate(readings) if reading.size is not None]
         if not sized:
             return list(readings)
         closeups = [self._closeup(reading, size.log_angle) for _, reading, size in sized]

@@ -169,7 +169,7 @@ class HandTracks:
         readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
         self._assign(readings, now_s, RobotMask(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
-        self._doubtful = tuple(ing for ing in readings if all(ing is not track.reading for track in seen))
+        self._doubtful = tuple(reading for reading in readings if all(reading is not track.reading for track in seen))
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
             # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.
@@ -194,7 +194,10 @@ class HandTracks:
 
         What has been seen on the robot alone, and is explained by it, is no hand.
         """
-        expected, centres = [one.expected_px(now_s) for one in self._tracks], [ing.centre_px for ing in readings]
+        expected, centres = (
+            [one.expected_px(now_s) for one in self._tracks],
+            [reading.centre_px for reading in readings],
+        )
         pairs = matched(expected, centres, self._near_px)
         for t, r in pairs:
             track = self._tracks[t]
@@ -202,7 +205,7 @@ class HandTracks:
                 track.take(readings[r], now_s)
                 track.away = track.away or not robot.under(readings[r])
         taken = {r for _, r in pairs}
-        for reading in self._believed([ing for r, ing in enumerate(readings) if r not in taken], now_s):
+        for reading in self._believed([reading for r, reading in enumerate(readings) if r not in taken], now_s):
             away = not robot.under(reading) or self._was_seen(reading)
             if away or not robot.explains(reading):
                 self._tracks.append(_Track.begun(reading, now_s, away))

@@ -88,11 +88,11 @@ def rule_lines(judged: Sequence[Judged]) -> list[str]:
 
     A log in which a rule was unknown in some tick, and never broken, does not count as kept.
     """
-    lines = [f"{picture.log}: {violation}" for picture in judged for violation in picture.violations]
-    lines += [f"{picture.log}: {picture.lacks}" for picture in judged if picture.lacks]
+    lines = [f"{verdict.log}: {violation}" for verdict in judged for violation in verdict.violations]
+    lines += [f"{verdict.log}: {verdict.lacks}" for verdict in judged if verdict.lacks]
     rows: list[tuple[str, ...]] = [("rule", *OUTCOMES)]
     for name in judged[0].rules if judged else ():
-        ticks = [picture.rules[name] for picture in judged]
+        ticks = [verdict.rules[name] for verdict in judged]
         logs = [sum(not broken and not unknown for _, broken, unknown in ticks), sum(bool(tick[1]) for tick in ticks)]
         counts = (*logs, len(ticks) - sum(logs))
         rows.append((name, *(f"{logs} ({sum(tick[n] for tick in ticks)})" for n, logs in enumerate(counts))))

@@ -11,6 +11,7 @@ from rich.progress import track
 from rich.table import Table
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.grasp.boxes import Boxes
 from bracket_cell.learned.grasp.candidates import touching
 from bracket_cell.learned.grasp.settings import PAPER_SCENES, GripperOutline
@@ -18,7 +19,7 @@ from bracket_cell.learned.grasp.solution import nearest_first, solve
 from bracket_ground.files.row_store import RowStore
 from bracket_lab.evaluations.figures import paper
 from bracket_lab.learned.grasp.scenes import draw_scenes, standing_boxes
-from bracket_lab.learned.scores import share, wilson
+from bracket_lab.learned.scores import share
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.clutter import sample_clutter, standing
 from bracket_sim.scene.parts import ScenePart
@@ -157,7 +158,7 @@ def shares(cases: Sequence[Case]) -> dict[str, dict[str, float | int]]:
 
 def _cells(cases: Sequence[Case], size: int | None) -> list[str]:
     solved, total = sum(case.solved for case in cases), len(cases)
-    low, high = wilson(solved, total)
+    low, _, high = wilson(solved, total)
     justified = sum(not case.fetched and case.fewest is None for case in cases)
     place = f"Table 3/executed/{size} parts"
     aims = ["", ""] if size is None else [f"{BAR[size]:.2f}", paper().printed(place, place)]

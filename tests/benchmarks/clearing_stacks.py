@@ -11,8 +11,8 @@ from rich.progress import track
 from rich.table import Table
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.watching.observer import TickRecord
-from bracket_lab.learned.scores import wilson
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.clutter import sample_clutter
 from bracket_sim.scene.parts import ScenePart
@@ -140,7 +140,7 @@ def report(title: str, cases: Sequence[Case]) -> None:
     for count in (1, 2, None):
         some = [case for case in cases if count in (case.on_top, None)]
         done = sum(case.fetched for case in some)
-        low, high = wilson(done, len(some))
+        low, _, high = wilson(done, len(some))
         table.add_row(
             "all" if count is None else str(count),
             str(len(some)),

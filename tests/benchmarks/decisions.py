@@ -16,6 +16,7 @@ from itertools import permutations
 import numpy as np
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.learned.semantic.graph import EMPTY, Ints, Layout
@@ -25,7 +26,6 @@ from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
-from bracket_lab.learned.scores import wilson
 from bracket_lab.learned.semantic.misdetection import Scenarios, misdetect
 
 LISTED = (3, 12, 60)  # goals; 60 are all arrangements that there are
@@ -178,7 +178,7 @@ def seen_after(
 
 
 def _share(some: int, count: int) -> str:
-    low, high = wilson(some, count)
+    low, _, high = wilson(some, count)
     return f"{some / max(count, 1):.3f} ({low:.3f} - {high:.3f}, n {count})"
 
 

@@ -14,6 +14,7 @@ import statistics
 import time
 from collections.abc import Iterator
 
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.semantic.confusions import Confusions
 from bracket_cell.learned.semantic.graph import Layout
 from bracket_cell.learned.semantic.model import BayesPlanner
@@ -21,7 +22,6 @@ from bracket_cell.learned.semantic.settings import DETECTION_ERROR
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.variants import EMPTY
-from bracket_lab.learned.scores import wilson
 
 ACT = 0.9  # probability of a placement from which the robot acts
 SIZES = ((6, 3, 3), (6, 3, 60), (10, 5, 12), (12, 5, 12), (20, 8, 30), (20, 8, 200), (50, 20, 200))
@@ -78,7 +78,7 @@ def row(product: Product, assemblies: int, *, confused: bool) -> str:
             if belief >= ACT and plan.goal_belief[UNKNOWN_GOAL] < 0.5:
                 acts += 1
                 wrong += part not in product.accepted(goal).get(at, ()) or not product.fits(goal, {**placed, at: part})
-    low, high = wilson(wrong, acts)
+    low, _, high = wilson(wrong, acts)
     share = f"{wrong / max(acts, 1):.3f} ({low:.3f} to {high:.3f})"
     p95 = statistics.quantiles(times_ms, n=20)[-1]
     return (

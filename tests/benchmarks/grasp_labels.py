@@ -20,12 +20,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
 from bracket_cell.learned.grasp.settings import GripperOutline
 from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.gripper import default_gripper
 from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
-from bracket_lab.learned.scores import wilson
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 from tests.learned.grasp.layouts import can_grasp
@@ -123,7 +123,7 @@ def report(trials: Sequence[Trial]) -> None:
 def shares(trials: Sequence[Trial]) -> tuple[str, str]:
     """Share that agrees, and its interval."""
     agree = sum(trial.agrees for trial in trials)
-    low, high = wilson(agree, len(trials))
+    low, _, high = wilson(agree, len(trials))
     return f"{agree / max(1, len(trials)):.4f}", f"{low:.4f} - {high:.4f}"
 
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.grasp.candidates import touching
 from bracket_cell.learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
 from bracket_cell.learned.grasp.solution import nearest_first, solve
 from bracket_lab.learned.grasp.scenes import Scene, draw_scenes
-from bracket_lab.learned.scores import wilson
 from tests.integration.cell_rig import PRODUCT
 
 CLUTTERS = {"dense": SceneSettings(), "loose": TRAY_SCENES}
@@ -56,7 +56,7 @@ def main() -> None:
         before = found["middle alone"]
         for name, some in found.items():
             moves, first = some.moves[~before.help], before.moves[~before.help]
-            low, high = wilson(some.free, len(some.moves))
+            low, _, high = wilson(some.free, len(some.moves))
             shares = (some.free / len(some.moves), np.mean(some.help), np.mean(moves))
             free, needy, each = (f"{share:.3f}" for share in shares)
             fewer = _fewer(

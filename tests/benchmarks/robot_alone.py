@@ -20,10 +20,10 @@ from rich.table import Table
 
 from bracket_cell.commands.options import seeds_of
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.kinds import WEIGHTS
 from bracket_ground.files.row_store import RowStore
 from bracket_ground.interfaces.planning import crops_file
-from bracket_lab.learned.scores import wilson
 from bracket_sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing, clearing_stacks
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, robot_alone, run_tree
@@ -106,7 +106,7 @@ def report(title: str, rows: Sequence[tuple[str, int, int]], failures: Sequence[
     """A table with 95 % Wilson intervals, and every failure in words."""
     table = Table("", "done", "of", "share", "95 % interval", title=title)
     for name, done, total in rows:
-        low, high = wilson(done, total)
+        low, _, high = wilson(done, total)
         table.add_row(name, str(done), str(total), f"{done / max(total, 1):.3f}", f"{low:.3f} - {high:.3f}")
     console = Console()
     console.print(table)

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bracket_lab.learned.scores import wilson
+from bracket_cell.fleet.intervals import wilson
 from bracket_lab.stacks.draw import LIFT_M, MOVED_M, Standing, order_of_taking, stand
 from bracket_sim.stacks.settings import StackSettings
 
@@ -93,7 +93,7 @@ def report(trials: list[Trial]) -> None:
     }
     table = Table("what", "agree", "of", "share", "95 % interval", f"bar {BAR}")
     for name, (right, count) in rows.items():
-        share, (low, high) = right / max(1, count), wilson(right, count)
+        low, share, high = wilson(right, count)
         met = "met" if share >= BAR else "missed"
         table.add_row(name, str(right), str(count), f"{share:.4f}", f"{low:.4f} - {high:.4f}", met)
     console = Console()

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bracket_cell.configuration import load_configuration
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.skills.lying import SetUpright
 from bracket_cell.skills.motion.lying_grasp import laid_out
 from bracket_cell.skills.move_to import MoveTo
@@ -26,7 +27,6 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resting_pose import SIDES, side_up
 from bracket_ground.interfaces.skill import SkillStatus
-from bracket_lab.learned.scores import wilson
 from bracket_sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from bracket_sim.rendering.studio import visible_poses
 from bracket_sim.scene.world import WorldPart
@@ -122,7 +122,7 @@ def measure(product: Product | None, count: int, seed: int, turns: int, pixels: 
                 print(f"{len(needed)} {part.part} {up} up: {wrong}", flush=True)
             robot.put_away(part)
     for key, good in sorted(right.items()):
-        low, high = wilson(sum(good), len(good))
+        low, _, high = wilson(sum(good), len(good))
         print(f"{key:6} {sum(good)} of {len(good)}: {sum(good) / len(good):.3f} ({low:.3f} - {high:.3f})")
     print(f"quarter turns: {np.mean(needed):.2f}")
 

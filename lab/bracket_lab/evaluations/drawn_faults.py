@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from bracket_cell.configuration import DEFAULT_TREE
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.running.supervisor import PAUSED, Supervisor, make_supervisor
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
@@ -35,7 +36,6 @@ from bracket_lab.evaluations.assembly import OF_PERSON, assembly
 from bracket_lab.evaluations.danger import DRIVEN_M_S, PART_FELL, Danger
 from bracket_lab.evaluations.evidence import Evidence
 from bracket_lab.evaluations.faults import Fork, trial
-from bracket_lab.learned.scores import wilson
 from bracket_sim.cell import SimCell
 from bracket_sim.faults.signal_faults import DETECTED, SIGNALS, drawn_fault
 
@@ -352,7 +352,7 @@ def _alarmed(row: Row) -> bool:
 
 
 def _share(right: int, count: int) -> str:
-    low, high = wilson(right, count)
+    low, _, high = wilson(right, count)
     return f"{right} of {count}, 95 % {low:.3f} to {high:.3f}"
 
 

@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from statistics import fmean, stdev
+from statistics import fmean
 
-Z_95 = 1.959964
-
-
-def wilson(right: int, count: int) -> tuple[float, float]:
-    """Lowest and highest share that `right` of `count` allow (Wilson 1927); 50 of 50 allow .929 and up, 0 of 0 all."""
-    if not count:
-        return 0.0, 1.0
-    share, spread = right / count, Z_95**2 / count
-    middle = (share + spread / 2) / (1 + spread)
-    half = Z_95 * math.sqrt(share * (1 - share) / count + spread / (4 * count)) / (1 + spread)
-    return max(0.0, min(middle - half, share)), min(1.0, max(middle + half, share))
+from bracket_cell.fleet.intervals import mean, wilson
 
 
 def share(right: int, count: int) -> dict[str, float | int]:
     """A share with its 95 % interval."""
-    low, high = wilson(right, count)
+    low, _, high = wilson(right, count)
     return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
 
 
 def student(numbers: Sequence[float]) -> tuple[float, float]:
     """Mean over seeds and half the width of its interval, zero for one seed."""
-    if len(numbers) < 2:
-        return fmean(numbers), 0.0
-    from scipy.stats import t  # for experiments alone: planners and their scores do without
-
-    return fmean(numbers), float(t.ppf(0.975, len(numbers) - 1)) * stdev(numbers) / math.sqrt(len(numbers))
+    found = mean(numbers)
+    return found.value, found.high - found.value if len(numbers) > 1 else 0.0
 
 
 def latencies(times_s: Sequence[float]) -> dict[str, float]:
@@ -64,5 +50,5 @@ class ScoreCounter:
         scores: dict[str, float] = {}
         for name, count in self._all.items():
             scores[name] = self._right[name] / count
-            scores[f"{name}_low"], scores[f"{name}_high"] = wilson(self._right[name], count)
+            scores[f"{name}_low"], _, scores[f"{name}_high"] = wilson(self._right[name], count)
         return scores | {name: fmean(values) for name, values in self._measured.items()}

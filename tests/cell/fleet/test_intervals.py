@@ -5,20 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bracket_cell.fleet.intervals import mean, paired_mean, paired_share, student, wilson
+from bracket_cell.fleet.intervals import mean, paired_mean, paired_share, wilson
 
 
-@pytest.mark.parametrize(
-    ("freedom", "quantile"), [(1, 12.706), (2, 4.303), (4, 2.776), (9, 2.262), (29, 2.045), (1000, 1.962)]
-)
-def test_quantiles_of_student_are_those_of_the_tables(freedom: int, quantile: float) -> None:
-    assert student(0.95, freedom) == pytest.approx(quantile, rel=0.01)
+@pytest.mark.parametrize(("count", "quantile"), [(2, 12.706), (3, 4.303), (5, 2.776), (10, 2.262), (30, 2.045)])
+def test_means_have_the_quantiles_of_student_s_tables(count: int, quantile: float) -> None:
+    values = [float(number % 2) for number in range(count)]
+    low, value, high = mean(values)
+    assert (high - value) * count**0.5 / np.std(values, ddof=1) == pytest.approx(quantile, rel=1e-3)
+    assert value - low == pytest.approx(high - value)
 
 
-def test_wilson_is_as_published() -> None:
-    found = wilson(30, 30)
-    assert found.low == pytest.approx(0.8865, abs=1e-3)
-    assert found.high == 1.0
+def test_fifty_of_fifty_allow_less_than_all() -> None:
+    assert np.allclose(wilson(50, 50), (0.929, 1.0, 1.0), atol=0.0005)
+    assert np.allclose(wilson(0, 50), (0.0, 0.0, 0.071), atol=0.0005)
+
+
+def test_intervals_hold_the_share_and_shrink() -> None:
+    for count in (10, 100, 1000):
+        for right in range(0, count + 1, count // 10):
+            low, _, high = wilson(right, count)
+            assert 0.0 <= low <= right / count <= high <= 1.0
+            assert high - low < 2.0 / count**0.5
+    assert np.allclose(wilson(500, 1000), (0.469, 0.5, 0.531), atol=0.001)
 
 
 @pytest.mark.parametrize("shift", [0.0, 2.0])

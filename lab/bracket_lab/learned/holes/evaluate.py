@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.learned.holes.model import Reading
 from bracket_cell.learned.records import Hole, PlateRow, holes_of
 from bracket_ground.interfaces.product import Product
-from bracket_lab.learned.scores import wilson
 from bracket_lab.learned.training.still_dataset import Still, load_stills
 
 
@@ -104,7 +104,7 @@ class HoleFindings:
         ):
             if count:
                 told[name] = right / count
-                told[f"{name}_low"], told[f"{name}_high"] = wilson(right, count)
+                told[f"{name}_low"], _, told[f"{name}_high"] = wilson(right, count)
         if self.upright_said:
             told["upright_n"] = float(self.upright_said)
         if self.seconds:

@@ -41,7 +41,7 @@ class Figure(Model):
     Attributes:
         key: names on the way through the command's JSON.
         least, most: the bar; neither for what is only told.
-        trivial: what an answer without looking gets.
+        trivial: what an answer without looking gets, or where the command's answer says it, by dotted names.
         paper: the paper's figure under the same conditions.
         n: how many are counted, where the answer does not say it.
     """
@@ -50,7 +50,7 @@ class Figure(Model):
     key: str
     least: float | None = None
     most: float | None = None
-    trivial: float | None = None
+    trivial: float | str | None = None
     paper: str | None = None
     n: int | str | None = None
 
@@ -66,20 +66,26 @@ class Figure(Model):
         Raises:
             InputError: the answer does not hold it.
         """
-        *way, last = self.key.split(".")
-        try:
-            for name in way:
-                told = told[name]
-            value = float(told[last])
-        except (KeyError, TypeError, ValueError):
-            raise InputError(f"{self.claim}: the answer holds no number `{self.key}`") from None
+        trivial = self._number(self.trivial, told)[0] if isinstance(self.trivial, str) else self.trivial
+        value, told = self._number(self.key, told)
+        last = self.key.rpartition(".")[2]
         low, high = (told.get(f"{last}_{end}", told.get(end) if last == "share" else None) for end in ("low", "high"))
         count = self.n or (told.get("n") if last == "share" else None)
         bar = self.least if self.least is not None else self.most
         met = None if bar is None else value >= bar if self.least is not None else value <= bar
-        beside = {"bar": bar, "met": met, "trivial": self.trivial, "paper": self.paper, "n": count}
+        beside = {"bar": bar, "met": met, "trivial": trivial, "paper": self.paper, "n": count}
         ends = None if low is None else [_short(low), _short(high)]
         return {"claim": self.claim, "figure": _short(value), "interval": ends, **beside}
+
+    def _number(self, key: str, told: Any) -> tuple[float, Any]:
+        """A number of a command's answer, and what holds it."""
+        *way, last = key.split(".")
+        try:
+            for name in way:
+                told = told[name]
+            return float(told[last]), told
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{self.claim}: the answer holds no number `{key}`") from None
 
 
 def _short(value: float) -> float:

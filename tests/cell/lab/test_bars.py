@@ -73,6 +73,13 @@ def test_a_figure_is_met_or_missed(value: float, met: bool) -> None:
     assert row["interval"] == [pytest.approx(value - 0.1), 1.0]
 
 
+def test_the_trivial_answer_may_be_one_of_the_command_s_own() -> None:
+    spared = Figure(claim="beside", key="reaches.beside", trivial="reaches.alone")
+    assert spared.of({"reaches": {"alone": 15.0, "beside": 10.0}})["trivial"] == 15.0
+    with pytest.raises(InputError, match=r"beside: the answer holds no number `reaches\.alone`"):
+        spared.of({"reaches": {"beside": 10.0}})
+
+
 def test_errors_are_met_from_below_and_shares_bring_their_interval() -> None:
     most = Figure(claim="palm", key="palm", most=6.0)
     assert most.of({"palm": 5.0})["met"]

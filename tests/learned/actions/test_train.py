@@ -91,6 +91,19 @@ def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
         train_actions(Task(BENCH, PRODUCT), learned, learned, tmp_path / "net.onnx", "guess")
 
 
+def test_the_trivial_answer_is_the_commonest_class_that_was_learned(tmp_path: Path) -> None:
+    from bracket_lab.experiments.paper.actions import commonest
+    from bracket_lab.learned.actions.data import load_segments
+
+    segments = load_segments([write_folder(tmp_path / "data", 20, 1, whole=True)], CLASSES)
+    learned, kept = segments.without(0, 2)
+    told = commonest(learned, kept, CLASSES.assemblies)
+    answer = np.bincount(learned.classes).argmax()
+    assert told["all"] == [int((kept.classes == answer).sum()), len(kept)]
+    right, count = told["assemblies"]
+    assert 0 <= right <= count < len(kept)
+
+
 @pytest.mark.long
 def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(tmp_path: Path) -> None:
     from bracket_cell.learned.actions.settings import ActionTraining

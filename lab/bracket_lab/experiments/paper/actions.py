@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bracket_cell.learned.actions.segments import SegmentReader
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, ActionTraining
@@ -30,6 +31,7 @@ CONTROLS: Mapping[str, Mapping[str, Any]] = {
     "black crops": {"blank": True},
     "shuffled track": {"shuffle_seed": 0},
 }
+COMMONEST = "commonest class"
 FOLDS = 5
 MEASURES = ("all", "outside_guard", "assemblies")
 Row = dict[str, object]
@@ -62,26 +64,41 @@ def measure_folds(
                 continue  # without its frames nothing is left to look at
             posterior, _ = answers(model, kept, reader, noise_seed=fold, **changed)
             row[control or "told"] = _counts(kept, posterior.argmax(axis=1), task.classes.assemblies)
-        yield row
+        yield row | {COMMONEST: commonest(learned, kept, task.classes.assemblies)}
+
+
+def _measured(segments: Segments, assemblies: int) -> dict[str, NDArray[np.bool_]]:
+    """Which segments count, by measure."""
+    clear = ~segments.guarded
+    everything = np.ones(len(clear), bool)
+    return {"all": everything, "outside_guard": clear, "assemblies": clear & (segments.classes < assemblies)}
 
 
 def _counts(segments: Segments, named: Any, assemblies: int) -> dict[str, list[int]]:
     """(right, of) by measure."""
-    right, clear = named == segments.classes, ~segments.guarded
-    chosen = {
-        "all": np.ones(len(right), bool),
-        "outside_guard": clear,
-        "assemblies": clear & (segments.classes < assemblies),
+    right = named == segments.classes
+    return {name: [int(right[rows].sum()), int(rows.sum())] for name, rows in _measured(segments, assemblies).items()}
+
+
+def commonest(learned: Segments, kept: Segments, assemblies: int) -> dict[str, list[int]]:
+    """(right, of) by measure, of who always names the commonest class of those that were learned from."""
+    of_learned, of_kept = (_measured(segments, assemblies) for segments in (learned, kept))
+    answers_by = {name: np.bincount(learned.classes[rows]).argmax() for name, rows in of_learned.items()}
+    return {
+        name: [int((kept.classes[of_kept[name]] == answer).sum()), int(of_kept[name].sum())]
+        for name, answer in answers_by.items()
     }
-    return {name: [int(right[rows].sum()), int(rows.sum())] for name, rows in chosen.items()}
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """For each kind and control: mean over the splits of the shares that were right, and half of its 95 % interval."""
+    """For each kind and control: mean over the splits of the shares that were right, and half of its 95 % interval.
+
+    The last control is who always names the commonest class.
+    """
     found = []
     for kind in KINDS:
         of_kind = [row for row in rows if row["kind"] == kind]
-        for control in CONTROLS:
+        for control in (*CONTROLS, COMMONEST):
             told = [row[control or "told"] for row in of_kind if (control or "told") in row]
             if not told:
                 continue
@@ -94,7 +111,9 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def shares(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Means over the splits with their intervals, by kind and measure; without the controls."""
+    """Means over the splits with their intervals, by kind and measure, and the trivial ones; without the controls."""
+    found = summary(rows)
+    trivial = {(one["kind"], name): one[name][0] for one in found if one["control"] == COMMONEST for name in MEASURES}
     return {
         one["kind"]: {
             name: {
@@ -102,11 +121,12 @@ def shares(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, A
                 "low": max(0.0, mean - half),
                 "high": min(1.0, mean + half),
                 "n": f"{one['splits']} splits",
+                "trivial": trivial.get((one["kind"], name)),
             }
             for name in MEASURES
             for mean, half in [one[name]]
         }
-        for one in summary(rows)
+        for one in found
         if not one["control"]
     }
 

@@ -71,7 +71,7 @@ class Situation:
 
 SITUATIONS: Mapping[str, Situation] = {
     "pulls_at_held_part": Situation("pulls"),
-    "swaps": Situation("swaps"),
+    "swaps": Situation("swaps", shift=True),
     "undoes": Situation("undoes"),
     "faster_than_robot": Situation("quick"),
     "never_screws": Situation("never_screws"),

@@ -180,6 +180,53 @@ def test_a_part_taken_out_speaks_against_every_goal_that_wants_it_there() -> Non
     assert plan.after_reactions(PRODUCT, told) is plan
 
 
+def exchanged(before: str, after: str, position: str = "p1", **standing: str) -> AssemblyState:
+    """A person's part that its hole showed was taken out, and another one put there."""
+    state = AssemblyState({**standing, position: before}).seen(standing)
+    return state.with_placement(after, position)
+
+
+def test_an_exchange_that_alone_tells_two_products_apart_is_not_acted_on() -> None:
+    goals = {"g0": ["o1", "o1", "o1", "o2", "o2", "o3"], "g1": ["o2", "o1", "o1", "o1", "o2", "o3"]}
+    guard = Guard(
+        Product.model_validate({**PRODUCT.model_dump(exclude={"goal_titles"}), "goals": goals}), GuardSettings()
+    )
+    plan, swapped = believed(g0=0.0, g1=0.999), exchanged("o1", "o2", p2="o1")
+    sure = {"part": "o1", "position": "p4", "reachable": True, "waited_s": 14.0}
+    plan = replace(plan, next_belief={("o1", "p4"): 0.999})
+    assert guard.judge(plan, AssemblyState(swapped.placed), EMPTY, **sure).decision == "act"  # type: ignore[arg-type]
+    verdict = guard.judge(plan, swapped, EMPTY, may_ask=False, **sure)  # type: ignore[arg-type]
+    assert (verdict.decision, verdict.reason) == ("wait", "this fitted g0 before a person exchanged p1")
+    assert guard.judge(plan, swapped, EMPTY, **{**sure, "waited_s": 1e3}).decision == "ask"  # type: ignore[arg-type]
+    assert guard.judge(plan, swapped.told("g1"), EMPTY, **sure).decision == "act"  # type: ignore[arg-type]
+    whole = replace(swapped, placed=dict(zip(PRODUCT.positions, goals["g1"], strict=True)))
+    assert not guard.asks_for_goal(plan, whole), "p4 tells, too"
+    both = replace(whole, replaced={"p1": "o1", "p4": "o2"})
+    assert guard.asks_for_goal(plan, both)
+    assert not guard.asks_for_goal(plan, both.told("g1"))
+
+
+def test_who_mends_a_mistake_that_no_product_has_is_not_doubted() -> None:
+    plan = replace(believed(g0=0.999), next_belief={("o1", "p2"): 0.999})
+    mended = exchanged("o3", "o1", p4="o2", p5="o2")
+    assert mended.replaced == {"p1": "o3"}
+    assert GUARD.judge(plan, mended, EMPTY, "o1", "p2", reachable=True).decision == "act"
+    assert not exchanged("o1", "o1").seen({"p1": "o1"}).replaced, "put back"
+    robots = AssemblyState({"p1": "o1"}, by_robot={"p1": "o1"}).seen({})
+    assert (robots.replaced, robots.taken_out) == ({}, {"p1": "o1"})
+    assert not AssemblyState({"p1": "o1"}).seen({"p1": "o2"}, unread=("p1",)).replaced, "its hole never showed it"
+
+
+def test_nothing_is_put_into_what_fits_no_product_before_a_person_says_that_it_is_new() -> None:
+    odd = AssemblyState(dict(zip(PRODUCT.positions, ("o3", "o1", "o1", "o2", "o2"), strict=False)))
+    plan = replace(believed(), next_belief={("o1", "p6"): 0.99})
+    assert GUARD.fits_none(odd)
+    for waited_s in (0.0, 14.0, 1e3):
+        verdict = GUARD.judge(plan, odd, EMPTY, "o1", "p6", True, may_ask=False, waited_s=waited_s)
+        assert (verdict.decision, verdict.reason) == ("wait", "what is in the bracket fits no product that I know")
+    assert GUARD.judge(plan, odd.told(UNKNOWN_GOAL), EMPTY, "o1", "p6", reachable=True).decision == "act"
+
+
 def test_own_parts_say_as_much_of_a_goal_as_people_look_at_them() -> None:
     """P(g0 | a person's part at p6, the robot's at p1) by hand; 20 arrangements are left of the 60, 57 unlisted."""
     people, both = {"p6": "o3"}, {"p6": "o3", "p1": "o1"}

@@ -52,7 +52,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/display": {**TICK, **fields_of(Display)},
     "/note/belief": {
         **TICK, "placed": OBJECT, "goals": OBJECT, "goal": TEXT, "edge": TEXTS, "source": TEXT, "told": TEXT,
-        "denied": TEXT, "told_part": TEXTS, "taken_out": OBJECT,
+        "denied": TEXT, "told_part": TEXTS, "taken_out": OBJECT, "replaced": OBJECT,
     },
     "/note/plan": {
         **TICK, "guidance": OBJECT, "any_part": TEXTS, "next": TEXTS, "required": INTEGER, "graspable": NUMBER,

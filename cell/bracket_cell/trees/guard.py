@@ -153,8 +153,9 @@ class Guard:
         if looked is None or looked[0] is not plan or looked[1] != state:
             looks = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
             self._looked = looked = plan, state, looks
+        risks = [self._risk_s(share) for share in plan.next_belief.values() if self.unclear(plan, state) is None]
         return Outlook(
-            act_s=min((self._risk_s(belief) for belief in plan.next_belief.values()), default=math.inf),
+            act_s=min(risks, default=math.inf),
             wait_s=waiting_s(looked[2], settings.placement_s, waited_s if state.placed else 0.0),
             ask_s=settings.question_s if may_ask and state.told_goal is None else math.inf,
             after_one_s=next((cost_s for number, cost_s in looked[2] if number == 1), math.inf),
@@ -169,6 +170,8 @@ class Guard:
         most_s = min(self._settings.question_s, outlook.wait_s)
         least = 1.0 - most_s / self._settings.wrong_act_s
         words = Message("{part} at {position}", part=placement[0], position=placement[1])
+        if (unclear := self.unclear(plan, state)) is not None:
+            return Verdict("ask" if self._asks(outlook, str(words)) else "wait", unclear, TOLD)
         if self._compared("most_risk_s", risk_s, "<=", most_s, str(words)):
             reason = Message("{placement} has probability {probability:.2f}", placement=words, probability=probability)
             return Verdict("act", reason, f"if {words} had less than {least:.3f}")
@@ -193,7 +196,7 @@ class Guard:
         filled = self._product.accepted(plan.goal) if known else self._product.positions
         if not set(filled) <= state.placed.keys():
             return self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
-        return plan.goal == UNKNOWN_GOAL or (self.fits_none(state) and self.sure_goal(plan, state) is None)
+        return plan.goal == UNKNOWN_GOAL or self.unclear(plan, state) is not None
 
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
         """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""
@@ -204,6 +207,27 @@ class Guard:
         """Whether no known goal has every placed part where it is, and nothing that was taken out again."""
         fitting = (goal for goal in self._product.goals if self._product.fits(goal, state.placed))
         return all(_has_taken_out(self._product.accepted(goal), state) for goal in fitting)
+
+    def unclear(self, plan: AssemblyPlan, state: AssemblyState) -> Message | None:
+        """Why the parts do not tell which product it is; None where they do, or where a person said it."""
+        if state.told_goal is not None:
+            return None
+        if (before := self.before_exchange(state)) is not None:
+            at = ", ".join(sorted(state.replaced.keys() & state.placed.keys()))
+            return Message("this fitted {goal} before a person exchanged {at}", goal=before, at=at)
+        if self.fits_none(state) and self.sure_goal(plan, state) is None:
+            return Message("what is in the bracket fits no product that I know")
+        return None
+
+    def before_exchange(self, state: AssemblyState) -> str | None:
+        """A known goal that only parts which people exchanged speak against: a swap looks like a mistake mended."""
+        before = {at: part for at, part in state.replaced.items() if at in state.placed and at not in state.by_robot}
+        for goal in self._product.goals if before else ():
+            right = self._product.accepted(goal)
+            undone = {at: part for at, part in before.items() if state.placed[at] not in right.get(at, ())}
+            if undone and goal not in state.denied and self._product.fits(goal, {**state.placed, **undone}):
+                return goal
+        return None
 
     def sure_goal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""

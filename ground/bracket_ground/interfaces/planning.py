@@ -42,6 +42,7 @@ class AssemblyState:
         by_robot: part type by position, of what the robot placed.
         taken_out: of that, what a person took out again: it does not belong there.
         against_told: of that, what was taken out since the goal was told, and so speaks against it.
+        replaced: of what people placed and the holes showed, what they took out again; another part may stand there.
         denied: goals that a person said it is not.
         fastened: names of the fastenings that are done.
     """
@@ -55,22 +56,30 @@ class AssemblyState:
     by_robot: Mapping[str, str] = field(default_factory=dict)
     taken_out: Mapping[str, str] = field(default_factory=dict)
     against_told: Mapping[str, str] = field(default_factory=dict)
+    replaced: Mapping[str, str] = field(default_factory=dict)
     denied: tuple[str, ...] = ()
     fastened: tuple[str, ...] = ()
 
-    def seen(self, placed: Mapping[str, str]) -> AssemblyState:
-        """The state where the holes show this, part type by position; notices what was taken out."""
+    def seen(self, placed: Mapping[str, str], unread: Collection[str] = ()) -> AssemblyState:
+        """The state where the holes show this, part type by position; notices what was taken out.
+
+        Args:
+            unread: positions whose holes never showed what the state has there.
+        """
+        own = {at: part for at, part in self.placed.items() if at not in {*self.by_robot, *unread}}
+        replaced = {at: part for at, part in {**own, **self.replaced}.items() if placed.get(at) != part}
         gone = {at: part for at, part in self.by_robot.items() if at in self.placed and placed.get(at) != part}
         by_robot = {at: part for at, part in self.by_robot.items() if at not in gone}
         taken_out = {at: part for at, part in {**self.taken_out, **gone}.items() if placed.get(at) != part}
         since = {
             at: part for at, part in taken_out.items() if at in self.against_told or (self.told_goal and at in gone)
         }
-        return replace(self, placed=placed, by_robot=by_robot, taken_out=taken_out, against_told=since)
+        now = replace(self, placed=placed, by_robot=by_robot, replaced=replaced)
+        return replace(now, taken_out=taken_out, against_told=since)
 
     def told(self, goal: str) -> AssemblyState:
         """The state after a person said which goal it is; what was taken out before no longer counts."""
-        return replace(self, told_goal=goal, against_told={}, denied=())
+        return replace(self, told_goal=goal, against_told={}, replaced={}, denied=())
 
     def without(self, goal: str) -> AssemblyState:
         """The state after a person said that it is not this goal."""

@@ -351,13 +351,13 @@ def test_what_fits_no_product_is_asked_about_where_no_further_part_tells() -> No
     assert node.execute() is Status.SUCCESS
 
 
-def test_a_full_bracket_of_no_known_product_waits_for_a_word_where_somebody_is_there() -> None:
+@pytest.mark.parametrize("present", [False, True])
+def test_a_full_bracket_of_no_known_product_is_not_right_before_a_person_says_so(present: bool) -> None:
     to = services()
     see(to, 1.0, holes=EMPTY_HOLES)
     full = AssemblyState(dict(zip(PRODUCT.positions, ("o1", "o1", "o2", "o1", "o2", "o3"), strict=True)))
     right: Any = alone(BracketIsRight("right"), to, state=full, plan=NO_IDEA)
-    assert right.execute() is Status.SUCCESS
-    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=present))
     assert right.execute() is Status.FAILURE
     right.state.entry.value = replace(full, told_goal=UNKNOWN_GOAL)
     assert right.execute() is Status.SUCCESS

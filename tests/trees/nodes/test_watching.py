@@ -159,3 +159,22 @@ def test_a_hole_that_is_covered_changes_nothing() -> None:
         see(at, time_s, holes={**EMPTY_HOLES, "p4": HoleView("o2", 1.0, seen_s=0.0)})
         node.update()
     assert not node.state.get().placed
+
+
+def test_what_a_person_exchanges_is_remembered_and_told_in_the_log_where_its_hole_had_shown_it() -> None:
+    at = services()
+    node = ReconcileGraph("reconcile")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({"p2": "o1", "p3": "o2"})  # type: ignore[union-attr]
+    for number in range(16):
+        part = "o1" if number < 4 else None if number < 8 else "o3"
+        holes = {**EMPTY_HOLES, "p2": HoleView(part, 1.0, 0.5 * number), "p3": HoleView(None, 1.0, 0.5 * number)}
+        see(at, 0.5 * number, holes=holes, action=replace(PLACED, part="o2", position="p3") if number == 0 else IDLE)
+        node.update()
+    state = node.state.get()
+    assert (state.placed, state.replaced) == ({"p2": "o3"}, {"p2": "o1"}), "nobody ever saw a part in p3"
+    assert isinstance(at.tools.journal, ListJournal)
+    told = [
+        fields["replaced"] for topic, fields in at.tools.journal.notes if topic == "belief" and "replaced" in fields
+    ]
+    assert told == [{"p2": "o1"}]

@@ -109,7 +109,7 @@ def _believed(left: ResumeState, fields: dict[str, Any]) -> ResumeState:
     if "fastened" in fields:
         return _seen(left, fastened=tuple(fields["fastened"]))
     if "taken_out" in fields:
-        return _seen(left, taken_out=fields["taken_out"])
+        return _seen(left, taken_out=fields["taken_out"], replaced=fields.get("replaced", {}))
     if "kept" in fields:
         wrong = fields["kept"] if fields["known_wrong"] else {}
         return _seen(left, kept={**graph.kept, **fields["kept"]}, known_wrong={**graph.known_wrong, **wrong})

@@ -275,14 +275,14 @@ def differences(number: int, time_s: float, was: Decisions, now: Decisions, memo
     return found
 
 
-def _as_then(was: list[Any], now: list[Any]) -> list[Any]:
-    """What is remembered now, without what is empty and had no name in the log's release."""
-    if len(was) != len(now):
-        return now
-    return [
-        {key: value for key, value in after.items() if key in before or value not in ({}, [], "")}
-        for before, after in zip(was, now, strict=True)
-    ]
+def _as_then(was: Any, now: Any) -> Any:
+    """What is remembered now, without what is empty and had no name in the log's release, at any depth."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        known = {key: value for key, value in now.items() if key in was or value not in ({}, [], "")}
+        return {key: _as_then(was.get(key), value) for key, value in known.items()}
+    if isinstance(was, list) and isinstance(now, list) and len(was) == len(now):
+        return [_as_then(before, after) for before, after in zip(was, now, strict=True)]
+    return now
 
 
 def input_differences(one: LoggedTick, other: LoggedTick) -> list[Difference]:

@@ -212,8 +212,8 @@ class AskWhichGoal(Asks):
             reason = "you said that it is not what I took it for"
         elif state.taken_out:
             reason = Message("I took this for {goal}, and what I placed was taken out again", goal=goal)
-        elif services.tools.guard.fits_none(state):
-            reason = "what is in the bracket fits no product that I know"
+        elif (unclear := services.tools.guard.unclear(plan, state)) is not None:
+            reason = unclear
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
         services.now.show(help_request=Message("{reason}; which one is it?", reason=reason))
         outlook = services.tools.guard.outlook(plan, state, waited_s=services.waited_s)

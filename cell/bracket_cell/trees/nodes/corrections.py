@@ -78,7 +78,7 @@ class AwaitMistake(CellNode):
 
 
 class AwaitMisfit(CellNode):
-    """Wait until the placed parts have fitted no known product for a while: it is new, or something is wrong."""
+    """Wait until the placed parts have fitted no known product for a while, or another one before an exchange."""
 
     state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
     settle_s = InputPort(float, "how long it must fit none", default=6.0, least=0)
@@ -90,7 +90,8 @@ class AwaitMisfit(CellNode):
 
     def update(self) -> Status:
         services, state = self.services, self.state.get()
-        if state.told_goal is not None or not services.tools.guard.fits_none(state):
+        guard = services.tools.guard
+        if state.told_goal is not None or not (guard.fits_none(state) or guard.before_exchange(state)):
             self._since_s = None
             self.feedback_message = ""
             return Status.RUNNING
@@ -241,7 +242,7 @@ class LeaveMistake(CellNode):
 class BracketIsRight(CellNode):
     """Nothing in the bracket looks wrong, except what a person has accepted.
 
-    Where somebody is there to answer, a full bracket that is like no known product is not right before they say so.
+    A full bracket that is like no known product is not right before somebody says so.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")
@@ -253,7 +254,7 @@ class BracketIsRight(CellNode):
         services, plan, state = self.services, self.plan.get(), self.state.get()
         if found := mistakes_in(services, plan, state):
             self.feedback_message = reason_of(services.tools.product, found[:1])
-        elif services.now.observation.operator.present and services.tools.guard.asks_for_goal(plan, state):
+        elif services.tools.guard.asks_for_goal(plan, state):
             self.feedback_message = "it is not known which product this is"
         else:
             self.feedback_message = ""

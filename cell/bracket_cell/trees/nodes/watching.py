@@ -123,6 +123,7 @@ class ReconcileGraph(CellNode):
         state = self.state.get()
         placed = dict(state.placed)
         self._hear(view.action if view else None)
+        unread = tuple(self._said)
         for position, hole in view.holes.items() if view else ():
             if self._settled(position, hole, placed.get(position)) and self._believed(position, hole, placed):
                 placed.pop(position, None)
@@ -137,9 +138,9 @@ class ReconcileGraph(CellNode):
         if placed != dict(state.placed):
             self.now.show(help_request=None)
         if placed != dict(state.placed) or doubts != dict(state.doubts):
-            now = replace(state.seen(placed), doubts=doubts)
-            if now.taken_out != state.taken_out:
-                self.tools.journal.note("belief", taken_out=dict(now.taken_out))
+            now = replace(state.seen(placed, unread), doubts=doubts)
+            if (now.taken_out, now.replaced) != (state.taken_out, state.replaced):
+                self.tools.journal.note("belief", taken_out=dict(now.taken_out), replaced=dict(now.replaced))
             self.state.set(now)
         return Status.SUCCESS
 

@@ -7,15 +7,18 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests import ROOT
+from tests.benchmarks.ros_delays import commands_to_motion
 
 SHARED = {
     "asking",
     "clearing",
     "clearing_stacks",
     "kill_moment",
+    "ros_delays",
     "wired_cell",
 }  # what several use, or a long one leaves out
 FOLDER = Path(__file__).parent
@@ -55,3 +58,10 @@ def test_a_page_names_every_benchmark() -> None:
     pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "Makefile"]
     named = set(re.findall(r"tests[./]benchmarks[./](\w+)", "\n".join(page.read_text() for page in pages)))
     assert set(NAMES) - SHARED <= named, "delete it, or say in docs/ what it is for"
+
+
+def test_a_command_is_late_until_the_first_sample_that_moves() -> None:
+    speeds = np.array([[at / 10, 0.0 if at < 13 else 1.0 if at < 30 else 0.0] for at in range(60)])
+    assert commands_to_motion([1.05, 1.15, 2.0], speeds) == pytest.approx([0.25]), "a moving arm has begun already"
+    assert commands_to_motion([4.0], speeds) == [], "it never moved"
+    assert commands_to_motion([1.0], np.zeros((0, 2))) == []

@@ -2,7 +2,8 @@
 
     python -m tests.benchmarks.twin_assemblies --runs 10 --slower 16 --out runs/twin
 
-Folders keep log, screen and configuration of each run. An assembly takes about 45 s of the cell.
+With `--ros2` it tells as well how late joints and images came, and the first motion after a command. Folders keep
+log, screen and configuration of each run. An assembly takes about 45 s of the cell.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.fleet.intervals import wilson
+from tests.benchmarks.ros_delays import listened, summary
 from tests.benchmarks.wired_cell import Told, wired_cell
 from tests.sim.twin.rig import own_host
 
@@ -42,6 +46,9 @@ def main() -> None:
             stream.write(json.dumps(told) + "\n")
     rows = [json.loads(line) for line in (asked.out / "results.jsonl").read_text().splitlines()]
     Console().print(table(rows))
+    for name in dict.fromkeys(name for row in rows for name in row.get("delays", ())):
+        late = [delay for row in rows for delay in row.get("delays", {}).get(name, ())]
+        Console().print(*summary({name: late}))
 
 
 def assembled(folder: Path, seed: int, goal: str, person: str, slower: float, domain: int | None = None) -> Told:
@@ -49,15 +56,21 @@ def assembled(folder: Path, seed: int, goal: str, person: str, slower: float, do
     more = ("--seed", str(seed), "--goal", goal, "--person", person)
     began_s = time.monotonic()
     with wired_cell(folder, own_host(1), slower, more, domain) as cell:
-        run = cell.run(LONGEST_S)
-        return {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run, "twin": cell.report()}
+        with listened(domain) as delays:
+            run = cell.run(LONGEST_S)
+        told = {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run}
+        return told | {
+            "twin": cell.report(),
+            "delays": {name: np.round(late, 5).tolist() for name, late in delays.items()},
+        }
 
 
 def table(rows: list[Told]) -> Table:
     """A line for each run."""
     right = sum(bool(row["twin"]["correct"]) and row["run"]["end"] == "finished" for row in rows)
     shown = Table("seed", "goal", "K", "right", "end", "by the robot", "cell s", "world lost s", "wall s")
-    shown.title = f"{right} of {len(rows)} assemblies through the wires"
+    share = wilson(right, len(rows))
+    shown.title = f"{right} of {len(rows)} assemblies through the wires (95 %: {share.low:.2f} to {share.high:.2f})"
     for row in rows:
         run, twin = row["run"], row["twin"]
         end = run["end"] if run["end"] == "finished" else f"{run['end']}: {run.get('reason', '')}"

@@ -162,7 +162,7 @@ class RosArm:
         if not able or late or (np.diff(times_s) <= 0).any():
             return False
         joints = np.array([point.positions for point in points])[:, [names.index(name) for name in self._names]]
-        self._path, self._along_s = (begun_s, times_s, joints), max(self._cell.now_s() - begun_s, 0.0)
+        self._path, self._along_s = (begun_s, times_s, joints), self._cell.now_s() - begun_s
         self._cell.person_comes()
         return True
 

@@ -20,7 +20,7 @@ from bracket_ground.interfaces.paced_path import PacedPath
 from bracket_ground.interfaces.pose import Array
 
 BLEND_S = 0.3  # in which a path is reached that begins beside the set points
-HURRY_PERIODS = 2.0  # a cycle that begins later than this is left out, not made up for
+HURRY_PERIODS = 2.0  # a cycle that is later than this is left out; made up for where an arm goes on by itself
 STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
 LEAVE_S = 0.02  # from the last set point to the end, which takes what is left of the motion
 LISTENS_S = 0.5
@@ -228,10 +228,14 @@ class _Stream:
             points.append(there + self._beside * _left(blended))
         return np.array(points)
 
-    def _advance(self, path: PacedPath) -> None:
-        there = path.advance(self._allowed, self._period_s)
+    def _step(self, path: PacedPath, share: float) -> Array:
+        """The set point (n,) after another period."""
+        there = path.advance(share, self._period_s)
         self._blended = min(1.0, self._blended + self._period_s / BLEND_S)
-        target, self._untold = there + self._beside * _left(self._blended), self._untold + 1
+        return there + self._beside * _left(self._blended)
+
+    def _advance(self, path: PacedPath) -> None:
+        target, self._untold = self._step(path, self._allowed), self._untold + 1
         if self._untold >= STANDING_CYCLES or not np.array_equal(target, self._target):
             self._untold = 0
             self.say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))
@@ -241,10 +245,19 @@ class _Stream:
         """Wait for the next cycle; returns when it is due."""
         period_s = self._period_s * self._slower
         due_s, now_s = due_s + period_s, time.monotonic()
-        if now_s > due_s + HURRY_PERIODS * period_s:
-            return now_s
         time.sleep(max(0.0, due_s - now_s))
-        return due_s
+        if isinstance(self._link, PieceLink) and self._path is not None:
+            return due_s + period_s * self._made_up(self._path, due_s, self._link.piece_s)
+        return now_s if now_s > due_s + HURRY_PERIODS * period_s else due_s
+
+    def _made_up(self, path: PacedPath, due_s: float, piece_s: float) -> int:
+        """Whole periods that were left out: the arm went on along its piece, and so does the path; returns how many."""
+        periods = max(0, int((time.monotonic() - due_s) / (self._period_s * self._slower)))
+        for period in range(periods):
+            gone_s = (due_s - self._piece_s) / self._slower + period * self._period_s
+            share = self._piece[1] if gone_s < piece_s + self._period_s / 2 else 0.0
+            self._target = self._step(path, share)
+        return periods
 
     def _hear(self) -> None:
         try:

@@ -1,0 +1,102 @@
+"""The process that streams pieces of a path: where it is held up, the arm goes on, and so must the path."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bracket_cell.skills.drivers import stream
+from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.pose import Array
+
+PERIOD_S, SPEED_RAD_S, WAY_RAD = 0.008, 2.0, 3.0
+ACCELERATION_RAD_S2 = np.array([8.0])
+
+
+class Machine:
+    """Time that passes where somebody sleeps, or holds up what runs.
+
+    Attributes:
+        held_up: how long, by the moment at which it happens, both in [s].
+    """
+
+    def __init__(self, held_up: dict[float, float]) -> None:
+        self.now_s, self.held_up = 100.0, {100.0 + at_s: for_s for at_s, for_s in held_up.items()}
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds + sum(self.held_up.pop(at_s) for at_s in list(self.held_up) if at_s <= self.now_s)
+
+
+class Arm:
+    """Follows the newest piece by itself, to its end; implements `PieceLink`.
+
+    Attributes:
+        jumps_rad: from where it was to where a piece began.
+    """
+
+    piece_s, each_s = 0.25, 0.1
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine, self._begun_s = machine, machine.now_s
+        self._points = np.zeros((1, 1))
+        self.jumps_rad: list[float] = []
+
+    @property
+    def at_rad(self) -> float:
+        times = self._begun_s + PERIOD_S * np.arange(len(self._points))
+        return float(np.interp(self._machine.now_s, times, self._points[:, 0]))
+
+    def send_piece(self, points_rad: Array) -> None:
+        self.jumps_rad.append(abs(float(points_rad[0, 0]) - self.at_rad))
+        self._points, self._begun_s = points_rad, self._machine.now_s
+
+    def send(self, joints_rad: Array) -> None:
+        self.send_piece(joints_rad[np.newaxis])
+
+    def idle(self) -> None:
+        pass
+
+    def load(self, mass_kg: float, centre_m: tuple[float, float, float]) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def followed(monkeypatch: pytest.MonkeyPatch, held_up: dict[float, float], share_s: float = 9.0) -> Arm:
+    """An arm that followed a path over 3 rad, and is told to go on until a moment."""
+    machine = Machine(held_up)
+    arm, began_s = Arm(machine), machine.now_s
+    monkeypatch.setattr(stream, "time", machine)
+    times_s = np.linspace(0.0, WAY_RAD / SPEED_RAD_S, 50)
+    path = JointTrajectory(times_s, (times_s * SPEED_RAD_S)[:, np.newaxis])
+    told: list[Any] = [stream.Start(np.zeros(1), ACCELERATION_RAD_S2), stream.Share(1.0), stream.Begin(path)]
+
+    def taken() -> Any:
+        if not told:
+            now_s = machine.now_s - began_s
+            told.extend([stream.Share(float(now_s < share_s)) if now_s < 4.0 else stream.Leave(), None])
+        return told.pop(0)
+
+    channel: Any = SimpleNamespace(taken=taken, send=lambda *_: None)
+    stream._Stream(arm, channel, PERIOD_S, 1.0).run()
+    return arm
+
+
+@pytest.mark.parametrize("held_up_s", [0.0, 0.02, 0.05, 0.15, 0.6])
+def test_a_process_that_is_held_up_goes_on_where_the_arm_is(monkeypatch: pytest.MonkeyPatch, held_up_s: float) -> None:
+    arm = followed(monkeypatch, {0.5: held_up_s, 0.9: held_up_s})
+    assert max(arm.jumps_rad) < 1.1 * PERIOD_S * SPEED_RAD_S
+    assert arm.at_rad == pytest.approx(WAY_RAD)
+
+
+def test_an_arm_that_shall_stand_is_not_moved_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = followed(monkeypatch, {1.5: 0.5}, share_s=0.6)
+    assert max(arm.jumps_rad) < 1.1 * PERIOD_S * SPEED_RAD_S
+    assert 1.0 < arm.at_rad < 2.0

@@ -226,10 +226,10 @@ class BitSettings(Model):
 
 
 class Ros2Settings(DdsSettings):
-    """Topics of ROS 2 that others look at the cell by: joint states, transforms, diagnostics, hands, words.
+    """Topics of ROS 2 that others look at the cell by: joint states, transforms, diagnostics, markers, words.
 
     Attributes:
-        namespace: before names that no convention has: /cell/hands, /cell/robot, /cell/guidance.
+        namespace: before names that no convention has: /cell/hands, /cell/scene/bench, /cell/robot, /cell/guidance.
     """
 
     namespace: str = Field(default="cell", pattern=r"^[A-Za-z_]\w*$")

@@ -6,7 +6,7 @@ changes, so that it costs a tick little.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from foxglove.channels import (
     SceneUpdateChannel,
 )
 
-from bracket_cell.recording.scene_bodies import assembly_scene, bench_scene, parts_scene, robot_scene
+from bracket_cell.recording.scene_bodies import assembly_scene, bench_scene, hands_scene, parts_scene, robot_scene
 from bracket_cell.recording.scene_frames import (
     BRACKET,
     TRAY,
@@ -39,13 +39,13 @@ from bracket_cell.watching.observer import TickRecord
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import ArmState, GripperState, Observation
-from bracket_ground.interfaces.perception import BenchView, PartsView
+from bracket_ground.interfaces.perception import BenchView, HandSample, PartsView
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 
 FRAMES_OF_ROBOT, FRAMES_OF_BENCH, FRAME_OF_CAMERA = "/tf/robot", "/tf/bench", "/tf/camera_{}"
 SCENE_OF_ROBOT, SCENE_OF_BENCH = "/scene/robot", "/scene/bench"
-SCENE_OF_PARTS, SCENE_OF_ASSEMBLY = "/scene/parts", "/scene/assembly"
+SCENE_OF_PARTS, SCENE_OF_ASSEMBLY, SCENE_OF_HANDS = "/scene/parts", "/scene/assembly", "/scene/hands"
 CALIBRATION = "/camera/{}/calibration"
 HAND, HOLES, PARTS = "/camera/overhead/hand", "/camera/overhead/holes", "/camera/wrist/parts"
 JOINT_STATES = "/joint_states"
@@ -67,7 +67,11 @@ class CellModel:
 
 
 class SceneLog:
-    """Writes what viewers show into the channels of a context."""
+    """Writes what viewers show into the channels of a context.
+
+    Attributes:
+        last: the newest message of each topic.
+    """
 
     def __init__(self, context: foxglove.Context, cell: CellModel) -> None:
         self._context, self._product, self._bench = context, cell.product, cell.bench
@@ -82,9 +86,10 @@ class SceneLog:
             HOLES: ImageAnnotationsChannel(HOLES, context=context),
             PARTS: ImageAnnotationsChannel(PARTS, context=context),
         }
-        for topic in (SCENE_OF_ROBOT, SCENE_OF_BENCH, SCENE_OF_PARTS, SCENE_OF_ASSEMBLY):
+        self._persons = cell.motion.separation.persons
+        for topic in (SCENE_OF_ROBOT, SCENE_OF_BENCH, SCENE_OF_PARTS, SCENE_OF_ASSEMBLY, SCENE_OF_HANDS):
             self._channels[topic] = SceneUpdateChannel(topic, context=context)
-        self._last: dict[str, Any] = {}
+        self.last: dict[str, Any] = {}
         self._arm: ArmState | None = None
         self._gripper: GripperState | None = None
         self._bench_view: BenchView | None = None
@@ -93,6 +98,7 @@ class SceneLog:
         self._placed: dict[str, str] = {}
         self._guidance: dict[str, tuple[str, ...]] = {}
         self._camera_poses: dict[str, Pose] = {}
+        self._hands_n = 0
         self._begin(robot_scene(0, shapes))
 
     def _begin(self, robot: messages.SceneUpdate) -> None:
@@ -127,6 +133,7 @@ class SceneLog:
             self._bench_view = seen.bench
             self._put(HAND, hand_overlay(stamp_ns, seen.bench), stamp_ns)
             self._mark_holes(seen.bench.holes, stamp_ns)
+            self._hands(seen.bench.hands, stamp_ns)
         if seen.parts is not None and seen.parts is not self._parts_view:
             self._parts_view = seen.parts
             parts = seen.parts.detections
@@ -137,12 +144,12 @@ class SceneLog:
     def repeat(self, topics: Iterable[str], stamp_ns: int) -> None:
         """Say again what was last said on these topics, for a viewer that came later."""
         for topic in topics:
-            if topic in self._last:
-                self._channels[topic].log(self._last[topic], log_time=stamp_ns)
+            if topic in self.last:
+                self._channels[topic].log(self.last[topic], log_time=stamp_ns)
 
     def repeat_all(self, stamp_ns: int) -> None:
         """Say again everything that was said, for a new file."""
-        self.repeat(list(self._last), stamp_ns)
+        self.repeat(list(self.last), stamp_ns)
 
     def _robot(self, seen: Observation, stamp_ns: int) -> None:
         arm, gripper = seen.arm, seen.gripper
@@ -164,6 +171,11 @@ class SceneLog:
         pairs = zip(arm.positions_rad, self._arm.positions_rad, strict=True)
         return all(abs(now - before) <= ARM_STEP_RAD for now, before in pairs)
 
+    def _hands(self, hands: Sequence[HandSample], stamp_ns: int) -> None:
+        if hands or self._hands_n:
+            self._put(SCENE_OF_HANDS, hands_scene(stamp_ns, [self._persons.wall(hand) for hand in hands]), stamp_ns)
+        self._hands_n = len(hands)
+
     def _mark_holes(self, holes: Any, stamp_ns: int) -> None:
         read = {position: (hole.part, hole.upright) for position, hole in holes.items()}
         if read != self._read:
@@ -177,13 +189,13 @@ class SceneLog:
                 placed = known
         if record.command.display is not None:
             guidance = dict(record.command.display.guidance)
-        if (placed, guidance) != (self._placed, self._guidance) or SCENE_OF_ASSEMBLY not in self._last:
+        if (placed, guidance) != (self._placed, self._guidance) or SCENE_OF_ASSEMBLY not in self.last:
             self._placed, self._guidance = placed, guidance
             scene = assembly_scene(stamp_ns, self._product, placed, guidance)
             self._put(SCENE_OF_ASSEMBLY, scene, stamp_ns)
 
     def _put(self, topic: str, message: Any, stamp_ns: int) -> None:
-        self._last[topic] = message
+        self.last[topic] = message
         self._channels[topic].log(message, log_time=stamp_ns)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import coal
+import numpy as np
 from foxglove import messages
 
 from bracket_cell.recording.scene_frames import (
@@ -29,6 +31,7 @@ STEEL, WOOD, ROBOT, TOOL_COLOUR, INK = (
     (0.20, 0.22, 0.26, 1.0),
     (0.05, 0.05, 0.05, 1.0),
 )
+HAND_COLOUR = (1.0, 0.80, 0.0, 0.35)
 BIN_COLOUR = (0.65, 0.60, 0.52, 0.35)
 GHOST_ALPHA = 0.30  # of what the guidance shows
 LABEL_M = 0.018
@@ -92,6 +95,25 @@ def parts_scene(stamp_ns: int, product: Product, parts: Sequence[PartDetection])
         for number, part in enumerate(parts)
     ]
     return _replaced(stamp_ns, bodies)
+
+
+def hands_scene(stamp_ns: int, walls: Sequence[coal.Convex]) -> messages.SceneUpdate:
+    """The volumes that the arm keeps its distance from, one for each hand that is seen; replaces those before."""
+    hulls = [
+        messages.TriangleListPrimitive(
+            points=[messages.Point3(x=x, y=y, z=z) for x, y, z in np.array(wall.points()).tolist()],
+            indices=[wall.polygons(face)[corner] for face in range(wall.num_polygons) for corner in range(3)],
+            color=colour_message(HAND_COLOUR),
+        )
+        for wall in walls
+    ]
+    return _replaced(
+        stamp_ns,
+        [
+            messages.SceneEntity(timestamp=timestamp(stamp_ns), frame_id=WORLD, id=f"hand {number}", triangles=[hull])
+            for number, hull in enumerate(hulls)
+        ],
+    )
 
 
 def assembly_scene(

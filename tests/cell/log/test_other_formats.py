@@ -141,6 +141,18 @@ def test_a_rosbag_has_joints_transforms_images_and_lines(assembly_log: Log, tmp_
         "camera_overhead"
     }
     assert found["/rosout"]
+    [bench] = found["/scene/bench"]
+    named = {marker.ns for marker in bench.markers}
+    assert {"bench", "holes"} <= named
+    cubes = [marker for marker in bench.markers if marker.ns == "bench"]
+    assert all(marker.type == marker.CUBE and marker.header.frame_id == "world" for marker in cubes)
+    assert [marker.id for marker in cubes] == list(range(len(cubes)))
+    written = {marker.text for marker in bench.markers if marker.type == marker.TEXT_VIEW_FACING}
+    assert len(written) > 3
+    hulls = [marker for marker in found["/scene/robot"][0].markers if marker.type == marker.TRIANGLE_LIST]
+    assert hulls
+    assert all(len(marker.points) % 3 == 0 and marker.points for marker in hulls)
+    assert found["/scene/assembly"][1].markers[0].action == bench.markers[0].DELETEALL
     with pytest.raises(InputError, match="exists already"):
         export(assembly_log, "rosbag2", target)
 

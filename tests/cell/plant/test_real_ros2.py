@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
 import time
@@ -10,25 +11,36 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import foxglove
 import pytest
 
 from bracket_cell.plant import ros_definitions
 from bracket_cell.plant.dds import SENSOR, Node, waited
 from bracket_cell.plant.ros_services import ActionClient, Caller, Status
+from bracket_cell.plant.ros_topics import RosTopics
 from bracket_cell.plant.ros_types import empty, message
+from bracket_cell.recording.scene import SceneLog
+from bracket_cell.settings import Ros2Settings
 from bracket_cell.skills.drivers.settings import DdsSettings
+from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.pose import Pose
+from tests.cell.plant.test_ros2 import model, tick, with_hand
 from tests.processes import started
 
 pytestmark = pytest.mark.slow
 DOMAIN = 1 + (os.getpid() + 111) % 200
-PACKAGES = ("rclpy", "rmw-fastrtps-cpp", "sensor-msgs", "std-srvs", "test-msgs")
+SHOWN = "visualization-msgs", "diagnostic-msgs"
+PACKAGES = ("rclpy", "rmw-fastrtps-cpp", "sensor-msgs", "std-srvs", "test-msgs", *SHOWN)
 NODE = """
 import time, rclpy
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
+from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 from test_msgs.action import Fibonacci
 
 def run(goal):
@@ -58,6 +70,13 @@ node.create_service(Trigger, "/real/trigger", answer)
 joints = node.create_publisher(JointState, "/joint_states", 10)
 node.create_timer(0.01, tell)
 node.create_subscription(JointState, "/from_cell", lambda m: print("heard", *m.name, *m.position, flush=True), 10)
+kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+def drawn(m):
+    print("drawn", *sorted({f"{k.ns}:{k.header.frame_id}:{k.type}:{len(k.points)}" for k in m.markers}), flush=True)
+node.create_subscription(MarkerArray, "/cell/scene/bench", drawn, kept)
+node.create_subscription(MarkerArray, "/cell/scene/hands", drawn, 10)
+ill = lambda m: print("ill", *[f"{s.name}={s.level[0]}" for s in m.status], flush=True)
+node.create_subscription(DiagnosticArray, "/diagnostics", ill, 10)
 group = ReentrantCallbackGroup()
 taken = lambda goal: GoalResponse.ACCEPT if goal.order < 100 else GoalResponse.REJECT
 cancelled = lambda goal: CancelResponse.ACCEPT
@@ -108,6 +127,28 @@ def test_topics_both_ways(node: Node, real: subprocess.Popen[str]) -> None:
     writer.write(said)
     assert real.stdout is not None
     assert real.stdout.readline() == "heard x 0.5\n"
+
+
+def test_rviz_and_rqt_are_shown_a_run(real: subprocess.Popen[str]) -> None:
+    scene = SceneLog(foxglove.Context(), model())
+    joints, hold = list("abcdef"), Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),))
+    topics = RosTopics(Ros2Settings(domain=DOMAIN), joints, lambda _: Pose((0.1, 0.2, 0.3)), scene)
+    assert real.stdout is not None
+    heard: dict[str, set[str]] = {}
+    wanted = {
+        "ill": {"cell=1", "cell:", "hand_unknown=1"},
+        "drawn": {"hand", "0:world:11:36", "bench:world:1:0", "holes:bracket:3:0", "holes:bracket:9:0"},
+    }
+    end_s, number = time.monotonic() + 20.0, 0
+    while any(not some <= heard.get(name, set()) for name, some in wanted.items()):
+        assert time.monotonic() < end_s, heard
+        ticked = with_hand(tick(number, hold))
+        scene.tick(ticked, 0)
+        topics.tick(ticked)
+        number += 1
+        while select.select([real.stdout], [], [], 0.05)[0]:
+            name, *words = real.stdout.readline().split()
+            heard.setdefault(name, set()).update(words)
 
 
 def test_a_service_is_called(node: Node) -> None:

@@ -4,34 +4,40 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import cv2
+import foxglove
 import numpy as np
 import pytest
 
-from bracket_cell.configuration import load_configuration
+from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.recording.scene import CellModel, SceneLog
 from bracket_cell.settings import Ros2Settings
 from bracket_cell.skills.drivers.settings import DdsSettings, Ros2CameraSettings
+from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.frame import Frame
+from bracket_ground.interfaces.perception import HandSample
 from bracket_ground.interfaces.pose import Pose
 from tests.cell.running.test_supervisor import sound
 
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 typesys = pytest.importorskip("rosbags.typesys", reason="the extra ros2 is not installed")
 
-from bracket_cell.plant.dds import Node, Quality  # noqa: E402 - without the extra they are of no use
+from bracket_cell.plant.dds import LAST, Node, Quality  # noqa: E402 - without the extra they are of no use
 from bracket_cell.plant.ros_camera import Ros2Camera  # noqa: E402
+from bracket_cell.plant.ros_scene import CUBE, DELETE_ALL  # noqa: E402
 from bracket_cell.plant.ros_topics import RosTopics  # noqa: E402
 from bracket_cell.plant.ros_types import message  # noqa: E402
 
 DOMAIN = 87
-BENCH = load_configuration().bench
+BENCH, PRODUCT = load_configuration().bench, load_product(load_configuration())
 STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 KINDS = sorted(
     name
@@ -82,10 +88,23 @@ def tick(number: int, judgement: Judgement | None = None, display: Display | Non
     return TickRecord(sound(number), "RUNNING", (), (), command, SentCommand(), 0.0, overrun=False, judgement=judgement)
 
 
+def with_hand(record: TickRecord) -> TickRecord:
+    """The same where a hand is seen."""
+    assert record.observation.bench is not None
+    bench = replace(record.observation.bench, hand=HandSample(0.0, (10, 20, 60, 80), (0.7, 0.1), (0.8, 0.1)))
+    return replace(record, observation=replace(record.observation, bench=bench))
+
+
+def model() -> CellModel:
+    configuration = load_configuration()
+    return CellModel(PRODUCT, BENCH, MotionPlanner(PRODUCT, BENCH, configuration.motion))
+
+
 def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
     settings = Ros2Settings(domain=DOMAIN, namespace="bench_4")
     names = ("a", "b", "c", "d", "e", "f")
-    topics = RosTopics(settings, names, lambda joints: Pose((float(joints[0]), 0.2, 0.3)))
+    scene = SceneLog(foxglove.Context(), model())
+    topics = RosTopics(settings, names, lambda joints: Pose((float(joints[0]), 0.2, 0.3)), scene)
     lab = Node(settings)
     of = {
         "/joint_states": ("sensor_msgs/msg/JointState", Quality()),
@@ -94,6 +113,10 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
         "/rosout": ("rcl_interfaces/msg/Log", Quality(lasting=True)),
         "/bench_4/robot": ("std_msgs/msg/String", Quality(kept=1, lasting=True)),
         "/bench_4/hands": ("geometry_msgs/msg/PoseArray", Quality()),
+        "/tf_static": ("tf2_msgs/msg/TFMessage", LAST),
+        "/bench_4/scene/bench": ("visualization_msgs/msg/MarkerArray", Quality()),
+        "/bench_4/scene/hands": ("visualization_msgs/msg/MarkerArray", Quality()),
+        "/bench_4/scene/assembly": ("visualization_msgs/msg/MarkerArray", Quality()),
     }
     hears = {topic: lab.subscription(topic, kind, quality) for topic, (kind, quality) in of.items()}
     heard: dict[str, list[Any]] = {topic: [] for topic in of}
@@ -102,7 +125,10 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
 
     def all_came() -> bool:
         nonlocal number
-        topics.tick(tick(number, hold, Display(message="moving to look")))
+        guidance = {"o1": ("p1", "p3")}
+        ticked = with_hand(tick(number, hold, Display(message="moving to look", guidance=guidance)))
+        scene.tick(ticked, 0)
+        topics.tick(ticked)
         topics.message(0.1, "warning", "hold: it is dark")
         number += 1
         for topic, reader in hears.items():
@@ -118,6 +144,21 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
     assert transform.transform.translation.z == 0.3
     assert transform.transform.rotation.w == 1.0
     assert [one.name for one in heard["/diagnostics"][-1].status] == ["cell", "cell: hand_unknown"]
+    values = {one.key: one.value for one in heard["/diagnostics"][-1].status[0].values}
+    assert values["tree"] == "RUNNING"
+    frames = {one.child_frame_id: one.transform.translation for one in heard["/tf_static"][-1].transforms}
+    assert frames.keys() == {"bracket", "tray"}
+    assert (frames["bracket"].x, frames["bracket"].y) == BENCH.bracket.position_m[:2]
+    bench = heard["/bench_4/scene/bench"][-1].markers
+    assert {marker.header.frame_id for marker in bench} == {"world", "bracket"}
+    assert {marker.text for marker in bench if marker.text} == set(PRODUCT.positions)
+    goals = heard["/bench_4/scene/assembly"][-1].markers
+    assert goals[0].action == DELETE_ALL
+    assert {marker.ns for marker in goals[1:]} == {"o1 at p1", "o1 at p3"}
+    assert all(marker.color.a < 0.5 for marker in goals if marker.type == CUBE)
+    [_, hand] = heard["/bench_4/scene/hands"][-1].markers
+    assert len(hand.points) == 36, "twelve triangles of a wall"
+    assert max(point.z for point in hand.points) > 0.1
     assert heard["/bench_4/robot"][-1].data == "moving to look"
     assert heard["/rosout"][-1].msg == "hold: it is dark"
     topics.close(Outcome("finished", "the tree is done", 6, 0, 0.3, 0.3))

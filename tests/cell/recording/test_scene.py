@@ -97,6 +97,14 @@ def test_the_hand_and_the_holes_are_drawn_where_they_were_seen(tmp_path: Path, c
     assert {(p.x, p.y) for p in first.points[0].points} == {(10, 20), (60, 20), (60, 80), (10, 80)}
     assert any("o2" in text.text for text in first.texts)
     assert not second.points, "a hand that is gone is not shown any longer"
+    volume, gone_too = found["/scene/hands"]
+    [wall] = volume.entities[0].triangles
+    across = {round(abs(point.y - 0.1), 6) for point in wall.points if point.z == 0.0}
+    assert len(wall.points) == 8
+    assert max(across) + min(across) >= 2 * cell.motion.separation.settings.hand_radius_m
+    assert set(wall.indices) == set(range(8))
+    assert not gone_too.entities
+    assert gone_too.deletions
     [marks] = found["/camera/overhead/holes"]
     assert [text.text for text in marks.texts] == ["p1 o1", "p2 -", "p3 o3 tilted", "p4 ?", "p5 ?", "p6 ?"]
     camera, bracket = cell.bench.overhead, cell.bench.bracket.pose

@@ -6,18 +6,17 @@ import base64
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from foxglove import messages
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
 from bracket_cell.log.read.mcap_file import Message
 from bracket_cell.log.read.reader import Log
+from bracket_cell.recording.viewed import message_class
 from bracket_ground.errors import LogError
 from bracket_ground.interfaces.observation import Image
 
@@ -36,19 +35,10 @@ def decoded(path: Path, message: Message, kind: Any) -> Any:
         LogError: the message is none of this kind.
     """
     try:
-        return _message_class(kind).FromString(message.data)
+        return message_class(kind).FromString(message.data)
     except DecodeError:
         what = f"message of {message.topic} at {message.time_ns / 1e9:.3f} s is not a valid {kind.__name__}"
         raise LogError(path, what) from None
-
-
-@cache
-def _message_class(kind: Any) -> Any:
-    schema = kind.get_schema()
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
 
 
 @dataclass(frozen=True)

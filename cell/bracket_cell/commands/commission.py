@@ -41,6 +41,7 @@ from bracket_cell.runs.commissioning import DRY_SHARE, Teaching, dry_run, goal_o
 from bracket_cell.runs.options import LOOK_HELP, SHARE_HELP
 from bracket_cell.runs.slow_motion import move_to, opened
 from bracket_cell.runs.stopping import measured
+from bracket_cell.skills.drivers.settings import Ros2ArmSettings
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
@@ -128,7 +129,7 @@ def _write(found: Calibration, path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-GRIPPER, ROBOT, STOP, ACTIVATION_S = "gripper", "robot", "stop", 20.0
+GRIPPER, ROBOT, STOP, OBSTACLES, ACTIVATION_S = "gripper", "robot", "stop", "obstacles", 20.0
 JOB = "job"
 
 setup_app = typer.Typer(no_args_is_help=True, help="Make a real cell ready: teach, calibrate, try.")
@@ -140,14 +141,15 @@ def teach(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="NAME", help="park, look, bracket, tray, gripper, robot, stop, or a part type: its bin."
+            metavar="NAME", help="park, look, bracket, tray, gripper, robot, stop, obstacles, or a part type: its bin."
         ),
     ],
     config: ConfigOption = CONFIGURATION,
 ) -> int:
     """Lead the arm by hand (free drive) and press Enter. The configuration then says where things are.
 
-    With stop, the arm turns each joint and measures how it stops; status 1 if that is worse than reckoned with.
+    With stop, the arm turns each joint and measures how it stops; status 1 if that is worse than reckoned with. With
+    obstacles, of an arm behind ROS 2, what stands there by MoveIt's planning scene is taken.
     """
     configuration, product = _read(config)
     if name == GRIPPER:
@@ -156,6 +158,8 @@ def teach(
         return _teach_robot(configuration, config)
     if name == STOP:
         return _teach_stop(configuration, product, config)
+    if name == OBSTACLES:
+        return _teach_obstacles(configuration, config)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     teaching = Teaching(name, configuration.bench, product, motion)
     with located(config, configuration), joints_by_hand(configuration, product) as joints_now:
@@ -265,6 +269,24 @@ def _teach_stop(configuration: Configuration, product: Product, config: Path) ->
         say(f"worse than reckoned with: {line}")
     say(f"{config}: motion.stopping; separation reckons with a reaction of {taught.motion.separation.reaction_s:.3f} s")
     return 1 if worse else 0
+
+
+def _teach_obstacles(configuration: Configuration, config: Path) -> int:
+    """Take what stands there from the lab's planning scene; what the bench file has by other names is kept."""
+    from bracket_cell.plant.ros_obstacles import planning_scene
+
+    if not isinstance(settings := configuration.devices.arm, Ros2ArmSettings):
+        raise InputError(f"{config}: devices.arm: obstacles come by an arm of kind ros2, from its planning scene")
+    found, left_out = planning_scene(settings)
+    for line in left_out:
+        console().print(f"left out: {line}", highlight=False)
+    names = {obstacle.name for obstacle in found}
+    every = [*(obstacle for obstacle in configuration.bench.obstacles if obstacle.name not in names), *found]
+    told = [obstacle.model_dump(mode="json", exclude_defaults=True) for obstacle in every]
+    write_values(config, {("bench", OBSTACLES): told})
+    load_configuration(config)
+    console().print(f"{config}: {len(found)} obstacles of the planning scene; `cell doctor` looks at them")
+    return 1 if left_out else 0
 
 
 def _teach_robot(configuration: Configuration, config: Path) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bracket_cell.plant.dds import SENSOR, Node, taken, waited
+from bracket_cell.plant.ros_frames import Frames
 from bracket_cell.skills.drivers import cameras
 from bracket_cell.skills.drivers.cameras import GrabbingCamera, Image
 from bracket_cell.skills.drivers.settings import Ros2CameraSettings
@@ -20,11 +21,14 @@ from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.frame import together
 from bracket_ground.interfaces.intrinsics import BROWN
+from bracket_ground.interfaces.pose import Pose
+from bracket_ground.interfaces.robot import RobotModel
 
 FRAME_S = 1.0  # in which a frame must come
 OLDEST_S = 10.0  # a stamp that is farther from the wall clock is of another clock, as of a simulation
 DEPTH_S, DEPTHS_N = 0.1, 8  # that a depth image may come after its image; of those that are kept
 INFO_S = 3.0  # to wait for CameraInfo
+MOUNT_OFF_M, MOUNT_OFF_RAD = 0.005, 0.01  # that tf and bench file may differ by
 RECTIFIED = "image_rect"  # in topics of image_proc
 COMPRESSED = "/compressed"
 TO_RGB = {
@@ -118,12 +122,35 @@ def _millimetres(came: Any) -> NDArray[np.uint16]:
     return data.reshape(came.height, came.width).astype(np.uint16)
 
 
-def examine(settings: Ros2CameraSettings, clock: Clock, bench: Bench, role: str) -> Iterator[DeviceCheck]:
-    """As of every camera, and its lens by CameraInfo."""
+def examine(
+    settings: Ros2CameraSettings, clock: Clock, bench: Bench, role: str, robot: RobotModel
+) -> Iterator[DeviceCheck]:
+    """As of every camera, its lens by CameraInfo, and its mount by tf."""
     yield from cameras.examine(settings, clock, bench, role)
     if settings.info:
         reader = Node(settings).subscription(settings.info, "sensor_msgs/msg/CameraInfo", SENSOR)
-        yield _lens(waited(reader, INFO_S), bench, role, settings)
+        yield _lens(info := waited(reader, INFO_S), bench, role, settings)
+        if info is not None and settings.frame:
+            found = Frames(Node(settings)).pose(settings.frame, info.header.frame_id, INFO_S)
+            yield _mount(found, info.header.frame_id, bench, role, settings, robot)
+
+
+def _mount(
+    found: Pose | None, camera: str, bench: Bench, role: str, settings: Ros2CameraSettings, robot: RobotModel
+) -> DeviceCheck:
+    """Whether the bench file has the mount that tf tells."""
+    told = f"camera {role}: its mount by tf, from {settings.frame} to {camera}"
+    if found is None:
+        return DeviceCheck(told, "/tf and /tf_static do not tell it")
+    tool = Pose((0.0, 0.0, robot.gripper.tcp_from_flange_m if role == "wrist" else 0.0))  # where the mount begins
+    found, mount = tool.inverse() @ found, getattr(bench, role).mount.pose
+    off = mount.inverse() @ found
+    off_m, off_rad = float(np.linalg.norm(off.position_m)), 2 * np.arccos(min(1.0, abs(off.quaternion_wxyz[0])))
+    if off_m <= MOUNT_OFF_M and off_rad <= MOUNT_OFF_RAD:
+        return DeviceCheck(told)
+    at, turned = ([round(value, 4) for value in values] for values in (found.position_m, found.quaternion_wxyz))
+    apart = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.1f} degrees from the bench file's"
+    return DeviceCheck(told, f"{apart}; by tf mount: {{position_m: {at}, quaternion_wxyz: {turned}}}")
 
 
 def _lens(info: Any, bench: Bench, role: str, settings: Ros2CameraSettings) -> DeviceCheck:

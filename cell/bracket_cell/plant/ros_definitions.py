@@ -46,6 +46,56 @@ ur_msgs/Analog[] analog_out_states""",
     "ur_msgs/srv/SetIO_Response": "bool success",
     "ur_msgs/srv/SetPayload_Request": "float32 mass\ngeometry_msgs/Vector3 center_of_gravity",
     "ur_msgs/srv/SetPayload_Response": "bool success",
+    "object_recognition_msgs/msg/ObjectType": "string key\nstring db",
+    "octomap_msgs/msg/Octomap": "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data",
+    "octomap_msgs/msg/OctomapWithPose": """std_msgs/Header header
+geometry_msgs/Pose origin
+octomap_msgs/Octomap octomap""",
+    "moveit_msgs/msg/CollisionObject": """std_msgs/Header header
+geometry_msgs/Pose pose
+string id
+object_recognition_msgs/ObjectType type
+shape_msgs/SolidPrimitive[] primitives
+geometry_msgs/Pose[] primitive_poses
+shape_msgs/Mesh[] meshes
+geometry_msgs/Pose[] mesh_poses
+shape_msgs/Plane[] planes
+geometry_msgs/Pose[] plane_poses
+string[] subframe_names
+geometry_msgs/Pose[] subframe_poses
+byte operation""",
+    "moveit_msgs/msg/AttachedCollisionObject": """string link_name
+moveit_msgs/CollisionObject object
+string[] touch_links
+trajectory_msgs/JointTrajectory detach_posture
+float64 weight""",
+    "moveit_msgs/msg/RobotState": """sensor_msgs/JointState joint_state
+sensor_msgs/MultiDOFJointState multi_dof_joint_state
+moveit_msgs/AttachedCollisionObject[] attached_collision_objects
+bool is_diff""",
+    "moveit_msgs/msg/AllowedCollisionEntry": "bool[] enabled",
+    "moveit_msgs/msg/AllowedCollisionMatrix": """string[] entry_names
+moveit_msgs/AllowedCollisionEntry[] entry_values
+string[] default_entry_names
+bool[] default_entry_values""",
+    "moveit_msgs/msg/LinkPadding": "string link_name\nfloat64 padding",
+    "moveit_msgs/msg/LinkScale": "string link_name\nfloat64 scale",
+    "moveit_msgs/msg/ObjectColor": "string id\nstd_msgs/ColorRGBA color",
+    "moveit_msgs/msg/PlanningSceneWorld": """moveit_msgs/CollisionObject[] collision_objects
+octomap_msgs/OctomapWithPose octomap""",
+    "moveit_msgs/msg/PlanningScene": """string name
+moveit_msgs/RobotState robot_state
+string robot_model_name
+geometry_msgs/TransformStamped[] fixed_frame_transforms
+moveit_msgs/AllowedCollisionMatrix allowed_collision_matrix
+moveit_msgs/LinkPadding[] link_padding
+moveit_msgs/LinkScale[] link_scale
+moveit_msgs/ObjectColor[] object_colors
+moveit_msgs/PlanningSceneWorld world
+bool is_diff""",
+    "moveit_msgs/msg/PlanningSceneComponents": "uint32 components",
+    "moveit_msgs/srv/GetPlanningScene_Request": "moveit_msgs/PlanningSceneComponents components",
+    "moveit_msgs/srv/GetPlanningScene_Response": "moveit_msgs/PlanningScene scene",
     "ur_dashboard_msgs/msg/RobotMode": "int8 mode",
     "ur_dashboard_msgs/msg/SafetyMode": "uint8 mode",
 }

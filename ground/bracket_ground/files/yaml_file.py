@@ -83,6 +83,9 @@ def _with_value(path: Path, text: str, location: Location, value: str) -> str:
         node = found
     there = _value_of(node, name)
     if there is not None:
+        key = next(key for key, named in node.value if named is there)
+        under = there.start_mark.line > key.start_mark.line and there.start_mark.column <= key.start_mark.column
+        value = f"  {value}" if under else value  # dashes may stand under their key, other values may not
         return text[: there.start_mark.index] + value + text[_end_of(there) :]
     if not isinstance(node, MappingNode) or not node.value:
         raise InputError(Problem(_at(path, node), f"{_dotted(tuple(around))}: keys with values are wanted here"))

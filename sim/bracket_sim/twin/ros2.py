@@ -20,7 +20,7 @@ from bracket_cell.plant.dds import LAST, Node, Quality
 from bracket_cell.plant.ros_services import ActionServer, Answerer, Status
 from bracket_cell.plant.ros_types import empty, message
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.pose import Array, Pose
 from bracket_sim.twin.arm import LOOKAHEAD_S
 from bracket_sim.twin.cameras import ImageFaults, Photographer, jpeg
 from bracket_sim.twin.cell import TwinCell
@@ -325,6 +325,7 @@ class RosCamera:
         self._depths = node.publisher(depth, IMAGE, Quality(kept=2)) if depth else None
         self._infos = node.publisher(info, INFO, Quality(kept=2)) if info else None
         self._setup = getattr(cell.sim.world.bench, role)
+        self._told_mount = self._mounted(cell, node)
         self.told = f"camera {role}: ROS 2, domain {self._settings['domain']}: {topic}"
         self.faults = ImageFaults()
         self.faults.offered(cell, role)
@@ -335,6 +336,19 @@ class RosCamera:
     def close(self) -> None:
         """Send nothing more."""
         self._photographer.close()
+
+    def _mounted(self, cell: TwinCell, node: Node) -> Any:
+        """Tell for good where it hangs, as robot_state_publisher does; whoever comes later hears it, too."""
+        flange = Pose((0.0, 0.0, cell.sim.world.robot.gripper.tcp_from_flange_m))
+        parent, above = ("tool0", flange) if self._role == "wrist" else ("base_link", Pose((0.0, 0.0, 0.0)))
+        stamped, (w, i, j, k) = empty("geometry_msgs/msg/TransformStamped"), self._setup.mount.quaternion_wxyz
+        stamped.header, stamped.child_frame_id = self._clock.header(0.0, parent), f"{self._role}_optical_frame"
+        x, y, z = (above @ self._setup.mount.pose).position_m
+        stamped.transform.translation = message("geometry_msgs/msg/Vector3")(x, y, z)
+        stamped.transform.rotation = message("geometry_msgs/msg/Quaternion")(i, j, k, w)
+        still = node.publisher("/tf_static", "tf2_msgs/msg/TFMessage", LAST)
+        still.write(message("tf2_msgs/msg/TFMessage")([stamped]))
+        return still
 
     def _silence(self) -> None:
         self._silent = not self._silent

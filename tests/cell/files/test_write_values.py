@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
 from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import write_values
@@ -22,3 +23,11 @@ def test_values_are_put_in_and_all_else_stays(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="key 'panel' is missing"):
         write_values(path, {("devices", "panel", "kind"): "none"})
+
+
+def test_a_list_whose_dashes_stand_under_its_key_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text("bench:\n  obstacles:\n  - {name: a}\n  - {name: b} # old\n  tray: 1 # kept\nmore:\n- 1\n- 2\n")
+    write_values(path, {("bench", "obstacles"): [{"name": "c"}], ("more",): [3]})
+    assert yaml.safe_load(path.read_text()) == {"bench": {"obstacles": [{"name": "c"}], "tray": 1}, "more": [3]}
+    assert "# kept" in path.read_text()

@@ -9,9 +9,12 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+import pytest
 
 from bracket_cell.configuration import load_configuration
-from bracket_cell.plant.ros_camera import Ros2Camera
+from bracket_cell.plant.dds import Node
+from bracket_cell.plant.ros_camera import Ros2Camera, _mount
+from bracket_cell.plant.ros_frames import Frames
 from bracket_cell.skills.drivers.settings import Ros2CameraSettings
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import WallClock
@@ -87,4 +90,16 @@ def test_colours_and_depths_of_one_stamp_come_and_a_lost_depth_is_no_fault_of_it
         until(came)
     finally:
         overhead.close()
+        cell.close()
+
+
+@pytest.mark.parametrize(("role", "frame"), [("overhead", "base_link"), ("wrist", "tool0")])
+def test_the_twin_tells_by_tf_where_a_camera_hangs(role: str, frame: str) -> None:
+    settings = SETTINGS.model_copy(update={"topic": f"/{role}/color/image_raw", "depth": "", "frame": frame})
+    cell, robot = light_cell({role: settings.model_dump()}, "ur10", 1.0), load_configuration().robot
+    try:
+        cell.serve()
+        found = Frames(Node(settings)).pose(frame, f"{role}_optical_frame", 10.0)
+        assert _mount(found, "its frame", BENCH, role, settings, robot).remedy == ""
+    finally:
         cell.close()

@@ -298,12 +298,15 @@ class Ros2CameraSettings(CameraDriverSettings, DdsSettings):
         depth: topic of the depth image (16UC1, in mm) that shows what each of its pixels does, as
             /camera/camera/aligned_depth_to_color/image_raw; empty for none.
         info: topic of sensor_msgs/CameraInfo, which `cell doctor` compares with the bench file; empty for none.
+        frame: of tf, in which `cell doctor` compares the mount with the bench file's: that of the arm's base for the
+            overhead camera, of its flange (tool0) for the wrist's; empty for none. It needs info.
     """
 
     kind: Literal["ros2"] = "ros2"
     topic: str = Field(pattern=TOPIC)
     depth: str = Field(default="", pattern=rf"^(/{NAME})*$")
     info: str = Field(default="", pattern=rf"^(/{NAME})*$")
+    frame: str = Field(default="", pattern=r"^[\w/]*$")
 
 
 class FileSettings(CameraDriverSettings):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bracket_cell.learned.hands.depth import ERROR_M
-from bracket_cell.learned.hands.deviation import deviation_m
+from bracket_cell.learned.hands.deviation import WITHIN_HEIGHT, deviation_m
 from bracket_cell.learned.hands.reading import ApparentSize, Reading
 from bracket_cell.learned.hands.tracking import HandTracks
+from bracket_ground.interfaces.perception import WITHIN
 from tests.learned.hands.test_tracking import BENCH, VIEW, Script, frame, reading
 
 SIZED = replace(reading((0.8, 0.0)), size=ApparentSize(-3.0, 0.01, (0.02, 0.02)))
@@ -60,7 +63,7 @@ def test_a_sample_has_it_and_depth_makes_the_height_sure() -> None:
     assert guessed.deviation_m is not None
     assert measured.deviation_m is not None
     assert guessed.deviation_m[2] > measured.deviation_m[2] == ERROR_M
-    assert guessed.off_m == measured.off_m > 0
+    assert guessed.off_m > measured.off_m > 0  # where it is, too: aside of the camera a wrong height is a wrong place
 
 
 def test_a_hand_larger_than_trained_may_be_lower_and_elsewhere_than_it_looks() -> None:
@@ -71,3 +74,16 @@ def test_a_hand_larger_than_trained_may_be_lower_and_elsewhere_than_it_looks() -
     )
     assert usual[0] < larger[0] < largest[0]
     assert 0.1 < larger[2] < largest[2]
+
+
+@pytest.mark.parametrize("away_m", [0.0, 0.2, 0.4])
+def test_a_place_is_as_sure_as_the_height_allows(away_m: float) -> None:
+    """Below the camera a wrong height moves nothing; aside of it the place follows, by the slope of the ray."""
+    eye_m = np.array(BENCH.overhead.mount.position_m)
+    seen = replace(SIZED, points_px=reading((float(eye_m[0]) + away_m, float(eye_m[1]))).points_px)
+    across_m, _, tall_m = deviation_m(seen, LIGHT, VIEW)
+    flat_m, *_ = deviation_m(seen, LIGHT, VIEW, known_height_m=0.0)
+    palm_m = VIEW.on_plane(seen.points_px["palm"][np.newaxis], 0.05)[0]
+    slope = math.dist(palm_m, eye_m[:2]) / (eye_m[2] - 0.05)
+    by_height_m = WITHIN * math.sqrt(across_m**2 - flat_m**2)
+    assert by_height_m == pytest.approx(WITHIN_HEIGHT * slope * tall_m, rel=0.01, abs=1e-6)

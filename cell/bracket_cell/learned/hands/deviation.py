@@ -7,7 +7,6 @@ tracker in recordings of validation; `cell lab eval hands` says which share of f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,47 +17,39 @@ from bracket_ground.interfaces.perception import WITHIN
 from bracket_ground.interfaces.pose import Array
 
 WITHIN_HEIGHT = 1.96  # standard deviations within which 95 % of heights are
-USUAL_ERROR, USUAL_HEIGHT_ERROR_M = 0.02, 0.03  # of a size and of a height, as close-up and surroundings tell them
-UNSIZED = 0.2, 0.1  # both, of hands that the small networks do not see
+USUAL_HEIGHT_ERROR_M = 0.03  # of a height, as close-up and surroundings tell it
+UNSIZED = 0.2, 0.1  # errors of size and height [m], of hands that the small networks do not see
+HEIGHT_M, OF_BRIGHTNESS = 0.085, -0.26  # 95 % of heights, of a hand as bright as the image; exponent of its brightness
+IN_PLANE_M, OF_SIZE_M = 0.008, 0.4  # 95 % of places were the height known: at least, and by the error of the size
 PALM_PX, EVERY = 5, 8  # half the width of the window about a palm; every such pixel of the image is looked at
 LARGEST_M, HIGH_M = 0.082, 0.25  # palm to wrist of hands that were trained (mean and three deviations); their height
 BLACK = 4.0  # grey level that noise makes of black
 
 
-@dataclass(frozen=True)
-class Quantile:
-    """95 % of the errors [m] of a hand as bright as the image, whose size is told as well as usual; and exponents."""
-
-    usual_m: float
-    size: float
-    brightness: float
-    height: float
-
-
-PLACE, HEIGHT = Quantile(0.026, 0.4, -0.12, 0.37), Quantile(0.085, 0.0, -0.26, 1.02)
-
-
-def deviation_m(reading: Reading, image: Image, view: View) -> tuple[float, float, float]:
+def deviation_m(
+    reading: Reading, image: Image, view: View, known_height_m: float | None = None
+) -> tuple[float, float, float]:
     """Standard deviations of a palm along x and y, and of its height.
 
+    A hand that is told too high is told too near to the camera: its place is as sure as its height allows.
     A close-up in which wrist or forearm is hidden tells the size badly; a black glove, or a hand in the dark, is darker
-    than the image. A hand that looks larger than any in training is taken for a higher one, and so, beside the middle
-    of the image, for one that is elsewhere.
+    than the image. A hand that looks larger than any in training is taken for a higher one.
+
+    Args:
+        known_height_m: standard deviation of a height that something else tells, as depth does.
     """
     errors = UNSIZED if reading.size is None else (reading.size.angle_error, reading.size.height_errors_m[0])
-    size, height = errors[0] / USUAL_ERROR, errors[1] / USUAL_HEIGHT_ERROR_M
-    brightness = _brightness(image, reading.points_px["palm"])
-    place_m, height_m = (
-        quantile.usual_m
-        * max(size, 0.1) ** quantile.size
-        * brightness**quantile.brightness
-        * max(height, 0.1) ** quantile.height
-        for quantile in (PLACE, HEIGHT)
-    )
-    lower_m = _taken_for_higher_m(reading, view)
-    slope = float(np.linalg.norm(view.model.normalised(reading.points_px["palm"])))
-    across_m = math.hypot(place_m / WITHIN, slope * lower_m)
-    return across_m, across_m, math.hypot(height_m / WITHIN_HEIGHT, lower_m)
+    tall_m = known_height_m
+    if tall_m is None:
+        brightness = _brightness(image, reading.points_px["palm"])
+        height = max(errors[1] / USUAL_HEIGHT_ERROR_M, 0.1)
+        height_m = HEIGHT_M * brightness**OF_BRIGHTNESS * height / WITHIN_HEIGHT
+        tall_m = math.hypot(height_m, _taken_for_higher_m(reading, view))
+    low, high = (view.on_plane(reading.points_px["palm"][np.newaxis], height_m)[0] for height_m in (0.0, HIGH_M))
+    slope = math.dist(low, high) / HIGH_M
+    off_m = math.hypot(max(IN_PLANE_M, OF_SIZE_M * errors[0]), WITHIN_HEIGHT * slope * tall_m)
+    across_m = off_m / WITHIN
+    return across_m, across_m, tall_m
 
 
 def _taken_for_higher_m(reading: Reading, view: View) -> float:

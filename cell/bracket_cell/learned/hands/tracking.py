@@ -260,7 +260,6 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
     back = smooth["wrist"][:2] - smooth["palm"][:2]
     velocity, acceleration = track.motion(smooth["palm"][:2].copy(), frame.time_s)
     height, width = frame.image.shape[:2]
-    along_x_m, along_y_m, tall_m = deviation_m(reading, frame.image, view)
     return HandSample(
         time_s=frame.time_s,
         box_px=_clipped(reading.box_px, width, height),
@@ -277,7 +276,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         held_m=_xy(smooth["held"]) if "held" in smooth else None,
         forearm_rad=math.atan2(back[1], back[0]),
         confidence=reading.confidence,
-        deviation_m=(along_x_m, along_y_m, ERROR_M if by_depth else tall_m),
+        deviation_m=deviation_m(reading, frame.image, view, ERROR_M if by_depth else None),
     )
 
 

@@ -98,7 +98,7 @@ def causes(comparison: Comparison, changed: Sequence[Change]) -> list[str]:
     if lines:
         return list(dict.fromkeys(lines))[:MOST_CAUSES]
     if not comparison.recorded:
-        return ["no record: the log holds no comparisons, as a release before 0.14 wrote none"]
+        return ["no record: the log holds no comparisons, as releases before 0.13 wrote none"]
     return ["no record: no noted comparison answers otherwise up to there"]
 
 

@@ -36,4 +36,4 @@ def why_at(paths: Sequence[Path], at_s: float = math.inf) -> dict[str, Any]:
             raise LogError(log.paths[0], f"holds a tick or a reason that cannot be read: {error!r}") from None
     if not found:
         raise LogError(log.paths[0], "holds no tick of the tree up to the time that was asked for")
-    raise LogError(log.paths[0], "holds no record of reasons, as a release before 0.14 wrote none")
+    raise LogError(log.paths[0], "holds no record of reasons, as releases before 0.13 wrote none")

@@ -174,12 +174,8 @@ def with_cause(rows: list[NodeRow], log: Log, why: Mapping[str, Any] | None) -> 
 
 def beliefs(log: Log) -> list[Belief]:
     """The goal's distribution, each time that it was inferred."""
-    return [
-        Belief(tick.time_s, fields["goals"], fields.get("placed", {}))
-        for tick in log.ticks
-        for topic, fields in tick.notes
-        if topic == "belief" and "goals" in fields
-    ]
+    noted = [(time_s, fields) for time_s, fields in _notes(log, "belief") if "goals" in fields]
+    return [Belief(time_s, fields["goals"], fields.get("placed", {})) for time_s, fields in noted]
 
 
 def placements(log: Log) -> list[Placed]:
@@ -188,11 +184,12 @@ def placements(log: Log) -> list[Placed]:
     advice: Mapping[str, list[str]] = {}
     any_part: list[str] = []
     known: dict[str, str] = {}
-    for place, tick in enumerate(log.ticks):
+    inferred = beliefs(log)
+    for tick in log.ticks:
         for topic, fields in tick.notes:
             if topic == "belief" and fields.get("edge"):
                 part, position = fields["edge"]
-                after = next(_beliefs_from(log, place), None)
+                after = next((belief.goals for belief in inferred if belief.time_s >= tick.time_s), None)
                 goal = max(after, key=lambda name: after[name]) if after else ""
                 advised = (*(advice.get(part) or ()), *any_part)
                 again, known[position] = known.get(position) == part, part
@@ -203,20 +200,10 @@ def placements(log: Log) -> list[Placed]:
     return found
 
 
-def _beliefs_from(log: Log, place: int) -> Iterator[Mapping[str, float]]:
-    """Distributions that were inferred in the tick at this place of the log, or later."""
-    for tick in log.ticks[place:]:
-        yield from (fields["goals"] for topic, fields in tick.notes if topic == "belief" and "goals" in fields)
-
-
 def verdicts(log: Log) -> list[Verdict]:
     """What the guard said, in order."""
-    return [
-        Verdict(tick.time_s, str(fields.get("subject")), str(fields.get("decision")), str(fields.get("reason")))
-        for tick in log.ticks
-        for topic, fields in tick.notes
-        if topic == "verdict"
-    ]
+    keys = ("subject", "decision", "reason")
+    return [Verdict(time_s, *(str(fields.get(key)) for key in keys)) for time_s, fields in _notes(log, "verdict")]
 
 
 def waits(log: Log, rows: list[NodeRow]) -> list[Wait]:
@@ -228,12 +215,7 @@ def waits(log: Log, rows: list[NodeRow]) -> list[Wait]:
         for run in row.runs
         if run.end_s - run.begin_s >= SHORTEST_WAIT_S
     ]
-    found += [
-        Wait(tick.time_s, None, str(fields.get("text")))
-        for tick in log.ticks
-        for topic, fields in tick.notes
-        if topic == "help"
-    ]
+    found += [Wait(time_s, None, str(fields.get("text"))) for time_s, fields in _notes(log, "help")]
     return sorted(found, key=lambda wait: wait.time_s)
 
 
@@ -267,6 +249,10 @@ def overruns(log: Log) -> list[Overrun]:
         if tick.overrun
     ]
     return sorted(found, key=lambda overrun: -overrun.wall_ms)
+
+
+def _notes(log: Log, of: str) -> Iterator[tuple[float, Mapping[str, Any]]]:
+    return ((tick.time_s, fields) for tick in log.ticks for topic, fields in tick.notes if topic == of)
 
 
 def _short(path: str) -> str:

@@ -263,10 +263,8 @@ def _differing(was: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, A
         places = [place for place, pair in enumerate(zip(was, now, strict=True)) if pair[0] != pair[1]]
         if len(was) > LONGEST_LIST:  # of many the one that differs most
             most = max(places, key=lambda place: _distance(was[place], now[place]))
-            path, places = (
-                f"{path} differs in {len(places)} of {len(was)}, most at " if len(places) > 1 else path,
-                [most],
-            )
+            path = f"{path} differs in {len(places)} of {len(was)}, most at " if len(places) > 1 else path
+            places = [most]
         for place in places:
             yield from _differing(was[place], now[place], f"{path}[{place}]" if path or len(was) > 1 else "")
     else:

@@ -181,7 +181,7 @@ def test_a_log_without_records_has_no_cause(kept: Log, tmp_path: Path) -> None:
     )
     change, *_ = WHAT_IFS["threshold of a cost"]
     assert explained(older, change(tmp_path))[1] == [
-        "no record: the log holds no comparisons, as a release before 0.14 wrote none"
+        "no record: the log holds no comparisons, as releases before 0.13 wrote none"
     ]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from bracket_cell.packages import needed
 from bracket_cell.plant.ros_camera import TO_RGB
-from bracket_cell.plant.ros_definitions import DEFINITIONS
+from bracket_cell.plant.ros_types import DEFINITIONS
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck

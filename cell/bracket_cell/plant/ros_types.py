@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cache
 from types import new_class
 from typing import Any
 
 from bracket_cell.packages import needed
-from bracket_cell.plant.ros_definitions import DEFINITIONS, OF_ACTIONS
+from bracket_ground.files.files import shipped
 
 PACKAGE_OF = "a topic of ROS 2"
+ACTION = "{action}"  # in names of what every action has
+DEFINITIONS: dict[str, str] = {
+    name: text
+    for name, _, text in (
+        entry.partition("\n") for entry in shipped("bracket_cell.plant", "messages.msg").read_text().split("MSG: ")[1:]
+    )
+}  # by name, beside those of the store
+OF_ACTIONS = [name.removeprefix(ACTION) for name in DEFINITIONS if name.startswith(ACTION)]
 Field = tuple[str, Any]  # a field's name, and its type as the store has it
 
 
@@ -66,9 +73,8 @@ def _fields(name: str) -> list[Field]:
     types = needed("rosbags.typesys", PACKAGE_OF, "ros2")
     text = DEFINITIONS.get(name)
     if text is None:
-        end = re.search("|".join(OF_ACTIONS), name)
-        assert end is not None, f"no definition of {name}"
-        text = OF_ACTIONS[end[0]].format(action=name.removesuffix(end[0]))
+        part = next(part for part in OF_ACTIONS if name.endswith(part))
+        text = DEFINITIONS[ACTION + part].replace(ACTION, name.removesuffix(part))
     fields: list[Field] = next(iter(types.get_types_from_msg(text, name).values()))[1]
     return fields
 

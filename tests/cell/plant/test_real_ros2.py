@@ -14,7 +14,7 @@ from typing import Any
 import foxglove
 import pytest
 
-from bracket_cell.plant import ros_definitions
+from bracket_cell.plant import ros_types
 from bracket_cell.plant.dds import SENSOR, Node, waited
 from bracket_cell.plant.ros_services import ActionClient, Caller, Status
 from bracket_cell.plant.ros_topics import RosTopics
@@ -159,7 +159,7 @@ def test_a_service_is_called(node: Node) -> None:
 def test_an_action_with_feedback_result_refusal_and_cancel(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     kind, numbers = "test_msgs/action/Fibonacci", "int32[] sequence"
     for part, text in {"Goal": "int32 order", "Result": numbers, "Feedback": numbers}.items():
-        monkeypatch.setitem(ros_definitions.DEFINITIONS, f"{kind}_{part}", text)
+        monkeypatch.setitem(ros_types.DEFINITIONS, f"{kind}_{part}", text)
     action, goal = ActionClient(node, "/fib", kind, "fastrtps"), message(f"{kind}_Goal")
     assert action.there(10.0)
 

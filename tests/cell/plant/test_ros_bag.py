@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bracket_cell.configuration import load_configuration
 from bracket_cell.plant.ros_bag import examined_bag
-from bracket_cell.plant.ros_definitions import DEFINITIONS
+from bracket_cell.plant.ros_types import DEFINITIONS
 from bracket_ground.errors import InputError
 
 LATE_NS, PERIOD_NS, COUNT = 4_000_000, 10_000_000, 50

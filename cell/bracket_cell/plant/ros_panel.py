@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from bracket_cell.plant.dds import LAST, Node
 from bracket_cell.plant.ros_types import message
 from bracket_cell.skills.drivers.settings import Ros2PanelSettings
@@ -16,24 +18,27 @@ class Ros2Panel:
     Settings = Ros2PanelSettings
 
     def __init__(self, settings: Ros2PanelSettings) -> None:
-        node, names = Node(settings), ("robot", "guidance", "questions", "alarm")
-        self._topics = {name: node.publisher(f"{settings.namespace}/{name}", TEXT, LAST) for name in names}
+        self._node, self._namespace = Node(settings), settings.namespace
+        self._topics: dict[str, Any] = {}
         self._said: dict[str, str] = {}
 
     def show(self, display: Display) -> None:
         """Replace what is shown."""
-        self._say("robot", display.message)
-        self._say("guidance", "; ".join(f"{part}: {', '.join(at)}" for part, at in display.guidance.items()))
-        self._say("questions", "; ".join(f"{question.reason}: {question.todo}" for question in display.questions))
+        self.say("robot", display.message)
+        self.say("guidance", "; ".join(f"{part}: {', '.join(at)}" for part, at in display.guidance.items()))
+        self.say("questions", "; ".join(f"{question.reason}: {question.todo}" for question in display.questions))
 
     def alarm(self, text: str) -> None:
         """Show a trouble beside it."""
-        self._say("alarm", text)
+        self.say("alarm", text)
 
     def close(self) -> None:
         """Nothing to let go of."""
 
-    def _say(self, name: str, text: str) -> None:
+    def say(self, name: str, text: str) -> None:
+        """A text of a topic, where it is a new one."""
+        if name not in self._topics:
+            self._topics[name] = self._node.publisher(f"{self._namespace}/{name}", TEXT, LAST)
         if self._said.get(name) != text:
             self._said[name] = text
             self._topics[name].write(message(TEXT)(data=text))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from bracket_cell.plant.dds import LAST, Node, Quality
+from bracket_cell.plant.ros_panel import Ros2Panel
 from bracket_cell.plant.ros_scene import MARKERS, TF, header, markers, moved, stamp
 from bracket_cell.plant.ros_types import message
 from bracket_cell.recording.scene import (
@@ -22,10 +23,11 @@ from bracket_cell.recording.scene import (
 from bracket_cell.recording.scene_frames import TOOL, WORLD, transform
 from bracket_cell.recording.viewed import readable
 from bracket_cell.settings import Ros2Settings
+from bracket_cell.skills.drivers.settings import Ros2PanelSettings
 from bracket_cell.skills.motion.outline import BASE
+from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
 from bracket_ground.interfaces.faults import Action
-from bracket_ground.interfaces.pose import Array, Pose
 
 AGAIN_S = 1.0  # [s] between diagnostics, markers and frames that did not change
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
@@ -38,18 +40,17 @@ class RosTopics(Observer):
     """An observer that publishes each tick.
 
     Args:
-        joints: their names, in the order of the arm's state.
-        forward: world_from_tool of joints.
+        motion: of the arm, whose joints are called as in its URDF.
         scene: what viewers are shown.
+        why: the robot does what it does, in words.
 
     Raises:
         InputError: as `Node`.
     """
 
-    def __init__(
-        self, settings: Ros2Settings, joints: Sequence[str], forward: Callable[[Array], Pose], scene: SceneLog
-    ) -> None:
-        node, self._joints, self._forward, self._scene = Node(settings), list(joints), forward, scene
+    def __init__(self, settings: Ros2Settings, motion: MotionPlanner, scene: SceneLog, why: Callable[[], str]) -> None:
+        node, self._scene, self._why = Node(settings), scene, why
+        self._joints, self._forward = list(motion.settings.robot.joint_names), motion.kinematics.forward
         own = f"/{settings.namespace}"
         self._began_s = time.time()  # what a tick's time is counted from
         self.address = f"ROS 2, domain {settings.domain} on {settings.network}: /joint_states, /tf, {own}/..."
@@ -60,10 +61,7 @@ class RosTopics(Observer):
         self._log = node.publisher("/rosout", "rcl_interfaces/msg/Log", Quality(kept=100, lasting=True))
         self._hands = node.publisher(f"{own}/hands", "geometry_msgs/msg/PoseArray")
         self._scenes = {topic: node.publisher(f"{own}{topic}", MARKERS, LAST) for topic in SCENES}
-        self._words = {
-            name: node.publisher(f"{own}/{name}", "std_msgs/msg/String", LAST) for name in ("robot", "guidance")
-        }
-        self._said: dict[str, str] = {}
+        self._words = Ros2Panel(Ros2PanelSettings(**settings.model_dump(exclude={"namespace"}), namespace=own))
         self._shown: dict[str, Any] = {}
         self._goals: dict[str, float] = {}
         self._diagnosed: tuple[Any, ...] = ()
@@ -83,8 +81,7 @@ class RosTopics(Observer):
             stamped = header(self._at_ns(seen.bench.time_s), WORLD)
             self._hands.write(message("geometry_msgs/msg/PoseArray")(header=stamped, poses=poses))
         if (display := record.command.display) is not None:
-            self._say("robot", display.message)
-            self._say("guidance", "; ".join(f"{part}: {', '.join(at)}" for part, at in display.guidance.items()))
+            self._words.show(display)
         self._show(now_s)
         self._diagnose(record, now_s)
 
@@ -94,12 +91,7 @@ class RosTopics(Observer):
         self._log.write(message("rcl_interfaces/msg/Log")(stamp=at, level=LEVELS.get(level, 40), **told))
 
     def close(self, outcome: Outcome) -> None:
-        self._say("robot", f"{outcome.end}: {outcome.reason}")
-
-    def _say(self, name: str, text: str) -> None:
-        if self._said.get(name) != text:
-            self._said[name] = text
-            self._words[name].write(message("std_msgs/msg/String")(data=text))
+        self._words.say("robot", f"{outcome.end}: {outcome.reason}")
 
     def _show(self, now_s: float) -> None:
         """Markers that are new, and all of them again for who came later."""
@@ -110,6 +102,8 @@ class RosTopics(Observer):
             if scene is not None and (again or scene is not self._shown.get(topic)):
                 self._shown[topic] = scene
                 publisher.write(markers(at_ns, readable(scene)))
+        if again:
+            self._words.say("why", self._why())
         if again and FRAMES_OF_BENCH in self._scene.last:
             frames = readable(self._scene.last[FRAMES_OF_BENCH]).transforms
             self._still.write(moved(at_ns, [frame for frame in frames if frame.child_frame_id != BASE]))

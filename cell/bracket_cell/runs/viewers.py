@@ -128,9 +128,11 @@ def open_viewers(
     if (topics := files.configuration.plant.ros2) is not None:
         from bracket_cell.plant.ros_topics import RosTopics
 
+        def why() -> str:
+            return str(recorder.why().get("text", ""))
+
         assert recorder.scene is not None  # it has the model
-        motion = model.motion
-        ros = RosTopics(topics, motion.settings.robot.joints, motion.kinematics.forward, recorder.scene)
+        ros = RosTopics(topics, model.motion, recorder.scene, why)
     opcua = files.configuration.plant.opcua
     return Viewers(recorder, live, monitor, page, mqtt, ros, "" if opcua is None else opcua.at)
 

@@ -23,7 +23,6 @@ from bracket_cell.recording.scene import SceneLog
 from bracket_cell.settings import Ros2Settings
 from bracket_cell.skills.drivers.settings import DdsSettings
 from bracket_ground.interfaces.faults import Action, Judgement
-from bracket_ground.interfaces.pose import Pose
 from tests.cell.plant.test_ros2 import model, tick, with_hand
 from tests.processes import started
 
@@ -130,9 +129,12 @@ def test_topics_both_ways(node: Node, real: subprocess.Popen[str]) -> None:
 
 
 def test_rviz_and_rqt_are_shown_a_run(real: subprocess.Popen[str]) -> None:
-    scene = SceneLog(foxglove.Context(), model())
-    joints, hold = list("abcdef"), Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),))
-    topics = RosTopics(Ros2Settings(domain=DOMAIN), joints, lambda _: Pose((0.1, 0.2, 0.3)), scene)
+    cell = model()
+    scene, hold = (
+        SceneLog(foxglove.Context(), cell),
+        Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),)),
+    )
+    topics = RosTopics(Ros2Settings(domain=DOMAIN), cell.motion, scene, str)
     assert real.stdout is not None
     heard: dict[str, set[str]] = {}
     wanted = {

@@ -24,7 +24,6 @@ from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import Action, Judgement
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HandSample
-from bracket_ground.interfaces.pose import Pose
 from tests.cell.running.test_supervisor import sound
 
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
@@ -102,9 +101,9 @@ def model() -> CellModel:
 
 def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
     settings = Ros2Settings(domain=DOMAIN, namespace="bench_4")
-    names = ("a", "b", "c", "d", "e", "f")
-    scene = SceneLog(foxglove.Context(), model())
-    topics = RosTopics(settings, names, lambda joints: Pose((float(joints[0]), 0.2, 0.3)), scene)
+    cell = model()
+    scene = SceneLog(foxglove.Context(), cell)
+    topics = RosTopics(settings, cell.motion, scene, lambda: "a guard waits")
     lab = Node(settings)
     of = {
         "/joint_states": ("sensor_msgs/msg/JointState", Quality()),
@@ -112,6 +111,7 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
         "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", Quality()),
         "/rosout": ("rcl_interfaces/msg/Log", Quality(lasting=True)),
         "/bench_4/robot": ("std_msgs/msg/String", Quality(kept=1, lasting=True)),
+        "/bench_4/why": ("std_msgs/msg/String", LAST),
         "/bench_4/hands": ("geometry_msgs/msg/PoseArray", Quality()),
         "/tf_static": ("tf2_msgs/msg/TFMessage", LAST),
         "/bench_4/scene/bench": ("visualization_msgs/msg/MarkerArray", Quality()),
@@ -137,12 +137,13 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
 
     until(all_came)
     joints = heard["/joint_states"][-1]
-    assert list(joints.name) == list(names)
+    assert list(joints.name) == list(load_configuration().robot.joint_names), "as robot_state_publisher knows them"
     assert len(joints.position) == len(joints.velocity) == 6
     [transform] = heard["/tf"][-1].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("world", "tool")
-    assert transform.transform.translation.z == 0.3
-    assert transform.transform.rotation.w == 1.0
+    tool = cell.motion.kinematics.forward(np.array(joints.position))
+    assert transform.transform.translation.z == pytest.approx(tool.position_m[2])
+    assert transform.transform.rotation.w == pytest.approx(tool.quaternion_wxyz[0])
     assert [one.name for one in heard["/diagnostics"][-1].status] == ["cell", "cell: hand_unknown"]
     values = {one.key: one.value for one in heard["/diagnostics"][-1].status[0].values}
     assert values["tree"] == "RUNNING"
@@ -159,6 +160,7 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
     [_, hand] = heard["/bench_4/scene/hands"][-1].markers
     assert len(hand.points) == 36, "twelve triangles of a wall"
     assert max(point.z for point in hand.points) > 0.1
+    assert heard["/bench_4/why"][-1].data == "a guard waits"
     assert heard["/bench_4/robot"][-1].data == "moving to look"
     assert heard["/rosout"][-1].msg == "hold: it is dark"
     topics.close(Outcome("finished", "the tree is done", 6, 0, 0.3, 0.3))

@@ -20,6 +20,8 @@ from bracket_ground.interfaces.pose import Pose
 
 SERVICE = "moveit_msgs/srv/GetPlanningScene"
 GEOMETRY = 16 | 8  # PlanningSceneComponents: WORLD_OBJECT_GEOMETRY, WORLD_OBJECT_NAMES
+BOX, SPHERE = 1, 2  # shape_msgs/SolidPrimitive
+NUMBERS = {BOX: 3, SPHERE: 1, 3: 2, 4: 2}  # of each type; 3 and 4 are cylinders and cones: height, radius
 ANSWER_S, TOLD_S = 5.0, 2.0  # of move_group; of a frame on /tf_static
 
 
@@ -45,8 +47,11 @@ def planning_scene(settings: Ros2ArmSettings) -> tuple[list[Obstacle], list[str]
             continue
         try:
             found += [_obstacle(thing.id, base, *shape) for shape in _shapes(thing)]
-        except (ValidationError, ValueError, IndexError) as error:
-            left_out.append(f"{thing.id}: {str(error).splitlines()[0]}")
+        except ValidationError as error:
+            wrong = error.errors()[0]
+            left_out.append(f"{thing.id}: {'.'.join(map(str, wrong['loc']))}: {wrong['msg']}")
+        except ValueError as error:
+            left_out.append(f"{thing.id}: {error}")
         left_out += [f"{thing.id}: a plane has no end"] * len(thing.planes)
     if answer.scene.world.octomap.octomap.data:
         left_out.append("the octomap: it changes with what the cameras see")
@@ -56,22 +61,27 @@ def planning_scene(settings: Ros2ArmSettings) -> tuple[list[Obstacle], list[str]
 def _shapes(thing: Any) -> Iterator[tuple[Pose, dict[str, Any]]]:
     """Pose and size of each shape; raises ValueError of one that is none."""
     own = pose_of(thing.pose.position, thing.pose.orientation)
+    if len(thing.primitives) != len(thing.primitive_poses) or len(thing.meshes) != len(thing.mesh_poses):
+        raise ValueError("it has not as many poses as shapes")
     for solid, at in zip(thing.primitives, thing.primitive_poses, strict=True):
-        pose, size = own @ pose_of(at.position, at.orientation), list(solid.dimensions)
-        match solid.type:  # shape_msgs/SolidPrimitive: box, sphere, cylinder, cone
-            case 1:
-                yield pose, {"box_m": tuple(size)}
-            case 2:
-                yield pose, {"cylinder_m": (2 * size[0], 2 * size[0])}
-            case 3 | 4:
-                yield pose, {"cylinder_m": (2 * size[1], size[0])}
-            case kind:
-                raise ValueError(f"a shape of type {kind} is not known")
+        if len(solid.dimensions) < NUMBERS.get(solid.type, 0) or solid.type not in NUMBERS:
+            raise ValueError(f"a shape of type {solid.type} with {len(solid.dimensions)} numbers is not known")
+        yield own @ pose_of(at.position, at.orientation), _size(solid.type, list(solid.dimensions))
     for mesh, at in zip(thing.meshes, thing.mesh_poses, strict=True):
+        if not mesh.vertices:
+            raise ValueError("a mesh has no corners")
         points = np.array([[point.x, point.y, point.z] for point in mesh.vertices])
         low, high = points.min(axis=0), points.max(axis=0)
         middle = Pose(tuple(((low + high) / 2).tolist()))
         yield own @ pose_of(at.position, at.orientation) @ middle, {"box_m": tuple((high - low).tolist())}
+
+
+def _size(kind: int, numbers: list[float]) -> dict[str, Any]:
+    """A box by its extents, all else by the cylinder around it."""
+    if kind == BOX:
+        return {"box_m": tuple(numbers)}
+    radius_m, height_m = (numbers[0], 2 * numbers[0]) if kind == SPHERE else (numbers[1], numbers[0])
+    return {"cylinder_m": (2 * radius_m, height_m)}
 
 
 def _obstacle(name: str, base: Pose, pose: Pose, size: dict[str, Any]) -> Obstacle:

@@ -15,7 +15,7 @@ import yaml
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
-from bracket_cell.skills.drivers.settings import DdsSettings, Ros2CameraSettings
+from bracket_cell.skills.drivers.settings import DdsSettings, Ros2ArmSettings, Ros2CameraSettings
 from bracket_ground.interfaces.pose import Pose
 
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
@@ -109,6 +109,30 @@ def mesh() -> Any:
     return made
 
 
+def damaged() -> Iterator[tuple[Any, str]]:
+    """What a stranger's scene may hold, and what is said of it."""
+    yield thing("thin", "base_link", size=(0.2, 0.0, 0.3)), "thin: box_m.1: "
+    yield thing("short", "base_link", size=(0.2,)), "short: a shape of type 1 with 1 numbers"
+    yield thing("x" * 99, "base_link"), f"{'x' * 99}: name: "
+    yield thing("odd", "base_link", size=(0.2, float("nan"), 0.3)), "odd: box_m.1: "
+    poseless, empty_mesh, lost = thing("poseless", "base_link"), mesh(), thing("lost", "base_link")
+    poseless.primitive_poses = []
+    yield poseless, "poseless: it has not as many poses as shapes"
+    empty_mesh.meshes[0].vertices = []
+    yield empty_mesh, "a mesh: a mesh has no corners"
+    lost.pose.position.x = float("inf")
+    yield lost, "lost: a pose has numbers that are none"
+
+
+def test_what_is_damaged_is_left_out_in_words() -> None:
+    settings = Ros2ArmSettings(domain=DOMAIN, middleware="cyclonedds")
+    things, said = zip(*damaged(), strict=True)
+    with move_group(*things, thing("good", "base_link")):
+        found, left_out = ros_obstacles.planning_scene(settings)
+    assert [obstacle.name for obstacle in found] == ["good"]
+    assert all(told.startswith(begin) for told, begin in zip(left_out, said, strict=True)), left_out
+
+
 @contextmanager
 def move_group(*things: Any) -> Iterator[None]:
     """Answers get_planning_scene as move_group does, with rmw_cyclonedds_cpp's numbers."""
@@ -158,7 +182,7 @@ def test_obstacles_come_from_the_planning_scene(
         assert main(["setup", "teach", "obstacles", "--config", str(config)]) == 1, "something was left out"
     said = capsys.readouterr()
     assert "left out: lost: /tf tells no way from base_link to its frame 'nowhere'" in said.out + said.err
-    assert "left out: a prism: a shape of type 5 is not known" in said.out + said.err
+    assert "left out: a prism: a shape of type 5 with 3 numbers is not known" in said.out + said.err
     found = {obstacle.name: obstacle for obstacle in load_configuration(config).bench.obstacles}
     assert list(found) == ["the post", "box", "ball", "drum", "a mesh"]
     expected = BASE_FROM_SHELF @ Pose((0.1, 0.0, 0.15))

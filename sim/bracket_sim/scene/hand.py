@@ -220,6 +220,9 @@ class Hand:
         self._data = data
         of = f"hand{number} " if number else ""
         self._human = not number
+        own = [model.body(model.geom_bodyid[geom]).name.startswith(of + "hand") for geom in range(model.ngeom)]
+        touch = np.column_stack([model.geom_contype, model.geom_conaffinity])
+        self._skin = np.array(own) & (touch == palette.SKIN_TOUCH).all(axis=1)
         self._rest_m: Array = model.body(of + "hand").pos.copy()
         self._body = int(model.body(of + "hand").id)
         self._palm_m: Array = model.geom_pos[model.body_geomadr[self._body]].copy()  # its first shape is the palm
@@ -258,6 +261,11 @@ class Hand:
     def stiffness_n_m(self) -> float:
         """Force for each metre that the hand is behind where it was told to go."""
         return GANTRY_KP[0]
+
+    @property
+    def touches_robot(self) -> bool:
+        """Whether the robot itself, not a part in its fingers, is at the skin."""
+        return bool(self._data.ncon) and bool(self._skin[self._data.contact.geom].any())
 
     @property
     def speed_m_s(self) -> float:

@@ -179,7 +179,8 @@ class BenchChores:
         self._events.begin("transit")
         tool_m, _ = self._sight.tool()
         half_s = drawn(self._habits.fill_s, self._rng) / 2
-        yield from self._over(within_reach(tool_m), half_s)
+        with self._work.at_arm():
+            yield from self._over(within_reach(tool_m), half_s)
         self._stock.take_held()
         self._events.note("take out of the gripper")
         yield from self._work.wait(half_s)

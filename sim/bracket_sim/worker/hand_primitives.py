@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from bracket_ground.interfaces.solid import span_m
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
 from bracket_sim.scene.person import HandOvers, Person, drawn, happens
+from bracket_sim.worker.going_round import WAITS_S, GoingRound
 from bracket_sim.worker.gripping import Gripping, fold_yaw, top_m, turn
 from bracket_sim.worker.worker_sight import SeenPart, Sight
 
@@ -61,6 +63,7 @@ class HandPrimitives:
         position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
         wrist_rad: tilt, roll and curl (3,), commanded with them.
         tool_out: there is a tool in the hand.
+        forceful: it goes into the arm's way, and does not give way.
         pace: how fast this person is, as a factor.
         clear_height_m: of a carried body's bottom, at which it passes over everything in the bracket.
         dt_s: length of a period.
@@ -74,8 +77,12 @@ class HandPrimitives:
         person: Person,
         rng: np.random.Generator,
         chance: np.random.Generator,
+        turned_rad: float = 0.0,
     ) -> None:
         self._hand = hand
+        self._round = GoingRound(hand, sight, turned_rad)
+        self._meant = self.forceful = False
+        self._room = True  # for the hand where it is going
         self._sight = sight
         self._product = product
         self._rng, self._chance = rng, chance
@@ -101,7 +108,19 @@ class HandPrimitives:
     def send(self) -> None:
         """Command the hand."""
         grasp = self._gripping.style.grasp
-        self._hand.command(self.position_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out, grasp=grasp)
+        meant = self._meant or self.forceful
+        self._round.update(self.position_m, self.yaw_rad, self.dt_s, meant=meant, room=self._room)
+        goal_m = self._round.goes_to(self.position_m, not self.forceful)
+        self._hand.command(goal_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out, grasp=grasp)
+
+    @contextmanager
+    def at_arm(self) -> Iterator[None]:
+        """Meanwhile the hand goes to the arm on purpose, and not round it."""
+        was, self._meant = self._meant, True
+        try:
+            yield
+        finally:
+            self._meant = was
 
     def wait(self, duration_s: float) -> Script:
         """Stay for a while."""
@@ -121,7 +140,15 @@ class HandPrimitives:
         duration_s: float | None = None,
         wrist_rad: tuple[float, float, float] | None = None,
     ) -> Script:
-        """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told."""
+        """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told.
+
+        An arm that stands where the hand is going is waited for, but not for ever.
+        """
+        goes, waited_s = self.yaw_rad if yaw_rad is None else yaw_rad, 0.0
+        while not (self._meant or self.forceful) and waited_s < WAITS_S and self._round.in_the_way(target_m, goes):
+            waited_s += self.dt_s
+            yield
+        self._room = waited_s < WAITS_S
         path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
         if duration_s is not None:
             path = replace(path, duration_s=max(duration_s, self.dt_s), skew=0.0)
@@ -132,7 +159,7 @@ class HandPrimitives:
         wrist_by = np.zeros(3) if wrist_rad is None else np.array(wrist_rad) - wrist_from
         elapsed_s = 0.0
         while elapsed_s < path.duration_s:
-            elapsed_s += self.dt_s
+            elapsed_s += self.dt_s * self._round.care
             done = min_jerk(min(elapsed_s / path.duration_s, 1.0))
             self.position_m, self.wrist_rad = path.at(elapsed_s), wrist_from + done * wrist_by
             self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by

@@ -181,9 +181,10 @@ class Placing:
         yield from self._work.grasp(seen)
         given = False
         if self._work.holds(seen.body):
-            given = yield from self._work.give(
-                seen.body, tool_m, lambda: self._sight.gripped(seen.part), self._person.handing.stands_back_s
-            )
+            with self._work.at_arm():
+                given = yield from self._work.give(
+                    seen.body, tool_m, lambda: self._sight.gripped(seen.part), self._person.handing.stands_back_s
+                )
         if not given and self._work.holds(seen.body):
             yield from self._work.carry(seen.body, home_m)
             yield from self._work.insert(seen.body, home_m)
@@ -234,7 +235,8 @@ class Placing:
     def _take(self, seen: SeenPart) -> Script:
         if self._offered(seen.part) == seen:
             self._events.note("handed over", part=seen.part)
-            yield from self._work.take_over(seen, self._person.handing)
+            with self._work.at_arm():
+                yield from self._work.take_over(seen, self._person.handing)
             self._origins_m[seen.body] = self._sight.set_down_m(seen.part)
             return
         yield from self._work.grasp(seen)

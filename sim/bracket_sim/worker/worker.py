@@ -102,7 +102,7 @@ class Worker:
         self.hand = Hand(world.model, world.data, number)
         self.hand.turn(self._turned_rad)
         self._events = EventLog()
-        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance)
+        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance, self._turned_rad)
         self._events.note("person", pace=self._work.pace)
         self._bench = bench
         self._bracket = 0
@@ -161,8 +161,9 @@ class Worker:
             self._idle_since_s = time_s
         if self._intruding is None and self._tempted(dt_s):
             self.intrude()
+        self._work.forceful = self.intruding
         if self._intruding is None or next(self._intruding, OVER) is OVER:
-            self._intruding = None
+            self._intruding, self._work.forceful = None, False
             next(self._script, None)
             if self._replies is not None:
                 self._replies.acknowledge(time_s)
@@ -267,7 +268,8 @@ class Worker:
         self._wished, habits = self._message, self._person.handing
         if wish in self._product.positions:
             if happens(habits.fastens, self._chance):
-                yield from self._screwing.screw(wish, held=True)
+                with self._work.at_arm():
+                    yield from self._screwing.screw(wish, held=True)
         elif happens(habits.gives, self._chance):
             yield from self._job.placing.give(wish)
         yield from self._go_to_rest()

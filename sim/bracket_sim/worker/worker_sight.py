@@ -83,6 +83,7 @@ class Sight:
         joints = [model.joint(number) for number in _moving(model, self._flange or 0)]
         self._arm_qpos = [int(joint.qposadr[0]) for joint in joints]
         self._arm_dofs = [int(joint.dofadr[0]) for joint in joints]
+        self._links = [] if self._tool is None else _upwards(model, self._tool)
 
     def part(self, body: str) -> SeenPart:
         """One part by the name of its body."""
@@ -250,6 +251,12 @@ class Sight:
         return self._data.xpos[self._tool].copy(), spin_and_speed[3:]
 
     @property
+    def links_m(self) -> Array:
+        """Origins (n, 3) of the arm's links, from the tool on; none where there is no arm."""
+        links: Array = self._data.xpos[self._links].reshape(-1, 3).copy()
+        return links
+
+    @property
     def arm_moving(self) -> bool:
         """Whether any joint of the arm moves."""
         return bool(self._arm_dofs) and float(np.abs(self._data.qvel[self._arm_dofs]).max()) > ARM_MOVING_RAD_S
@@ -282,13 +289,17 @@ class Sight:
         return bool(np.all(flange[:2] > low[:2]) and np.all(flange[:2] < high[:2]))
 
 
+def _upwards(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and those that carry it, up to the world."""
+    return [body, *_upwards(model, int(model.body_parentid[body]))] if body else []
+
+
 def _moving(model: mujoco.MjModel, body: int) -> list[int]:
     """Joints that move a body, from the world on."""
-    found: list[int] = []
-    while body:
-        found = [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]), *found]
-        body = int(model.body_parentid[body])
-    return found
+    bodies = reversed(_upwards(model, body))
+    return [
+        joint for at in bodies for joint in range(model.body_jntadr[at], model.body_jntadr[at] + model.body_jntnum[at])
+    ]
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

@@ -55,7 +55,8 @@ def encounters(
     """Assemble next to a person who gets in the way, judged by the truth.
 
     Status 1 if a contact was fast, more than 5 % of the encounters were contacts with an arm that moved (with
-    --tracker: any), or the arm moved while nobody knew where the hand is. A run ends once the arm stood for 60 s.
+    --tracker: any), one of these had more than 140 N where a hand could be clamped or 280 N elsewhere, or the arm
+    moved while nobody knew where the hand is. A run ends once the arm stood for 60 s.
     """
     path, person = Path(shared.config), shared.person
     if shared.pixels and tracker is not Tracker.true:
@@ -126,7 +127,7 @@ def _tell_assembly(screen: Console, row: Row) -> None:
     why = "" if row["end"] == "finished" else f" ({row['reason']})"
     screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s{why}, {words}", highlight=False)
     for contact in contacts:
-        bad = " MOVING" * bool(contact["moving"]) + " FAST" * bool(contact["fast"])
+        bad = "".join(f" {name.upper()}" for name in ("clamped", "moving", "fast", "over") if contact[name])
         screen.print(
             f"  {contact['start_s']:.2f} s {contact['phase']}: {contact['robot']} and {contact['human']}, "
             f"first {contact['first_m_s']:.2f}, at most {contact['speed_m_s']:.2f} m/s, "

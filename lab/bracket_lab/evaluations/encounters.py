@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bracket_cell.skills.motion.contact import CONTACT, ContactMap
 from bracket_cell.watching.observer import Observer, TickRecord
 from bracket_cell.watching.work_state import STATES, WorkState
 from bracket_ground.files.row_store import Row
@@ -67,6 +68,7 @@ class Encounters(Observer):
     """An observer that keeps what is needed to judge contacts afterwards.
 
     Attributes:
+        contacts: where the arm could clamp a hand.
         moved_while_unknown: ticks in which the arm moved although it was not known where the hand is.
         breached: ticks in which a link moved nearer than the protective distance, for each of HANDS_M_S.
         acknowledged: how many times somebody acknowledged a trouble.
@@ -74,6 +76,7 @@ class Encounters(Observer):
     """
 
     cell: SimCell
+    contacts: ContactMap
     moved_while_unknown: int = 0
     acknowledged: int = 0
     stood: bool = False
@@ -113,12 +116,18 @@ class Encounters(Observer):
         return self._at(time_s).phase
 
     def judge(self, contact: Contact) -> dict[str, object]:
-        """A contact as a row: did the arm move, and would an arm that keeps the protective distance have stood."""
+        """A contact as a row: did the arm move, would one that keeps its distance have stood, could it clamp the hand.
+
+        Its force is "over" the limit where it is more than ISO/TS 15066 has for a hand there.
+        """
         last, moving = self._at(contact.start_s), bool(contact.first_m_s > DRIVEN_M_S)
+        clamped = self.contacts.clamps(np.array(contact.point_m))
         stood_s = contact.start_s - REACTS_S - contact.first_m_s / BRAKES_M_S2  # an arm that was told by then
         return {
             **vars(contact),
             "moving": moving,
+            "clamped": clamped,
+            "over": bool(contact.force_n > (CONTACT.clamped_n if clamped else CONTACT.free_n)),
             "fast": bool(contact.speed_m_s > REDUCED_M_S),
             **{
                 f"avoidable_{hand_m_s}": bool(moving and since_s < stood_s)
@@ -180,7 +189,11 @@ def encounter(
         tracker: other than the true one without images only.
     """
     with assembly(path, person, seed, tree=tree, rendered=rendered) as opened:
-        cell, watch, rng = opened.cell, Encounters(opened.cell), np.random.default_rng([seed, 12])
+        cell, watch, rng = (
+            opened.cell,
+            Encounters(opened.cell, opened.motion.separation.contacts),
+            np.random.default_rng([seed, 12]),
+        )
         if cell.sight is not None:
             cell.sight.spoil = lambda hand: tracker.spoil(hand, rng)
         cell.devices = replace(cell.devices, pressed=watch.pressed)
@@ -228,20 +241,27 @@ def summary(rows: Sequence[Row]) -> Row:
         "ticks_breached": {str(speed): sum(row["breached"][n] for row in rows) for n, speed in enumerate(HANDS_M_S)},
         "fastest_m_s": round(_most(contacts, "speed_m_s"), 3),
         "force_n": round(_most(contacts, "force_n")),
-        "force_moving_n": round(_most(moving, "force_n")),
+        **{
+            f"force_moving_{where}_n": round(_most([one for one in moving if one["clamped"] is clamped], "force_n"))
+            for where, clamped in (("clamped", True), ("free", False))
+        },
+        "contacts_moving_over": sum(bool(one["over"]) for one in moving),
         "moved_while_unknown": sum(int(str(row["moved_while_unknown"])) for row in rows),
     }
 
 
 def passed(found: Row, tracker: Tracker = Tracker.true) -> bool:
-    """Whether no contact was fast, hardly any was with an arm that moved, and nothing moved while too little was known.
+    """Whether no contact was fast, or of a moving arm with too much force; and hardly any was with one at all.
+
+    And nothing moved while too little was known.
 
     Args:
         found: of `summary`.
     """
     share = MOVING_SHARE if tracker is Tracker.true else 0.0
     few = found["contacts_moving"] <= share * found["encounters"]
-    return bool(few and not found["contacts_fast"] and not found["moved_while_unknown"])
+    none = ("contacts_fast", "contacts_moving_over", "moved_while_unknown")
+    return bool(few and not any(found[name] for name in none))
 
 
 def _most(contacts: Sequence[Row], name: str) -> float:

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.skills.motion.contact import ContactMap
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample
@@ -21,7 +22,19 @@ from bracket_lab.evaluations.danger import TrueDistance, protective_m
 from bracket_lab.evaluations.encounters import Encounters, Tracker, encounter, passed, summary
 from bracket_lab.evaluations.random_faults import counted, troubled_assembly
 from bracket_sim.faults.injection import NOTICES_S, Attendant
+from bracket_sim.truth.contacts import Contact
 from tests.integration.cell_rig import BENCH, with_person
+
+TABLE_M = np.array([(x, y, z) for x in (0.0, 1.4) for y in (-0.7, 0.7) for z in (-0.5, 0.0)])
+ASSEMBLY: Row = {
+    "kind": "assembly",
+    "end": "finished",
+    "sim_time_s": 1.0,
+    "phases": [],
+    "speeds_m_s": [],
+    "breached": [0, 0],
+    "moved_while_unknown": 0,
+}
 
 
 def test_the_oracle_has_the_distance_of_the_technical_specification() -> None:
@@ -58,16 +71,22 @@ def test_trackers_err_as_they_are_told_to() -> None:
 
 
 def test_few_contacts_with_a_moving_arm_pass_and_none_that_is_fast() -> None:
-    good: Row = {"contacts_moving": 5, "contacts_fast": 0, "moved_while_unknown": 0, "encounters": 100}
+    good: Row = dict.fromkeys(("contacts_fast", "contacts_moving_over", "moved_while_unknown"), 0)
+    good |= {"contacts_moving": 5, "encounters": 100}
     assert passed(good)
-    for worse in ({"contacts_moving": 6}, {"contacts_fast": 1}, {"moved_while_unknown": 1}):
+    for worse in (
+        {"contacts_moving": 6},
+        {"contacts_fast": 1},
+        {"contacts_moving_over": 1},
+        {"moved_while_unknown": 1},
+    ):
         assert not passed({**good, **worse})
     assert not passed({**good, "contacts_moving": 1}, Tracker.off), "none where the tracker errs"
 
 
 def test_an_arm_that_stands_for_long_meets_nobody_and_the_run_is_stopped() -> None:
     with with_person("random", seed=3) as cell:
-        watch = Encounters(cell)
+        watch = Encounters(cell, ContactMap([TABLE_M]))
         for time_s, stands in ((1.0, False), (61.0, True), (61.1, True)):
             arm: Any = SimpleNamespace(stands=stands)
             seen: Any = SimpleNamespace(time_s=time_s, bench=None, acknowledged=False, arm=arm)
@@ -75,6 +94,25 @@ def test_an_arm_that_stands_for_long_meets_nobody_and_the_run_is_stopped() -> No
             assert not watch.pressed()
             watch.tick(record)
         assert [order.kind for order in watch.pressed()] == ["stop"]
+
+
+@pytest.mark.parametrize(
+    ("height_m", "force_n", "clamped", "over"),
+    [(0.05, 139, True, False), (0.05, 141, True, True), (0.5, 141, False, False), (0.5, 281, False, True)],
+)
+def test_a_hand_that_may_be_clamped_bears_half_the_force(
+    height_m: float, force_n: float, clamped: bool, over: bool
+) -> None:
+    """Over the table, at the height of a hand or far above."""
+    with with_person("random", seed=3) as cell:
+        watch = Encounters(cell, ContactMap([TABLE_M]))
+    contact = Contact(1.0, 1.2, "tool", "hand", 0.2, 0.2, 0.9, force_n, (0.7, 0.1, height_m))
+    row = watch.judge(contact)
+    assert (row["clamped"], row["over"]) == (clamped, over)
+    found = summary([{**ASSEMBLY, "contacts": [row]}])
+    assert found["contacts_moving_over"] == over
+    assert found["force_moving_clamped_n"] == (force_n if clamped else 0)
+    assert found["force_moving_free_n"] == (0 if clamped else force_n)
 
 
 @pytest.mark.slow

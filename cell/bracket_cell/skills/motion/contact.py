@@ -24,12 +24,15 @@ class ContactLimits:
     Attributes:
         stiffness_n_m: [N/m] of a hand.
         gap_m: [m] so wide a gap clamps neither hand nor forearm.
+        clamped_n, free_n: [N] at most on a hand that is clamped, and on one that is free to go.
         unknown_kg: [kg] that an arm counts as whose file has no masses.
         least_kg: [kg] a file of a lighter arm has no masses.
     """
 
     stiffness_n_m: float = 75000.0
     gap_m: float = 0.12
+    clamped_n: float = 140.0
+    free_n: float = 280.0
     unknown_kg: float = 60.0
     least_kg: float = 1.0
 
@@ -69,8 +72,18 @@ class ContactMap:
             step_s: between these.
         """
         low_m, high_m = (edge[..., np.newaxis] for edge in (corners_m.min(axis=1), corners_m.max(axis=1)))
-        beside_m = np.maximum(low_m - self._high_m, self._low_m - high_m)  # (3, K, L, B), negative where they overlap
-        apart_m = np.sqrt((beside_m.clip(0.0) ** 2).sum(axis=0)) + beside_m.max(axis=0).clip(max=0.0)
+        apart_m = self._apart_m(low_m, high_m)
         near = ~(np.minimum(apart_m[:-1], apart_m[1:]) >= CONTACT.gap_m)
         closing: Array = np.where(near, apart_m[:-1] - apart_m[1:], 0.0).max(axis=2, initial=0.0) / step_s
         return closing
+
+    def clamps(self, point_m: Array) -> bool:
+        """Whether a hand that is touched there (3,) could be between the arm and what stands."""
+        at_m = point_m.reshape(3, 1, 1, 1)
+        return not bool((self._apart_m(at_m, at_m) >= CONTACT.gap_m).all())
+
+    def _apart_m(self, low_m: Array, high_m: Array) -> Array:
+        """(K, L, B) from boxes between corners (3, K, L, 1) to each that stands; negative where they overlap."""
+        beside_m = np.maximum(low_m - self._high_m, self._low_m - high_m)
+        apart_m: Array = np.sqrt((beside_m.clip(0.0) ** 2).sum(axis=0)) + beside_m.max(axis=0).clip(max=0.0)
+        return apart_m

@@ -649,6 +649,26 @@ def test_another_node_with_old_statuses_under_our_identifier_is_told(
     assert not rig.gripper.state().two_nodes
 
 
+def test_fingers_that_are_held_and_go_on_again_and_again_are_one_node(rig: Rig) -> None:
+    """As where a hand comes and goes beside an arm that grips: what was told to hold is told to go on."""
+    rig.bench.activated()
+    for _ in range(6):
+        rig.gripper.command(GripperCommand(0.01, 0.15))
+        rig.bench.wait(0.3)
+        assert not rig.gripper.state().two_nodes
+        rig.gripper.hold()
+        rig.bench.wait(0.3)
+        assert not rig.gripper.state().two_nodes
+
+
+def test_between_two_openings_and_back_they_are_one_node(rig: Rig) -> None:
+    rig.bench.activated()
+    for opening_m in (0.06, 0.03) * 4:
+        rig.gripper.command(GripperCommand(opening_m, 0.15))
+        rig.bench.wait(0.3)
+        assert not rig.gripper.state().two_nodes
+
+
 @pytest.mark.parametrize("copies", [1, 2])
 def test_fingers_that_open_and_close_are_one_node(rig: Rig, copies: int) -> None:
     rig.bench.activated()

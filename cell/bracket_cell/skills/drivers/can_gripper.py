@@ -33,6 +33,7 @@ INTERNAL_FAULT = 0x0C
 ACTIVE = 3  # gSTA
 WORDS, APART_MM = ("gACT", "gGTO", "gSTA", "gPR"), 6.0  # by which statuses of two nodes are told apart
 FLIPS, FLIPS_S = 2, 2.0  # so often within this time: one may be a command that was taken back
+ECHOES_S = 0.1  # until when a status may echo a request that another one has followed: two ticks, and a status period
 ECHO = (("gACT", "rACT"), ("gGTO", "rGTO"), ("gPR", "rPR"))
 NODE_STATES: Mapping[int, NodeState] = {
     0x00: "boot_up",
@@ -107,6 +108,7 @@ class CanGripper:
         self._told = False  # a status came in this tick
         self._lost = False  # it told nothing, and no status came since
         self._talk: deque[Mapping[str, float]] = deque(maxlen=2)  # the last statuses that differ
+        self._asked: deque[tuple[float, bytes]] = deque(maxlen=5)  # the last requests, and when each was sent first
         self._flips_s: deque[float] = deque([-math.inf] * FLIPS, maxlen=FLIPS)  # when statuses went there and back
         self._late = self._other_master = self._restarted = False
         self._errors: list[str] = []  # of this tick
@@ -275,9 +277,17 @@ class CanGripper:
         if self._talk and not _differ(status, self._talk[-1]):
             self._talk[-1] = status
             return
-        if len(self._talk) == 2 and not _differ(status, self._talk[0]):
+        back = len(self._talk) == 2 and not _differ(status, self._talk[0])
+        if back and not (self._asked_for(status) and any(status[name] != self._talk[-1][name] for name in WORDS)):
             self._flips_s.append(self._clock.now_s())
         self._talk.append(status)
+
+    def _asked_for(self, status: Mapping[str, float]) -> bool:
+        """Whether a status echoes a request of late: fingers that are held and go on are no second node."""
+        now_s = self._clock.now_s()
+        until_s = [*(sent_s for sent_s, _ in self._asked), now_s][1:]
+        late = [data for (_, data), end_s in zip(self._asked, until_s, strict=True) if now_s - end_s <= ECHOES_S]
+        return any(self._echoed(status, data) for data in late)
 
     @property
     def _just_adopted(self) -> bool:
@@ -319,7 +329,10 @@ class CanGripper:
 
     def _repeats(self, status: Mapping[str, float]) -> bool:
         """Whether the status echoes the last command; else it is an old answer, to be taken for no new one."""
-        asked = _decoded(self._command, self._command.encode(self._request))
+        return self._echoed(status, self._command.encode(self._request))
+
+    def _echoed(self, status: Mapping[str, float], data: bytes) -> bool:
+        asked = _decoded(self._command, data)
         return all(status[told] == asked[sent] for told, sent in ECHO)
 
     def _send(self) -> bytes:
@@ -335,6 +348,8 @@ class CanGripper:
             return data
         self._full_s = None
         self._sent_s = self._clock.now_s()
+        if not self._asked or self._asked[-1][1] != data:
+            self._asked.append((self._sent_s, data))
         self._unheard_s = self._sent_s if self._unheard_s is None else self._unheard_s
         self._tap(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
         return data

@@ -5,7 +5,7 @@ Some: python -m tests.integration.situations undoes hands_over --first-seed 100
 With `--kept`, a run that is in the file is not made again. Nothing is rendered but where a look is the situation.
 A run ends `right`; `wrong` where a part is where it should not be; or it was not finished in time: `held` by the
 supervisor, `asked` where a question stands, else `open`. A job that is no bracket is right where it finished.
-Beside these: contacts, those with an arm that moved, and the greatest force. `cannot` names what no file says.
+Beside these: contacts, those with an arm that moved, and the greatest force.
 """
 
 from __future__ import annotations
@@ -97,9 +97,7 @@ SITUATIONS: Mapping[str, Situation] = {
     ),
     "unlisted_goal": Situation("builds_unlisted", shift=True),
     "third_hand": Situation(tree=ROOT / "trees" / "third_hand.xml"),
-}
-CANNOT: Mapping[str, str] = {
-    "points_at_hole": "neither the person points, nor does a detector read it as an order",
+    "points_at_hole": Situation("points", shift=True),
 }
 
 
@@ -201,8 +199,6 @@ def main() -> None:
     kept = RowStore(options.kept, ("situation", "seed"), {"command": "situations"})
     for line in table(options.situation or list(SITUATIONS), seeds, kept):
         print(line, flush=True)
-    if not options.situation and CANNOT:
-        print("\ncannot:", *(f"- {name}: {words}" for name, words in CANNOT.items()), sep="\n")
 
 
 if __name__ == "__main__":

@@ -243,6 +243,7 @@ class ShiftHabits(Model):
         fills_at_once: share of the times in which bins and tray, each by itself, are filled with the exchange; else
             when something lacks.
         fill_s: how long that takes, least and most.
+        points: share of the questions where a part goes that are answered by pointing at the hole.
         gives_up_s: after so long the bracket is changed although nothing asks for it.
         new_goals: share of the brackets of a shift that have an arrangement which the product does not list.
     """
@@ -253,6 +254,7 @@ class ShiftHabits(Model):
     exchange_s: Span = (2.0, 5.0)
     fills_at_once: Share = 0.8
     fill_s: Span = (1.5, 4.0)
+    points: Share = 0.0
     gives_up_s: float = Field(default=30.0, ge=1, le=600)
     new_goals: Share = 0.1
 

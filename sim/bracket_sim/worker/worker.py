@@ -39,6 +39,7 @@ from bracket_sim.worker.worker_sight import Sight, WorkerWorld
 AT_REST_M = 0.02
 OUT_OF_VIEW_M = 1.75  # x of a hand that has left the bench
 ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
+POINTS_M, CLOSED_GAP_M, POINTS_S = 0.10, 0.005, 5.0  # over the parts that stand there, and how long at most
 SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
 OVER = object()
 
@@ -352,8 +353,12 @@ class Worker:
             if question.kind == "goal":
                 self._replies.answer(question, goal_answer(question, self._job.wanted))
             elif question.kind == "where":
-                empty = [] if self._job.can_place(question.part) else list(self._job.empty())
-                self._replies.answer(question, where_answer(question, self._job.wanted, empty))
+                points = happens(self._person.shift.points, self._chance)
+                empty = [] if self._job.can_place(question.part) and not points else list(self._job.empty())
+                place = where_answer(question, self._job.wanted, empty)
+                if points and place in self._sight.holes_m:
+                    yield from self._point_at(place)
+                self._replies.answer(question, place)
             elif question.kind == "help":
                 by_hand = self._job.can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
                 if by_hand:
@@ -369,6 +374,17 @@ class Worker:
             elif question.kind == "choice":
                 brought = yield from self._job.take_brought()
                 self._replies.answer(question, choice_answer(question, brought))
+
+    def _point_at(self, position: str) -> Script:
+        """Hold the fingertips over a hole until the cell has understood; who is not understood says it."""
+        replies = self._replies
+        assert replies is not None
+        self._events.note("points", position=position)
+        self._events.begin("transit")
+        over_m = self._sight.holes_m[position] + np.array([0.0, 0.0, POINTS_M])
+        yield from self._work.reach(over_m, 0.0, CLOSED_GAP_M, arch_m=ARCH_M)
+        yield from self._waiting.while_true(lambda: replies.stands("where"), POINTS_S)
+        yield from self._go_to_rest()
 
     def _go_on(self) -> Script:
         """Nothing is left to be placed: fill the bins where a part lacks, or change the bracket when it is time."""

@@ -10,13 +10,16 @@ import pytest
 from bracket_cell.learned.semantic.model import BayesPlanner
 from bracket_cell.trees.bench import TreeBench
 from bracket_cell.trees.nodes.asking_where import AskPosition
+from bracket_cell.trees.nodes.people import hole_on_bench_m
 from bracket_cell.trees.nodes.services import Services
+from bracket_ground.interfaces.notes import ListJournal
 from bracket_ground.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
+from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from btxml.engine.status import Status
 from btxml.testing import alone
 from tests import ROOT
-from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
+from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, hand_at, see, services
 
 NEW = AssemblyState({"p1": "o2", "p2": "o3", "p4": "o1", "p6": "o1"}, told_goal=UNKNOWN_GOAL)  # o1 and o2 are left
 NOTHING = AssemblyPlan({"g0": 0.0, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 1.0}, {}, "o1", {"o1": (), "o2": (), "o3": ()})
@@ -106,6 +109,79 @@ def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
     for time_s in (8.0, 8.1, 8.2):
         later(to, node, time_s)
     assert [(question.number, question.part) for question in to.now.display.questions] == [(2, "o2")]
+
+
+def points(to: Services, node: Any, position: str, until_s: float, from_s: float = 8.0, **sample: Any) -> None:
+    """A hand over a hole, in look after look."""
+    x, y = hole_on_bench_m(to, position).tolist()
+    closed = {"thumb_m": (x, y), "index_m": (x, y + 0.01)}
+    for number in range(round((until_s - from_s) / 0.1) + 1):
+        time_s = from_s + 0.1 * number
+        holes = {name: view for name, view in EMPTY_HOLES.items() if name in ("p3", "p5")}
+        looks = {name: replace(view, seen_s=min(time_s, 7.9)) for name, view in holes.items()} | sample.get("holes", {})
+        hand = replace(hand_at(x, y), time_s=time_s, **{**closed, **sample.get("hand", {})})
+        see(to, time_s, hand=hand, holes=looks, **sample.get("view", {}))
+        node.execute()
+
+
+def told(to: Services, node: Any) -> dict[str, str]:
+    assert isinstance(to.tools.journal, ListJournal)
+    found = [fields for topic, fields in to.tools.journal.notes if topic == "belief" and "told_part" in fields]
+    assert all(fields["source"] == "pointing" for fields in found)
+    return dict(node.state.get().told_parts)
+
+
+def test_a_hand_that_points_at_an_open_hole_answers() -> None:
+    to = services()
+    node = asked(to)
+    points(to, node, "p5", 9.7)
+    assert not told(to, node), "a hand may hesitate over a hole"
+    points(to, node, "p5", 10.2)
+    assert told(to, node) == {"p5": "o1"}
+
+
+@pytest.mark.parametrize(
+    ("position", "sample"),
+    [
+        ("p1", {}),
+        ("p5", {"hand": {"held_part": "o1"}}),
+        ("p5", {"hand": {"thumb_m": None}}),
+        ("p5", {"hand": {"thumb_m": (9.0, 9.0)}}),
+        ("p5", {"holes": {"p5": HoleView("o2", 1.0, 7.9)}}),
+        ("p5", {"holes": {"p5": HoleView(None, 1.0, -9.0)}}),
+        ("p5", {"view": {"hand_unknown": "nobody knows"}}),
+        ("p5", {"view": {"other_hands": ()}}),
+    ],
+    ids=[
+        "filled",
+        "holds a part",
+        "fingers unknown",
+        "fingers apart",
+        "seen filled",
+        "seen long ago",
+        "unknown",
+        "two",
+    ],
+)
+def test_what_is_no_pointing_answers_nothing(position: str, sample: dict[str, Any]) -> None:
+    to = services()
+    node = asked(to)
+    if "other_hands" in sample.get("view", {}):  # the second hand points, too
+        x, y = hole_on_bench_m(to, "p3").tolist()
+        both = replace(hand_at(x, y), thumb_m=(x, y), index_m=(x, y))
+        sample = {"view": {"other_hands": (both,)}}
+    points(to, node, position, 12.0, **sample)
+    assert not told(to, node)
+
+
+def test_a_hand_that_goes_from_hole_to_hole_points_at_nothing() -> None:
+    to = services()
+    node = asked(to)
+    for begins_s, position in ((8.0, "p5"), (9.5, "p3"), (11.0, "p5")):
+        points(to, node, position, begins_s + 1.5, begins_s)
+    assert not told(to, node)
+    points(to, node, "p5", 13.1, 12.5)
+    assert told(to, node) == {"p5": "o1"}
 
 
 def test_it_is_withdrawn_when_the_person_goes_on() -> None:

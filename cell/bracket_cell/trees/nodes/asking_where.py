@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from bracket_cell.trees.nodes.asking import Asks
+from bracket_cell.trees.nodes.pointing import Pointing
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.operator import PLACED_BY_HAND, Answer
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
@@ -18,7 +19,7 @@ class AskPosition(Asks):
     """Ask where a part goes, if the person builds an unknown product and places nothing for a while.
 
     Asked is for one type of part after the other, as long as the person wants to place it by hand: first for the one in
-    the gripper, then for the rarest.
+    the gripper, then for the rarest. A hand that points at an open hole answers, too.
     Succeeds when a position is told and the plan follows it. Fails at once where the goal is known, where the rest
     follows from what is placed, or where nobody is there; and when the person goes on, or nobody answers in time.
     """
@@ -27,6 +28,7 @@ class AskPosition(Asks):
     state = InOutPort(AssemblyState, "what is placed so far, and what a person said")
     settle_s = InputPort(float, "how long nothing must have been placed", default=6.0, least=0)
     wait_s = InputPort(float, "longest wait for an answer", default=60.0, least=0)
+    points_s = InputPort(float, "how long a hand points at a hole to answer; 0: it does not", default=2.0, least=0)
 
     _placed: Mapping[str, str] = {}
     _part = ""
@@ -36,6 +38,7 @@ class AskPosition(Asks):
         self._asked_s, self._placed = self.now.observation.time_s, self.state.get().placed
         self._told = None
         self._by_hand: set[str] = set()  # types that the person places
+        self._pointing = Pointing(self.tools.product, self.tools.bench, self.points_s.get())
 
     def update(self) -> Status:
         if self._told is not None:
@@ -50,12 +53,13 @@ class AskPosition(Asks):
             if self._by_hand or self.compare(services.now.observation.time_s - self._asked_s, ">=", self.settle_s):
                 self._ask(part)
             return Status.RUNNING
-        answer = self.answered()
+        pointed = self._pointing.at(services.now.observation.bench, self._question.positions)
+        answer = self.answered() or pointed
         if answer == PLACED_BY_HAND or services.now.observation.operator.newest("place", self._asked_s) is not None:
             self._by_hand.add(self._part)
             self.terminate(Status.RUNNING)
         elif answer is not None:
-            self._tell(answer)
+            self._tell(answer, "pointing" if answer == pointed else "answer")
             return Status.RUNNING
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
@@ -94,8 +98,8 @@ class AskPosition(Asks):
         services.tools.journal.note("help", text=reason, part=part, positions=list(positions))
         self.feedback_message = reason
 
-    def _tell(self, position: str) -> None:
+    def _tell(self, position: str, source: str) -> None:
         self._told, state = (self._part, position), self.state.get()
         self.state.set(replace(state, told_parts={**state.told_parts, position: self._part}))
-        self.tools.journal.note("belief", told_part=[self._part, position])
+        self.tools.journal.note("belief", told_part=[self._part, position], source=source)
         self.feedback_message = Message("{part} goes to {position}", part=self._part, position=position)

@@ -83,6 +83,39 @@ class Servos(Model):
     damping_nm_s_rad: Values
 
 
+class MotionLimits(Model):
+    """Limits of motion as they are set in the controller; what is left out is not limited there.
+
+    Attributes:
+        joint_rad_s: of each joint.
+        tool_m_s, elbow_m_s: of the TCP and of the elbow.
+        momentum_kg_m_s: of all that moves, with the tool.
+    """
+
+    joint_rad_s: Values = ()
+    tool_m_s: Positive | None = None
+    elbow_m_s: Positive | None = None
+    momentum_kg_m_s: Positive | None = None
+
+
+class ReducedLimits(MotionLimits):
+    """The same in reduced mode; the TCP's speed is that of ISO 10218-1 where nothing is given."""
+
+    tool_m_s: Positive | None = 0.25
+
+
+class SafetyLimits(Model):
+    """The controller's safety configuration: beyond a limit it stops the arm, so the driver slows down before.
+
+    Attributes:
+        normal: limits as a rule.
+        reduced: limits in reduced mode.
+    """
+
+    normal: MotionLimits = Field(default_factory=MotionLimits)
+    reduced: ReducedLimits = Field(default_factory=ReducedLimits)
+
+
 class RobotModel(Model):
     """An arm with its tool; values of joints from the base to the flange, of a linear axis in [m] instead of [rad].
 
@@ -105,6 +138,7 @@ class RobotModel(Model):
         home_rad: a usual posture, with the tool down, that others are kept near to; found where it is left out,
             or beyond the limits.
         servos: of the simulated joints.
+        safety: limits that are set in the controller's safety configuration.
         gripper: what is mounted on the flange: a gripper that is shipped, or a gripper file, relative to this file.
     """
 
@@ -122,6 +156,7 @@ class RobotModel(Model):
     torque_nm: Values = ()
     home_rad: tuple[Angle, ...] = ()
     servos: Servos | None = None
+    safety: SafetyLimits = Field(default_factory=SafetyLimits)
     gripper: NamedGripper = Field(default_factory=default_gripper, json_schema_extra={"default": GRIPPER})
 
     @property
@@ -224,8 +259,9 @@ def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
 def _wrong_counts(robot: RobotModel) -> Iterator[str]:
     count = len(robot.joints)
     servos = {} if robot.servos is None else dict(robot.servos)
+    limits = {f"safety.{mode}.joint_rad_s": of.joint_rad_s for mode, of in robot.safety}
     rows = ("range_rad", "speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "home_rad")
-    given = {**{name: getattr(robot, name) for name in rows}, **servos}
+    given = {**{name: getattr(robot, name) for name in rows}, **servos, **limits}
     for name, values in given.items():
         if values and len(values) != count:
             yield f"{name} has {len(values)} values, the arm has {count} joints: {', '.join(robot.joints)}"

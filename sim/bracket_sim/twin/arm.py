@@ -9,11 +9,12 @@ import mujoco
 import numpy as np
 
 from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.robot import MotionLimits
 from bracket_sim.devices.arm import TRACKING_LIMIT_RAD, TRACKING_PERIODS, servo_lag_s, tool_force_n
 from bracket_sim.scene.world import World
 
 ELBOW = 2  # joint about which the elbow bends
-LOOKAHEAD_S = 0.03  # the least that a controller smooths set points by
+LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # least and most that a controller takes
 HAND_RAD_S, HAND_RAD_S2 = 0.6, 3.0  # of an arm that somebody moves by hand
 SPEED_TOLERANCE = 1.08  # beyond a joint's speed by the data sheet the controller stops by itself; 3.4 of 3.14 rad/s
 
@@ -24,18 +25,7 @@ SANE_RAD_S2 = 50.0
 Mode = Literal["hold", "servo", "speed", "move", "stop"]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """General limits of the safety configuration; by default the widest that a controller takes (its user manual).
-
-    Attributes:
-        tool_m_s, elbow_m_s: of the TCP and of the elbow.
-        momentum_kg_m_s: of all that moves.
-    """
-
-    tool_m_s: float = 5.0
-    elbow_m_s: float = 5.0
-    momentum_kg_m_s: float = 100.0
+WIDEST = MotionLimits(tool_m_s=5.0, elbow_m_s=5.0, momentum_kg_m_s=100.0)  # that a controller takes (user manual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +60,16 @@ class TwinArm:
         scale: of all speeds, 0 to 1: slider and safety of the controller.
         held_back: why the joints could not follow; empty where they could.
         mode: what is being done.
-        limits: of the safety configuration.
+        limits: of the safety configuration in use.
         gain_rad_s2: how fast the speed of set points changes in this cycle, (n,).
     """
 
     def __init__(self, world: World) -> None:
         self._world, self._lag_s = world, servo_lag_s(world)
-        self._most_rad_s: Array = SPEED_TOLERANCE * np.array(world.robot.speed_rad_s)
         self._reference = world.data.qpos[world.arm_qpos].copy()
-        self._goal, self._acceleration, self._lookahead_s = self._reference.copy(), 1.0, LOOKAHEAD_S
+        self._goal, self._acceleration = self._reference.copy(), 1.0
+        self._lookahead_s, self._gain = LOOKAHEAD_S[0], GAIN[1]
+        self._asked_rad_s: Array = np.zeros_like(self._reference)  # by set points, at a slider of 100 %
         self._moves: list[tuple[Array, float, float]] = []
         self._late_periods = self._fast_periods = self._over_periods = 0
         model = world.model
@@ -86,15 +77,24 @@ class TwinArm:
         self._elbow = int(model.jnt_bodyid[model.dof_jntid[world.arm_qvel][ELBOW]])
         self._root = int(model.body_rootid[self._elbow])
         self._chased: Array | None = None
-        self.limits, self.gain_rad_s2 = Limits(), np.zeros_like(self._reference)
+        self.limits, self.gain_rad_s2 = world.robot.safety.normal, np.zeros_like(self._reference)
         self.mode: Mode = "hold"
         self.driven_rad_s: Array = np.zeros_like(self._reference)
         self.scale, self.held_back = 1.0, ""
         self.measured = self._measurement(0.0)
 
-    def servo(self, goal_rad: Array, lookahead_s: float) -> None:
-        """Follow a set point that is renewed every cycle; the joints trail it by about the lookahead."""
-        self.mode, self._goal, self._lookahead_s = "servo", goal_rad, max(lookahead_s, LOOKAHEAD_S)
+    def servo(self, goal_rad: Array, lookahead_s: float = LOOKAHEAD_S[0], gain: float = GAIN[1]) -> None:
+        """Follow a set point that is renewed every cycle; the joints trail it by the lookahead.
+
+        A low gain with a short lookahead overshoots. Speed and acceleration count for nothing, as with the maker.
+
+        Args:
+            gain: in [1/s2], of what is missing from where the joints are a lookahead later.
+        """
+        if self.mode != "servo":
+            self._asked_rad_s, self._chased = self.driven_rad_s.copy(), None
+        self.mode, self._goal = "servo", goal_rad
+        self._lookahead_s, self._gain = float(np.clip(lookahead_s, *LOOKAHEAD_S)), float(np.clip(gain, *GAIN))
 
     def speed(self, goal_rad_s: Array, acceleration_rad_s2: float) -> None:
         """Take on these speeds, and keep them."""
@@ -135,10 +135,7 @@ class TwinArm:
         """How fast the set points move in this cycle, (n,)."""
         now = self.driven_rad_s
         if self.mode == "servo":
-            chased: Array = (self._goal - self._reference) / (self._lookahead_s + dt_s)
-            self._check_path(chased)
-            return chased * self.scale
-        self._chased = None
+            return self._served(dt_s)
         if self.mode == "speed":
             return _towards(now, self._goal * self.scale, self._acceleration * dt_s)
         if self.mode == "move" and self._moves:
@@ -147,6 +144,14 @@ class TwinArm:
         if not slowed.any():
             self.mode = "hold"
         return slowed
+
+    def _served(self, dt_s: float) -> Array:
+        """qdd = gain (goal - q - lookahead qd), stepped implicitly (URScript manual, `servoj`)."""
+        missing: Array = self._goal - self._reference
+        self._check_path(missing / (self._lookahead_s + dt_s))
+        damping = 1 + dt_s * self._gain * (self._lookahead_s + dt_s * self.scale)
+        self._asked_rad_s = (self._asked_rad_s + dt_s * self._gain * missing) / damping
+        return self._asked_rad_s * self.scale
 
     def _check_path(self, chased: Array) -> None:
         """Stop where set points jump: as fast as these would speed a joint up, nobody plans."""
@@ -176,8 +181,10 @@ class TwinArm:
         apart = float(np.abs(self.measured.positions_rad - self._reference).max())
         self._late_periods = self._late_periods + 1 if apart > TRACKING_LIMIT_RAD else 0
         speeds = np.abs(self.measured.velocities_rad_s)
-        joint = int(np.argmax(speeds / self._most_rad_s))
-        fast, most = float(speeds[joint]), float(self._most_rad_s[joint])
+        robot, set_rad_s = self._world.robot, self.limits.joint_rad_s
+        allowed = np.minimum(SPEED_TOLERANCE * np.array(robot.speed_rad_s), set_rad_s or np.inf)
+        joint = int(np.argmax(speeds / allowed))
+        fast, most = float(speeds[joint]), float(allowed[joint])
         self._fast_periods = self._fast_periods + 1 if fast > most else 0
         over = self._over()
         self._over_periods = self._over_periods + 1 if over else 0
@@ -186,18 +193,18 @@ class TwinArm:
         elif self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
         elif self._fast_periods >= TRACKING_PERIODS:
-            self.held_back = f"{self._world.robot.joint_names[joint]} turns at {fast:.2f} rad/s, limit {most:.2f} rad/s"
+            self.held_back = f"{robot.joint_names[joint]} turns at {fast:.2f} rad/s, limit {most:.2f} rad/s"
 
     def _over(self) -> str:
         """Which general limit is broken, in words; empty for none."""
-        seen, limits = self.measured, self.limits
-        for what, value, most, unit in (
-            ("the tool moves at", float(np.linalg.norm(seen.tool_m_s[:3])), limits.tool_m_s, "m/s"),
-            ("the elbow moves at", float(np.linalg.norm(seen.elbow_m_s)), limits.elbow_m_s, "m/s"),
-            ("the arm's momentum is", seen.momentum_kg_m_s, limits.momentum_kg_m_s, "kg m/s"),
+        seen = self.measured
+        for name, words, unit, value in (
+            ("tool_m_s", "the tool moves at", "m/s", float(np.linalg.norm(seen.tool_m_s[:3]))),
+            ("elbow_m_s", "the elbow moves at", "m/s", float(np.linalg.norm(seen.elbow_m_s))),
+            ("momentum_kg_m_s", "the arm's momentum is", "kg m/s", seen.momentum_kg_m_s),
         ):
-            if value > most:
-                return f"{what} {value:.2f} {unit}, limit {most:g}"
+            if value > (most := getattr(self.limits, name) or getattr(WIDEST, name)):
+                return f"{words} {value:.2f} {unit}, limit {most:g}"
         return ""
 
     def freeze(self) -> None:

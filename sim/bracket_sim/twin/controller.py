@@ -14,6 +14,7 @@ from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.ur_model import MODELS, Model
 
 OFFSET = re.compile(r"reg_offset_int\s*=\s*(?:#[^\n]*\n)?\s*(\d+)")  # ur-rtde writes it behind a comment
+REDUCED_S = 0.5  # within which an arm that is faster must keep to the limits of reduced mode (user manual)
 UNLOCK_S = 5.0  # after a protective stop, before it can be unlocked
 BOOT_S, RELEASE_S = 1.0, 0.5  # until the arm idles once power is on, and until its brakes are off
 BRAKING_RAD_S2 = 10.0  # of a stop that the controller makes by itself
@@ -44,6 +45,7 @@ class Safety(IntEnum):
     """The safety controller's mode."""
 
     NORMAL = 1
+    REDUCED = 2
     PROTECTIVE = 3
     SAFEGUARD = 5
     EMERGENCY = 7
@@ -73,11 +75,13 @@ class Controller:
         slider_writes: how often a client wrote the slider.
         inputs, outputs: bits of the digital terminals: standard, configurable from bit 8 on, tool from bit 16 on.
         analog: values of the analogue inputs, in [V] or [A].
+        limits: of the safety configuration.
     """
 
     def __init__(self, cell: TwinCell) -> None:
         self.cell, self.arm = cell, cell.arm
         self.model: Model = MODELS[cell.robot]
+        self.limits = cell.sim.world.robot.safety
         self.registers = Registers()
         self.payload_kg, self.payload_cog_m, self.extra_kg = ACTUAL_TOOL_KG, (0.0, 0.0, 0.05), 0.0
         self.tcp: Array = np.array([0.0, 0.0, 0.156, 0.0, 0.0, 0.0])
@@ -87,6 +91,7 @@ class Controller:
         self.inputs = self.outputs = 0
         self.analog = dict.fromkeys(ANALOG, 0.0)
         self.boots, self.slider_writes, self._epoch_s = 0, 0, 0.0
+        self._reduced_s: float | None = None  # since when
         self._program: int | None = None  # its offset of registers
         self._watchdog_s: float | None = None
         self._busy = False
@@ -103,6 +108,12 @@ class Controller:
     def old(self) -> bool:
         """Before remote control was a mode: CB3."""
         return self.model.version[0] < 5
+
+    @property
+    def safety_mode(self) -> Safety:
+        """As it is told."""
+        reduced = self._reduced_s is not None and self.safety is Safety.NORMAL
+        return Safety.REDUCED if reduced else self.safety
 
     @property
     def takes_programs(self) -> bool:
@@ -166,6 +177,10 @@ class Controller:
             self.runtime = Runtime.PAUSED
         self.arm.stop(BRAKING_RAD_S2)
 
+    def reduce(self, on: bool) -> None:
+        """Reduced mode begins or ends: a trigger plane or an input."""
+        self._reduced_s = self.now_s if on else None
+
     def unlock(self) -> bool:
         """Somebody says that a protective stop may end; refused for the first seconds."""
         if self.safety is Safety.PROTECTIVE and self.now_s - self._stopped_s < UNLOCK_S:
@@ -195,7 +210,7 @@ class Controller:
         self.stop_program()
         self.safety, self.robot_mode, self.model = Safety.NORMAL, RobotMode.RUNNING, MODELS[self.cell.robot]
         self.fieldbus, self.remote, self.slider, self.extra_kg = False, True, 1.0, 0.0
-        self.turned_rad, self.arm.held_back = np.zeros(6), ""
+        self.turned_rad, self.arm.held_back, self._reduced_s = np.zeros(6), "", None
 
     def written(self, register: int) -> None:
         """A client wrote this integer register."""
@@ -210,6 +225,8 @@ class Controller:
             self._step(self._program)
 
     def _watch_safety(self) -> None:
+        reduced = self._reduced_s is not None and self.now_s - self._reduced_s > REDUCED_S
+        self.arm.limits = self.limits.reduced if reduced else self.limits.normal
         off_kg = abs(self.payload_kg - ACTUAL_TOOL_KG - self.extra_kg)
         fast = float(np.abs(self.arm.driven_rad_s).max()) > PAYLOAD_SPEED_RAD_S
         self._wrong_periods = self._wrong_periods + 1 if off_kg > PAYLOAD_OFF_KG and fast else 0
@@ -241,7 +258,7 @@ class Controller:
     def _realtime(self, command: int, offset: int) -> None:
         values = self.registers.doubles_in[offset:]
         if command == 11:
-            self.arm.servo(np.array(values[:6]), values[9])
+            self.arm.servo(np.array(values[:6]), values[9], values[10])
         elif command == 9:
             self.arm.speed(np.array(values[:6]), values[6])
 

@@ -21,7 +21,6 @@ from bracket_cell.plant.ros_services import ActionServer, Answerer, Status
 from bracket_cell.plant.ros_types import empty, message
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Array, Pose
-from bracket_sim.twin.arm import LOOKAHEAD_S
 from bracket_sim.twin.cameras import ImageFaults, Photographer, jpeg
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import BRAKING_RAD_S2, Controller, Runtime, Safety
@@ -196,7 +195,7 @@ class RosArm:
             return
         self._along_s += self._cell.period_s * self.controller.slider
         self._arm.scale = 1.0  # the goal is followed slowly already
-        self._arm.servo(np.array([np.interp(self._along_s, times_s, one) for one in joints.T]), LOOKAHEAD_S)
+        self._arm.servo(np.array([np.interp(self._along_s, times_s, one) for one in joints.T]))
         if self._along_s >= times_s[-1]:
             self._path = None
             self._action.end(Status.SUCCEEDED, empty(f"{TRAJECTORY}_Result"))
@@ -214,7 +213,7 @@ class RosArm:
                 self._joints.write(one)
             self._late.clear()
         of = self.controller
-        now = {"robot": int(of.robot_mode), "safety": int(of.safety), "running": of.runtime is Runtime.PLAYING}
+        now = {"robot": int(of.robot_mode), "safety": int(of.safety_mode), "running": of.runtime is Runtime.PLAYING}
         kinds = {"robot": "ur_dashboard_msgs/msg/RobotMode", "safety": "ur_dashboard_msgs/msg/SafetyMode"}
         for name, value in now.items():
             if self._modes.get(name) != value:

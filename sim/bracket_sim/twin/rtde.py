@@ -51,7 +51,7 @@ INPUTS = {
 }  # fmt: skip
 REGISTER = re.compile(r"(input|output)_(int|double|bit)_register_(\d+)\Z")
 KINDS = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}
-SAFETY_BITS = {Safety.NORMAL: 0, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
+SAFETY_BITS = {Safety.NORMAL: 0, Safety.REDUCED: 1, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
 REGISTERS = {"int": 48, "double": 48, "bit": 128}
 TERMINALS = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
 IN_BASE = np.array([-1.0, -1.0, 1.0] * 2)  # the controller's base frame is turned by half a turn against the world
@@ -67,7 +67,7 @@ def _robot_bits(of: Controller) -> int:
 def _safety_bits(of: Controller) -> int:
     stopped = of.safety is not Safety.NORMAL
     emergency = of.safety is Safety.EMERGENCY
-    return 1 << SAFETY_BITS[of.safety] | int(emergency) << 7 | int(stopped) << 10
+    return 1 << SAFETY_BITS[of.safety_mode] | int(emergency) << 7 | int(stopped) << 10
 
 
 def _bits(attribute: str, first: int) -> Read:
@@ -91,8 +91,8 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "target_TCP_pose": ("VECTOR6D", lambda of: of.model.tool_pose(of.arm.measured.targets_rad, of.tcp)),
     "actual_TCP_force": ("VECTOR6D", lambda of: (*(of.arm.measured.force_n * IN_BASE[:3]), 0.0, 0.0, 0.0)),
     "robot_mode": ("INT32", lambda of: of.robot_mode),
-    "safety_mode": ("INT32", lambda of: of.safety),
-    "safety_status": ("INT32", lambda of: of.safety),
+    "safety_mode": ("INT32", lambda of: of.safety_mode),
+    "safety_status": ("INT32", lambda of: of.safety_mode),
     "runtime_state": ("UINT32", lambda of: of.runtime),
     "robot_status_bits": ("UINT32", _robot_bits),
     "safety_status_bits": ("UINT32", _safety_bits),

@@ -9,11 +9,10 @@ import numpy as np
 
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import Controller
-from bracket_sim.twin.ur_model import MODELS
 
 BY_HAND_RAD = 0.3
 LATE_S, SILENT_S = 0.2, 2.0
-SLOW_SHARE, HEAVY_KG, CALIBRATION = 0.3, 2.0, 7
+SLOW_SHARE, HEAVY_KG = 0.3, 2.0
 
 
 class Samples(Protocol):
@@ -58,6 +57,8 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtd
     cell.offer("protective_stop", "the arm stops by itself", of.protective_stop)
     cell.offer("safeguard", "the safeguard opens", lambda: of.safeguard(closed=False))
     cell.offer("safeguard_closed", "the safeguard closes again", lambda: of.safeguard(closed=True))
+    cell.offer("reduced", "reduced mode begins", lambda: of.reduce(on=True))
+    cell.offer("reduced_over", "reduced mode ends", lambda: of.reduce(on=False))
     cell.offer("emergency_stop", "an emergency stop is pressed", lambda: of.emergency(pressed=True))
     cell.offer("emergency_released", "the button is pulled out again", lambda: of.emergency(pressed=False))
     cell.offer("local", "somebody switches to local control; the program stops", lambda: local(True))
@@ -78,9 +79,3 @@ def offer_faults(cell: TwinCell, of: Controller, rtde: Samples, name: str = "rtd
     cell.offer("payload_wrong", f"{HEAVY_KG:g} kg more hang on the tool than told", put("extra_kg", HEAVY_KG))
     cell.offer("payload_right", "what hangs on the tool is what was told", put("extra_kg", 0.0))
     cell.offer("turned", "the last wrist tells a whole turn more", lambda: of.turned_rad.__setitem__(5, 2 * np.pi))
-    cell.offer("other_model", "the controller is one of a UR10e", put("model", MODELS["ur10e"]))
-    cell.offer(
-        "other_calibration",
-        "the arm is another one of its make",
-        lambda: setattr(of, "model", of.model.corrected(CALIBRATION)),
-    )

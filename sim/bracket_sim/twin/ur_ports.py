@@ -23,6 +23,7 @@ MODE_DATA, KINEMATICS_INFO = 0, 5
 PROGRAM_STATES = {Runtime.STOPPED: "STOPPED", Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 SAFETY_WORDS = {
     Safety.NORMAL: "NORMAL",
+    Safety.REDUCED: "REDUCED",
     Safety.PROTECTIVE: "PROTECTIVE_STOP",
     Safety.SAFEGUARD: "SAFEGUARD_STOP",
     Safety.EMERGENCY: "ROBOT_EMERGENCY_STOP",
@@ -53,8 +54,8 @@ class Dashboard(Port):
         of = self._of
         told: dict[str, Callable[[], str]] = {
             "robotmode": lambda: f"Robotmode: {of.robot_mode.name}",
-            "safetystatus": lambda: f"Safetystatus: {SAFETY_WORDS[of.safety]}",
-            "safetymode": lambda: f"Safetymode: {SAFETY_WORDS[of.safety]}",
+            "safetystatus": lambda: f"Safetystatus: {SAFETY_WORDS[of.safety_mode]}",
+            "safetymode": lambda: f"Safetymode: {SAFETY_WORDS[of.safety_mode]}",
             "programState": lambda: f"{PROGRAM_STATES[of.runtime]} twin.urp",
             "running": lambda: f"Program running: {str(of.runtime is Runtime.PLAYING).lower()}",
             "is in remote control": lambda: str(of.remote).lower(),

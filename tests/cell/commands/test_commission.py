@@ -28,6 +28,7 @@ from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.observation import ArmMode, ArmState
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_sim.twin.cell import TwinCell
+from bracket_sim.twin.controller import UrWires
 from bracket_sim.twin.gripper import ModbusTwin, Registers
 from tests.cell.conftest import changed_configuration
 from tests.sim.twin.rig import light_cell, own_host
@@ -95,11 +96,17 @@ def real(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def twin() -> Iterator[TwinCell]:
+def wires() -> Iterator[UrWires]:
     cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
-    cell.serve()
-    yield cell
+    (served,) = cell.serve()
+    assert isinstance(served, UrWires)
+    yield served
     cell.close()
+
+
+@pytest.fixture
+def twin(wires: UrWires) -> TwinCell:
+    return wires.controller.cell
 
 
 def test_a_pose_that_the_arm_was_led_to_is_stored_beside_the_comments(
@@ -132,10 +139,10 @@ def test_the_gripper_s_ends_are_measured_and_stored(
 
 
 def test_the_arm_s_own_calibration_is_read_and_used(
-    twin: TwinCell, real: Path, capsys: pytest.CaptureFixture[str]
+    wires: UrWires, real: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    twin.fault("other_calibration")
-    try:
+    with monkeypatch.context() as another:
+        another.setattr(wires.controller, "model", wires.controller.model.corrected(7))
         assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
         assert "mm elsewhere in the pose look" in capsys.readouterr().err
         robot = load_configuration(real).robot
@@ -143,8 +150,6 @@ def test_the_arm_s_own_calibration_is_read_and_used(
         assert robot.calibration is not None
         assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
         assert load_configuration(real).robot == robot
-    finally:
-        twin.fault("mended")
     assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
     told = load_configuration(real).robot.calibration
     assert told is not None

@@ -62,7 +62,7 @@ class TcpController(Port):
             with self.cell.lock:
                 self._heard_s = self.cell.now_s()
                 if "to" in order and not self._stopped:
-                    self.arm.servo(np.array(order["to"]), 0.03)
+                    self.arm.servo(np.array(order["to"]))
         with self.cell.lock:
             if self._mover is client:
                 self._mover = None

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.robot import MotionLimits
 from bracket_sim.scene.world import World, build_world
-from bracket_sim.twin.arm import Limits, TwinArm
+from bracket_sim.twin.arm import TwinArm
 from bracket_sim.twin.rtde import INPUTS, OUTPUTS, output_of
 
 DT_S = 0.008
@@ -67,15 +68,40 @@ def test_the_slider_is_no_jump(world: World) -> None:
 @pytest.mark.parametrize(
     ("limits", "said"),
     [
-        (Limits(tool_m_s=0.25), "the tool moves at 0."),
-        (Limits(elbow_m_s=0.1), "the elbow moves at 0."),
-        (Limits(momentum_kg_m_s=3.0), "the arm's momentum is "),
+        (MotionLimits(tool_m_s=0.25), "the tool moves at 0."),
+        (MotionLimits(elbow_m_s=0.1), "the elbow moves at 0."),
+        (MotionLimits(momentum_kg_m_s=3.0), "the arm's momentum is "),
+        (MotionLimits(joint_rad_s=(0.4, 2, 2, 2, 2, 2)), "shoulder_pan_joint turns at 0."),
     ],
 )
-def test_a_general_limit_stops_the_arm(world: World, limits: Limits, said: str) -> None:
+def test_a_general_limit_stops_the_arm(world: World, limits: MotionLimits, said: str) -> None:
     arm = TwinArm(world)
     arm.limits = limits
     assert served(world, arm, 0.8).startswith(said)
+
+
+def trailed(world: World, lookahead_s: float, gain: float) -> tuple[float, float]:
+    """How far joints trail set points that go at 0.2 rad/s [s], and how far they shoot over where these stand [rad]."""
+    arm = TwinArm(world)
+    goal, ahead_rad = arm.measured.positions_rad.copy(), list[float]()
+    for number in driven(world, arm, 300):
+        goal = goal + TURN * 0.2 * DT_S * (number < 200)
+        ahead_rad.append(float((goal - arm.measured.targets_rad)[0]))
+        arm.servo(goal, lookahead_s, gain)
+    assert arm.held_back == ""
+    return ahead_rad[199] / 0.2, -min(ahead_rad)
+
+
+@pytest.mark.parametrize(("lookahead_s", "gain"), [(0.03, 2000), (0.1, 300), (0.2, 2000)])
+def test_joints_trail_their_set_points_by_the_lookahead(world: World, lookahead_s: float, gain: float) -> None:
+    trails_s, over = trailed(world, lookahead_s, gain)
+    assert trails_s == pytest.approx(lookahead_s + DT_S, abs=DT_S)
+    assert over < 0.001
+
+
+def test_a_low_gain_with_a_short_lookahead_shoots_over(world: World) -> None:
+    """As the maker warns: a high lookahead prevents overshoot."""
+    assert trailed(world, 0.03, 300)[1] > 0.004
 
 
 def test_speeds_are_those_of_the_joint_that_turns(world: World) -> None:

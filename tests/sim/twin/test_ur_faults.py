@@ -10,9 +10,10 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
+from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_ground.contracts.arm import Bench, off_rad
 from bracket_ground.interfaces.clock import WallClock
-from bracket_ground.interfaces.observation import ArmMode
+from bracket_ground.interfaces.observation import ArmMode, ArmState
 from tests.sim.twin.rig import Twin, running_twin
 
 TWINS = {"ur10": 61, "ur10e": 62}  # an e-series has local control
@@ -131,6 +132,27 @@ def test_the_slider_slows_the_arm_down_on_its_path(ur: Bench, twin: Twin) -> Non
     fastest = max(np.abs(state.velocities_rad_s).max() for state in states[10:])
     assert fastest < 0.5 * np.abs(np.diff(path.positions_rad, axis=0) / np.diff(path.times_s)[:, None]).max()
     assert max(off_rad(path, np.array(state.positions_rad)) for state in states) < 0.01
+
+
+@pytest.mark.long
+def test_reduced_mode_slows_the_arm_down_before_the_controller_stops_it(ur: Bench, twin: Twin) -> None:
+    path = ur.half_way()
+    twin.fault("reduced")
+    states = ur.until(lambda state: not state.moving, 20.0)
+    twin.fault("reduced_over")
+    assert {state.mode for state in states} <= {"normal", "reduced"}
+    assert states[-1].mode == "reduced"
+    fastest = max(tool_m_s(state) for state in states[12:])
+    assert 0.1 < fastest < 0.25
+    assert np.abs(ur.at_rad - path.at(path.duration_s)).max() < 0.006
+
+
+def tool_m_s(state: ArmState) -> float:
+    """How fast the tool is."""
+    kinematics, step_s = Kinematics(), 1e-4
+    joints, speeds = np.array(state.positions_rad), np.array(state.velocities_rad_s)
+    way = kinematics.position_m(joints + speeds * step_s) - kinematics.position_m(joints)
+    return float(np.linalg.norm(way)) / step_s
 
 
 def test_samples_that_come_late_are_old_and_none_is_lost(ur: Bench, twin: Twin) -> None:

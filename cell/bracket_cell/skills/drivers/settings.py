@@ -369,7 +369,7 @@ class UrSettings(Model):
     payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
     registers: Literal["auto", "lower", "upper"] = "auto"
     lookahead_s: float = Field(default=0.03, ge=0.03, le=0.2)
-    gain: float = Field(default=300.0, ge=100, le=2000)
+    gain: float = Field(default=2000.0, ge=100, le=2000)
     lag_s: float = Field(default=0.045, ge=0, le=0.5)
 
 

@@ -35,10 +35,12 @@ from bracket_cell.remote.channel import Channel, Message
 from bracket_cell.remote.child import Child
 from bracket_cell.skills.drivers import stream as said
 from bracket_cell.skills.drivers.samples import Connection, Sample, SampleReceiver
+from bracket_cell.skills.drivers.speed_limits import SpeedLimits, share_at
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.observation import STALE_ARM_S, ArmMode, ArmState, JointSamples
+from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel
 
 SILENT_S = 0.1  # a process that sends nothing for this long sends no set points
@@ -130,6 +132,8 @@ class StreamingArm(ABC):
         self.slower: float = getattr(clock, "slower", 1.0)
         self._clock, self._lag_s = clock, lag_s
         self._acceleration_rad_s2 = np.array(robot.acceleration_rad_s2)
+        self._speed_limits = SpeedLimits(robot)
+        self._asked, self._shares = 0.0, dict[str, Array]()  # of the speed, as asked for and as limited on the path
         self._stream: Stream | None = None
         self._path: JointTrajectory | None = None
         self._path_s: float | None = None  # where on it the arm was last seen
@@ -199,13 +203,24 @@ class StreamingArm(ABC):
         if mode not in MAY_MOVE or self._stream is None:
             raise DeviceFault("arm", reason or f"it is in the mode {mode}")
         self._path, self._path_s = trajectory, 0.0
+        self._shares = self._speed_limits.shares(trajectory)
+        self._stream.say(said.Share(self._share))
         self._stream.begin(trajectory)
         return trajectory
 
     def pace(self, share: float) -> None:
-        """Go on at this share of the speed, and no faster than the pendant's slider has it."""
+        """Go on at this share of the speed, within the controller's limits, and as slow as the pendant's slider."""
+        self._asked = share
         if self._stream is not None:
-            self._stream.say(said.Share(min(share, self._receiver.newest.speed_share)))
+            self._stream.say(said.Share(self._share))
+
+    @property
+    def _share(self) -> float:
+        """Of the path's own speed, that is sent."""
+        sample, path_s = self._receiver.newest, self._path_s
+        shares = self._shares.get(sample.mode)
+        limited = 1.0 if shares is None or self._path is None or path_s is None else share_at(shares, path_s)
+        return min(self._asked, limited, sample.speed_share)
 
     def stop(self) -> None:
         """Stop on the path and give it up."""

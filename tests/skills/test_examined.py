@@ -61,7 +61,7 @@ Change = dict[str, Any]
 CASES: dict[str, tuple[Change, Change, str]] = {
     "mode": ({"safety": 3}, {}, "clear it there"),
     "power": ({"robot_mode": 5}, {}, "release the brakes"),
-    "local": ({"remote": False}, {}, "switch it to remote control"),
+    "local": ({"remote": False, "model": MODELS["ur10e"]}, {}, "switch it to remote control"),
     "payload": ({"payload_kg": 2.0}, {}, "weigh gripper, coupling and camera"),
     "tcp": ({"tcp": np.array([0, 0, 0.149, 0, 0, 0.0])}, {}, "(0, 0, 156.0) mm without rotation"),
     "model": ({"model": MODELS["ur10e"]}, {}, "write robot: ur10e"),

@@ -51,7 +51,7 @@ class Fault:
     """
 
     what: str
-    begin: Callable[[], None]
+    begin: Callable[[], object]
 
 
 class TwinCell:
@@ -110,7 +110,7 @@ class TwinCell:
         """Call this with the world's time after every control period, under the lock; it must not wait."""
         self._each.append(act)
 
-    def offer(self, name: str, what: str, begin: Callable[[], None]) -> None:
+    def offer(self, name: str, what: str, begin: Callable[[], object]) -> None:
         """Let `cell twin fault NAME` do something."""
         self.faults[name] = Fault(what, begin)
 

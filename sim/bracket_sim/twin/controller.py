@@ -19,9 +19,11 @@ UNLOCK_S = 5.0  # after a protective stop, before it can be unlocked
 BOOT_S, RELEASE_S = 1.0, 0.5  # until the arm idles once power is on, and until its brakes are off
 BRAKING_RAD_S2 = 10.0  # of a stop that the controller makes by itself
 PAYLOAD_OFF_KG, PAYLOAD_SPEED_RAD_S, PAYLOAD_PERIODS = 1.0, 1.0, 12  # a wrong payload is felt at speed
+POLYSCOPE_X = 10  # major version from which a controller has no dashboard
 REALTIME = {6, 9, 10, 11, *range(24, 28), 38, 58, *range(66, 72)}  # commands that nothing waits for
 ACTUAL_TOOL_KG = 0.93
-ANALOG = ("standard_analog_input0", "standard_analog_input1", "tool_analog_input0", "tool_analog_input1")
+ANALOG = [f"{kind}{number}" for kind in ("standard_analog_input", "standard_analog_output", "tool_analog_input")
+          for number in (0, 1)]  # fmt: skip
 
 
 class Runtime(IntEnum):
@@ -72,9 +74,9 @@ class Controller:
         slider: of the pendant, 0 to 1.
         renewed: when input register 0 of the program was last written, for its watchdog.
         boots: how often the controller was started.
-        slider_writes: how often a client wrote the slider.
         inputs, outputs: bits of the digital terminals: standard, configurable from bit 8 on, tool from bit 16 on.
-        analog: values of the analogue inputs, in [V] or [A].
+        analog: values of the analogue inputs and outputs, in [V] or [A].
+        volts: bits of the analogue outputs that are voltages.
         limits: of the safety configuration.
     """
 
@@ -90,7 +92,7 @@ class Controller:
         self.renewed: dict[int, float] = {}
         self.inputs = self.outputs = 0
         self.analog = dict.fromkeys(ANALOG, 0.0)
-        self.boots, self.slider_writes, self._epoch_s = 0, 0, 0.0
+        self.boots, self.volts, self._epoch_s = 0, 0, 0.0
         self._reduced_s: float | None = None  # since when
         self._program: int | None = None  # its offset of registers
         self._watchdog_s: float | None = None
@@ -145,10 +147,12 @@ class Controller:
             self.runtime = Runtime.PAUSED
             self.arm.stop(BRAKING_RAD_S2)
 
-    def play(self) -> None:
-        """A program that waits goes on."""
-        if self.runtime is Runtime.PAUSED and self.safety is Safety.NORMAL and self.robot_mode is RobotMode.RUNNING:
+    def play(self) -> bool:
+        """A program that waits goes on; returns whether one did."""
+        waits = self.runtime is Runtime.PAUSED and self.safety is Safety.NORMAL
+        if waits and self.robot_mode is RobotMode.RUNNING:
             self.runtime = Runtime.PLAYING
+        return self.runtime is Runtime.PLAYING
 
     def protective_stop(self) -> None:
         """The arm stops by itself; the program is left paused."""
@@ -193,6 +197,11 @@ class Controller:
         """The arm boots."""
         if self.robot_mode is RobotMode.POWER_OFF and self.safety is Safety.NORMAL:
             self.robot_mode, self._power_s = RobotMode.BOOTING, self.now_s
+
+    def power_off(self) -> None:
+        """The program ends, and power goes."""
+        self.stop_program()
+        self.robot_mode = RobotMode.POWER_OFF
 
     def release_brakes(self) -> None:
         """The arm may move."""
@@ -293,14 +302,16 @@ class UrWires:
 
     def __init__(self, cell: TwinCell, role: str) -> None:
         from bracket_sim.twin.rtde import RtdeServer
+        from bracket_sim.twin.ur_dashboard import Dashboard
         from bracket_sim.twin.ur_faults import offer_faults
-        from bracket_sim.twin.ur_ports import Dashboard, PrimaryPort
+        from bracket_sim.twin.ur_ports import PrimaryPort
 
         host = str(cell.settings[role].get("host", "127.0.0.1"))
         self.controller = Controller(cell)
         with ExitStack() as stack:
             rtde = stack.enter_context(closing(RtdeServer(self.controller, host)))
-            stack.enter_context(closing(Dashboard(self.controller, host)))
+            if self.controller.model.version[0] < POLYSCOPE_X:
+                stack.enter_context(closing(Dashboard(self.controller, host)))
             for port in (30001, 30002, 30003, 30011):
                 stack.enter_context(closing(PrimaryPort(self.controller, host, port)))
             offer_faults(cell, self.controller, rtde)

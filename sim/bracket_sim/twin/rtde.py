@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from bracket_ground.interfaces.pose import Array
@@ -26,16 +27,16 @@ FORMS = {
     "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
 SIXES = (
-    "target_current", "actual_current", "joint_control_output", "target_TCP_speed", "joint_temperatures",
-    "actual_joint_voltage", "ft_raw_wrench", "actual_current_as_torque", "actual_current_window", "payload_inertia",
+    "target_current", "actual_current", "joint_control_output", "joint_temperatures", "actual_joint_voltage",
+    "ft_raw_wrench", "actual_current_window", "payload_inertia",
 )  # fmt: skip
 DOUBLES = (
     "actual_execution_time", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current",
-    "standard_analog_output0", "standard_analog_output1", "tool_output_current", "tool_temperature", "io_current",
+    "tool_output_current", "tool_temperature", "io_current",
     "euromap67_24V_voltage", "euromap67_24V_current", "joint_position_deviation_ratio", "collision_detection_ratio",
 )  # fmt: skip
 WORDS = {  # integers that stay as they are
-    "analog_io_types": 0, "euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_mode": 255,
+    "euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_mode": 255,
     "tool_output_mode": 0, "tool_digital_output0_mode": 0, "tool_digital_output1_mode": 0, "script_control_line": 0,
     "time_scale_source": 0, "tool_analog_input_types": 0,
 }  # fmt: skip
@@ -54,6 +55,9 @@ KINDS = {"int": "INT32", "double": "DOUBLE", "bit": "BOOL"}
 SAFETY_BITS = {Safety.NORMAL: 0, Safety.REDUCED: 1, Safety.PROTECTIVE: 2, Safety.SAFEGUARD: 4, Safety.EMERGENCY: 6}
 REGISTERS = {"int": 48, "double": 48, "bit": 128}
 TERMINALS = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
+JOINT_MODES = {RobotMode.POWER_OFF: 239, RobotMode.BOOTING: 247, RobotMode.IDLE: 255, RobotMode.RUNNING: 253}
+ANALOG_OUT = re.compile(r"standard_analog_output_([01])\Z")
+BITS_IN = re.compile(r"input_bit_registers(0|32)_to_\d+\Z")
 IN_BASE = np.array([-1.0, -1.0, 1.0] * 2)  # the controller's base frame is turned by half a turn against the world
 Value = float | Sequence[float] | Array
 Read = Callable[[Controller], Value]
@@ -68,6 +72,17 @@ def _safety_bits(of: Controller) -> int:
     stopped = of.safety is not Safety.NORMAL
     emergency = of.safety is Safety.EMERGENCY
     return 1 << SAFETY_BITS[of.safety_mode] | int(emergency) << 7 | int(stopped) << 10
+
+
+def _target_speed(of: Controller) -> Value:
+    """Of the TCP, as the set points go: its place and its turn (6,) in a second."""
+    seen, step_s = of.arm.measured, 1e-4
+    before, after = (
+        of.model.tool_pose(seen.targets_rad + at_s * seen.target_speeds_rad_s, of.tcp) for at_s in (0, step_s)
+    )
+    turn = cv2.Rodrigues(cv2.Rodrigues(after[3:])[0] @ cv2.Rodrigues(before[3:])[0].T)[0].ravel()
+    speed: Array = np.concatenate([after[:3] - before[:3], turn]) / step_s
+    return speed
 
 
 def _bits(attribute: str, first: int) -> Read:
@@ -103,7 +118,10 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
     "tcp_offset": ("VECTOR6D", lambda of: of.tcp),
     **{six: ("VECTOR6D", lambda _: (0.0,) * 6) for six in SIXES},
     **{double: ("DOUBLE", lambda _: 0.0) for double in DOUBLES},
-    "joint_mode": ("VECTOR6INT32", lambda _: (255,) * 6),
+    "joint_mode": ("VECTOR6INT32", lambda of: (JOINT_MODES[of.robot_mode],) * 6),
+    "actual_current_as_torque": ("VECTOR6D", lambda of: of.arm.measured.moments_nm),
+    "target_TCP_speed": ("VECTOR6D", _target_speed),
+    "analog_io_types": ("UINT32", lambda of: of.volts << 2),
     "actual_tool_accelerometer": ("VECTOR3D", lambda _: (0.0,) * 3),
     "actual_digital_input_bits": ("UINT64", lambda of: of.inputs),
     "actual_digital_output_bits": ("UINT64", lambda of: of.outputs),
@@ -118,7 +136,7 @@ OUTPUTS: Mapping[str, tuple[str, Read]] = {
         name: ("UINT8" if name in BYTES else "UINT32", lambda _, value=value: value)  # type: ignore[misc]
         for name, value in WORDS.items()
     },
-    **{one: ("DOUBLE", lambda of, one=one: of.analog[one]) for one in ANALOG},  # type: ignore[misc]
+    **{name: ("DOUBLE", lambda of, name=name: of.analog[name]) for name in ANALOG},  # type: ignore[misc]
     **{
         f"{way}_bit_registers{first}_to_{first + 31}": ("UINT32", _bits(attribute, first))
         for way, attribute in (("input", "bits_in"), ("output", "bits_out"))
@@ -194,8 +212,8 @@ class RtdeServer(Port):
         elif kind == "I":
             answer = self._input_recipe(client, body.decode())
         elif kind in "SP":
-            client.started = kind == "S"
-            answer = b"\1"
+            client.started = kind == "S" and client.outputs is not None
+            answer = struct.pack(">?", client.started or kind == "P")
         else:
             return
         client.socket.sendall(_package(kind, answer))
@@ -203,9 +221,11 @@ class RtdeServer(Port):
     def _output_recipe(self, client: Client, body: bytes) -> bytes:
         rate_hz, names = (struct.unpack(">d", body[:8])[0], body[8:]) if client.protocol == 2 else (125.0, body)
         found = [output_of(name) for name in names.decode().split(",") if name]
-        types = ",".join("NOT_FOUND" if one is None else one[0] for one in found)
-        client.outputs = struct.Struct(">" + "".join(FORMS[one[0]] for one in found if one is not None))
-        client.reads = [one[1] for one in found if one is not None]
+        types = ",".join("NOT_FOUND" if output is None else output[0] for output in found)
+        known = [output for output in found if output is not None]
+        whole = 0 < len(known) == len(found)  # one that is not there cannot be started
+        client.outputs = struct.Struct(">" + "".join(FORMS[kind] for kind, _ in known)) if whole else None
+        client.reads = [read for _, read in known]
         client.every = max(1, round(self._of.model.rate_hz / max(rate_hz, 1.0)))
         return (b"\1" if client.protocol == 2 else b"") + types.encode()
 
@@ -234,25 +254,46 @@ class RtdeServer(Port):
         """Registers are written at once, as one client may not see half of another's."""
         form, names = client.inputs[body[0] - 1]
         values = list(form.unpack(body[1:]))
-        masks = {name: value for (name, _), value in zip(names, values, strict=False) if name.endswith("_mask")}
+        sent = dict[str, float]()
+        for name, kind in names:
+            sent[name], *_ = (values.pop(0) for _ in range(6 if kind == "VECTOR6D" else 1))
         with self._of.cell.lock:
-            for name, kind in names:
-                taken = [values.pop(0) for _ in range(6 if kind == "VECTOR6D" else 1)]
-                if (found := REGISTER.match(name)) is None:
-                    self._set_terminals(name, int(masks.get(f"{name}_mask", 0)), int(taken[0]))
-                    self._of.slider_writes += name == "speed_slider_fraction"
-                elif found[2] == "int":
-                    self._of.registers.ints_in[int(found[3])] = int(taken[0])
-                    self._of.written(int(found[3]))
-                elif found[2] == "double":
-                    self._of.registers.doubles_in[int(found[3])] = float(taken[0])
+            for name, value in sent.items():
+                if (found := REGISTER.match(name)) is not None:
+                    self._write(found[2], int(found[3]), value)
                 else:
-                    self._of.registers.bits_in[int(found[3])] = bool(taken[0])
+                    self._obey(name, value, sent)
 
-    def _set_terminals(self, name: str, mask: int, value: int) -> None:
-        """Set the outputs of a group that its mask names."""
-        if (first := TERMINALS.get(name)) is not None:
-            self._of.outputs = self._of.outputs & ~(mask << first) | (value & mask) << first
+    def _write(self, kind: str, number: int, value: float) -> None:
+        registers = self._of.registers
+        if kind == "int":
+            registers.ints_in[number] = int(value)
+            self._of.written(number)
+        elif kind == "double":
+            registers.doubles_in[number] = float(value)
+        else:
+            registers.bits_in[number] = bool(value)
+
+    def _obey(self, name: str, value: float, sent: Mapping[str, float]) -> None:
+        """Slider, terminals and bits: what their masks name, as the guide has it."""
+        of, mask = self._of, int(sent.get(f"{name}_mask", 0))
+        if name == "speed_slider_fraction" and sent.get("speed_slider_mask"):
+            of.slider = min(max(float(value), 0.0), 1.0)
+        elif (first := TERMINALS.get(name)) is not None:
+            of.outputs = of.outputs & ~(mask << first) | (int(value) & mask) << first
+        elif (bits := BITS_IN.match(name)) is not None:
+            first = int(bits[1])
+            of.registers.bits_in[first : first + 32] = [bool(int(value) >> number & 1) for number in range(32)]
+        elif (output := ANALOG_OUT.match(name)) is not None:
+            self._set_analog(int(output[1]), float(value), sent)
+
+    def _set_analog(self, number: int, share: float, sent: Mapping[str, float]) -> None:
+        """An output of 0 to 10 V, or of 4 to 20 mA."""
+        of, bit = self._of, 1 << number
+        if int(sent.get("standard_analog_output_mask", 0)) & bit:
+            volts = bool(int(sent.get("standard_analog_output_type", 0)) & bit)
+            of.volts = of.volts | bit if volts else of.volts & ~bit
+            of.analog[f"standard_analog_output{number}"] = 10.0 * share if volts else 0.004 + 0.016 * share
 
     def _publish(self, now_s: float) -> None:
         self._cycles += 1

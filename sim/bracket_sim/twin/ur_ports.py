@@ -1,6 +1,6 @@
-"""The controller's other ports: the dashboard's text lines, and programs, state and calibration at the primary ones.
+"""The controller's primary ports: programs, state and calibration.
 
-Sources: Universal Robots, "Dashboard server" and "Remote control via TCP/IP".
+Source: Universal Robots, "Remote control via TCP/IP".
 """
 
 from __future__ import annotations
@@ -9,87 +9,14 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable
 
 from bracket_sim.twin.controller import Controller, RobotMode, Runtime, Safety
 from bracket_sim.twin.sockets import Port
 
-DASHBOARD_PORT = 29999
 STATE_S = 0.1  # between two states at a primary port
 LONGEST_PROGRAM = 1 << 20
-GREETING = "Connected: Universal Robots Dashboard Server\n"
 ROBOT_STATE, VERSION_MESSAGE = 16, 20
 MODE_DATA, KINEMATICS_INFO = 0, 5
-PROGRAM_STATES = {Runtime.STOPPED: "STOPPED", Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
-SAFETY_WORDS = {
-    Safety.NORMAL: "NORMAL",
-    Safety.REDUCED: "REDUCED",
-    Safety.PROTECTIVE: "PROTECTIVE_STOP",
-    Safety.SAFEGUARD: "SAFEGUARD_STOP",
-    Safety.EMERGENCY: "ROBOT_EMERGENCY_STOP",
-}
-UNLOCK_REFUSED = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop"
-
-
-class Dashboard(Port):
-    """One line asked, one line answered; what changes something is refused in local mode."""
-
-    def __init__(self, controller: Controller, host: str) -> None:
-        self._of = controller
-        super().__init__(host, DASHBOARD_PORT)
-
-    def serve(self, client: socket.socket) -> None:
-        """Answer until the client is gone or quits."""
-        client.sendall(GREETING.encode())
-        with client.makefile("r", encoding="utf-8") as lines:
-            for line in lines:
-                asked = line.strip()
-                with self._of.cell.lock:
-                    answer = self._answer(asked)
-                client.sendall(f"{answer}\n".encode())
-                if asked == "quit":
-                    return
-
-    def _answer(self, asked: str) -> str:
-        of = self._of
-        told: dict[str, Callable[[], str]] = {
-            "robotmode": lambda: f"Robotmode: {of.robot_mode.name}",
-            "safetystatus": lambda: f"Safetystatus: {SAFETY_WORDS[of.safety_mode]}",
-            "safetymode": lambda: f"Safetymode: {SAFETY_WORDS[of.safety_mode]}",
-            "programState": lambda: f"{PROGRAM_STATES[of.runtime]} twin.urp",
-            "running": lambda: f"Program running: {str(of.runtime is Runtime.PLAYING).lower()}",
-            "is in remote control": lambda: str(of.remote).lower(),
-            "get robot model": lambda: of.model.name,
-            "get serial number": lambda: "20263000001",
-            "PolyscopeVersion": lambda: "URSoftware {}.{}.{}.{} (twin)".format(*of.model.version),
-            "get loaded program": lambda: "Loaded program: /programs/twin.urp",
-            "quit": lambda: "Disconnected",
-        }
-        if asked in told:
-            return told[asked]()
-        if not of.remote:
-            return "Command is not allowed due to safety reasons: the controller is in local control"
-        return self._done(asked)
-
-    def _done(self, asked: str) -> str:
-        of = self._of
-        if asked == "unlock protective stop":
-            return "Protective stop releasing" if of.unlock() else UNLOCK_REFUSED
-        acts: dict[str, tuple[Callable[[], None], str]] = {
-            "power on": (of.power_on, "Powering on"),
-            "brake release": (of.release_brakes, "Brake releasing"),
-            "stop": (of.stop_program, "Stopped"),
-            "pause": (of.pause, "Pausing program"),
-            "play": (of.play, "Starting program"),
-            "close safety popup": (lambda: None, "closing safety popup"),
-            "close popup": (lambda: None, "closing popup"),
-            "restart safety": (lambda: None, "Restarting safety"),
-        }
-        if asked not in acts:
-            return f"could not understand: '{asked}'"
-        act, words = acts[asked]
-        act()
-        return words
 
 
 class PrimaryPort(Port):

@@ -18,6 +18,7 @@ from bracket_ground.errors import DeviceFault
 PORT = 30004
 FORMS = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I",
          "UINT64": "Q", "UINT8": "B", "BOOL": "?"}  # fmt: skip
+POLYSCOPE_X = 10  # major version from which there is no dashboard
 HEAD_BYTES, LEAST_WAIT_S = 3, 0.001
 
 
@@ -49,6 +50,11 @@ class RtdeConnection:
         if not _unpacked(struct.Struct(">?"), self.asked("V", struct.pack(">H", 2)))[0]:
             raise DeviceFault("arm", f"{host}: its RTDE is older than protocol version 2")
         self.version = _unpacked(struct.Struct(">4I"), self.asked("v", b""))
+        if self.version[0] >= POLYSCOPE_X:
+            told = ".".join(map(str, self.version[:3]))
+            raise DeviceFault(
+                "arm", f"{host} has PolyScope X ({told}): without a dashboard nothing brings its arm back"
+            )
         rate = float((500 if self.version[0] >= 5 else 125) if rate_hz is None else rate_hz)
         answer = self.asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())
         types = answer[1:].decode(errors="replace").split(",")

@@ -14,6 +14,7 @@ from bracket_ground.errors import DeviceFault
 
 PORT = 29999
 ANSWER_S = 2.0
+REFUSALS = ("could not understand", "not allowed", "failed to execute")
 
 
 class Dashboard:
@@ -46,6 +47,12 @@ class Dashboard:
         except OSError as error:
             raise DeviceFault("arm", f"the dashboard at {self._host} hung up: {error}") from None
         return self._line()
+
+    def order(self, line: str) -> None:
+        """Have something done; raises DeviceFault where the controller does not know it or does not allow it."""
+        answer = self.ask(line)
+        if any(words in answer.lower() for words in REFUSALS):
+            raise DeviceFault("arm", f"the dashboard answers to {line!r}: {answer}")
 
     def _line(self) -> str:
         try:
@@ -91,13 +98,13 @@ def bring_back(host: str, slower: float, limit_s: float = 30.0) -> None:
             if safety in ("VIOLATION", "FAULT"):
                 raise DeviceFault("arm", f"the controller says {safety}: clear it at the pendant")
             if safety == "PROTECTIVE_STOP":
-                dashboard.ask("unlock protective stop")
+                dashboard.order("unlock protective stop")
             elif safety in ("NORMAL", "REDUCED") and mode == "RUNNING":
                 return
             elif mode == "POWER_OFF":
                 dashboard.ask("close safety popup")
-                dashboard.ask("power on")
+                dashboard.order("power on")
             elif mode == "IDLE":
-                dashboard.ask("brake release")
+                dashboard.order("brake release")
             time.sleep(0.2 * slower)
     raise DeviceFault("arm", f"it is not back after {limit_s:g} s: {safety.lower()}, {mode.lower()}")

@@ -53,7 +53,9 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
         )
         return
     except DeviceFault as error:
-        yield DeviceCheck(f"arm: a controller at {settings.host}", f"{error.reason}; update the controller's software")
+        yield DeviceCheck(
+            f"arm: a controller at {settings.host}", f"{error.reason}; it needs PolyScope 3 or 5, up to date"
+        )
         return
     yield DeviceCheck(f"arm: a controller at {settings.host}, version {'.'.join(map(str, version))}")
     yield _model(settings, robot, version)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from bracket_cell.device_settings import DeviceSettings, OwnDevice, SimulatedDevice
+from bracket_cell.device_settings import DeviceSettings, NoGripper, OwnDevice, SimulatedDevice
 from bracket_cell.kinds import DETECTORS, KindSettings, files_of, kind_of
 from bracket_cell.settings import (
     ControllerSettings,
@@ -142,11 +142,12 @@ class Configuration(Model):
     @model_validator(mode="after")
     def _the_driver_moves_such(self) -> Configuration:
         gripper = self.gripper or self.robot.gripper
-        if gripper.cup and isinstance(self.devices.gripper, FINGER_DRIVERS):
-            what = f"{gripper.name} has no fingers, and {self.devices.gripper.kind} moves such alone"
-            raise Disagreement(
-                [(("devices", "gripper", "kind"), f"{what}; legal: simulated, or MODULE:CLASS of your own")]
-            )
+        place, driver = ("devices", "gripper", "kind"), self.devices.gripper
+        if isinstance(driver, NoGripper) and not gripper.nothing:
+            raise Disagreement([(place, f"none moves nothing, and {gripper.name} holds parts; write gripper: none")])
+        if gripper.fingers is None and isinstance(driver, FINGER_DRIVERS):
+            legal = "none" if gripper.nothing else "simulated, or MODULE:CLASS of your own"
+            raise Disagreement([(place, f"{driver.kind} moves fingers, and {gripper.name} has none; legal: {legal}")])
         return self
 
     @model_validator(mode="after")

@@ -33,7 +33,7 @@ from bracket_ground.interfaces.devices import ROLES
 
 KINDS: Mapping[str, tuple[str, ...]] = {
     "arm": ("simulated", *kinds_of(ArmKind)),
-    "gripper": ("simulated", *kinds_of(GripperKind)),
+    "gripper": ("simulated", "none", *kinds_of(GripperKind)),
     "overhead": ("simulated", *kinds_of(CameraKind)),
     "wrist": ("simulated", *kinds_of(CameraKind)),
     "panel": ("simulated", "page", "none", "ros2"),
@@ -50,6 +50,16 @@ class SimulatedDevice(Model):
     """
 
     kind: Literal["simulated"] = "simulated"
+
+
+class NoGripper(Model):
+    """The arm has no gripper: its file says `nothing: true`.
+
+    Attributes:
+        kind: no gripper.
+    """
+
+    kind: Literal["none"] = "none"
 
 
 class NoPanel(Model):
@@ -112,7 +122,7 @@ Simulated = Annotated[SimulatedDevice, Tag("simulated")]
 Own = Annotated[OwnDevice, Tag("own")]
 ArmDevice = Annotated[Simulated | ArmKind | Own, _kind("arm")]
 CameraDevice = Annotated[Simulated | CameraKind | Own, _kind("overhead")]
-GripperDevice = Annotated[Simulated | GripperKind | Own, _kind("gripper")]
+GripperDevice = Annotated[Simulated | Annotated[NoGripper, Tag("none")] | GripperKind | Own, _kind("gripper")]
 PanelDevice = Annotated[
     Simulated
     | Annotated[PagePanel, Tag("page")]

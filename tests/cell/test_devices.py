@@ -24,6 +24,8 @@ from bracket_cell.wiring.devices import attached, find_drivers
 from bracket_cell.wiring.safety import safety_from
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import ManualClock, WallClock
+from bracket_ground.interfaces.command import GripperCommand
+from bracket_ground.interfaces.devices import NoGripper
 from bracket_sim import simulator  # noqa: F401 - nor this can be imported twice
 from tests import ROOT
 from tests.cell.conftest import changed_configuration
@@ -298,6 +300,41 @@ def test_a_mistake_in_the_simulators_file_is_told_with_its_line(tmp_path: Path) 
     (tmp_path / "sim.yaml").write_text("hardware: ur10_usb\nphysic: {}\n")
     with pytest.raises(InputError, match=r"sim\.yaml:2:1: unknown key 'physic'"):
         load_configuration(path)
+
+
+SIMULATED = {role: {"kind": "simulated"} for role in ROLES} | {"simulation": "sim.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("gripper", "kind", "words"),
+    [
+        ("none", "can", "can moves fingers, and none has none; legal: none"),
+        ("magnet", "can", "can moves fingers, and magnet has none; legal: simulated, or MODULE:CLASS"),
+        ("2f85", "none", "none moves nothing, and 2f85 holds parts; write gripper: none"),
+    ],
+)
+def test_a_gripper_and_its_driver_fit_each_other(tmp_path: Path, gripper: str, kind: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_configuration(with_gripper(tmp_path, gripper, kind))
+
+
+def test_a_cell_without_a_gripper_has_a_device_that_holds_nothing_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = with_gripper(tmp_path, "none", "none")
+    assert find_drivers(load_configuration(path))["gripper"].make is NoGripper
+    gripper = NoGripper(ManualClock())
+    gripper.command(GripperCommand(0.01))
+    assert (gripper.state().opening_m, gripper.state().holding) == (0.01, False)
+    main(["check", str(ROOT / "trees" / "assemble.xml"), "--config", str(path)])
+    assert "the arm has no gripper: the cell watches, and the person places every part" in capsys.readouterr().err
+
+
+def with_gripper(folder: Path, gripper: str, kind: str) -> Path:
+    """A simulated cell with another gripper, and a device of some kind."""
+    path = configured(folder, **{**SIMULATED, "gripper": {"kind": kind}})
+    path.write_text(path.read_text().replace("robot: ur10", f"robot: ur10\ngripper: {gripper}"))
+    return path
 
 
 def test_the_shipped_cell_has_a_gripper_on_can_in_front_of_the_simulator() -> None:

@@ -17,6 +17,7 @@ from bracket_ground.interfaces.grip import Grip
 from bracket_ground.interfaces.gripper import FOLDER, Gripper, default_gripper, load_gripper, scaled, shipped_grippers
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.product import PartType
+from bracket_ground.interfaces.solid import Solid
 
 PARTS = load_product(load_configuration(), DEFAULT_CONFIGURATION).parts
 LEAST_M = 0.003
@@ -46,7 +47,7 @@ def test_narrower_fingers_say_how_wide_a_part_may_be() -> None:
     assert load_gripper("2f140").grips(PLATE, LEAST_M) == (Grip.WIDTH, Grip.LENGTH)
 
 
-@pytest.mark.parametrize("name", shipped_grippers())
+@pytest.mark.parametrize("name", [name for name in shipped_grippers() if not load_gripper(name).nothing])
 def test_no_hold_is_offered_for_a_part_beyond_the_payload(name: str) -> None:
     heavy = PARTS["o1"].model_copy(update={"mass_kg": 6.0})
     assert load_gripper(name).grips(heavy, LEAST_M) == ()
@@ -92,7 +93,8 @@ def test_fingers_move_apart_by_the_opening_and_keep_to_their_pads() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"fingers": None}, "give either fingers or a cup"),
+        ({"fingers": None}, "give one of fingers, cup, magnet, or nothing: true"),
+        ({"nothing": True}, "give one of fingers, cup, magnet, or nothing: true"),
         ({"palm_m": [0.1, 0.06, 0.3]}, "beyond the tips"),
         ({"stroke": 0.05}, "unknown key 'stroke'"),
     ],
@@ -101,8 +103,8 @@ def test_a_wrong_file_is_refused_with_its_key(changes: dict[str, object], words:
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(text_of("2f85", **changes)))
     with pytest.raises(InputError, match=words):
         load_gripper("mine.yaml", tmp_path)
-    with pytest.raises(ValueError, match="legal: 2f140, 2f85, cup, hand_e, or a gripper file"):
-        load_gripper("none.yaml", tmp_path)
+    with pytest.raises(ValueError, match="legal: 2f140, 2f85, cup, hand_e, magnet, none, or a gripper"):
+        load_gripper("another.yaml", tmp_path)
 
 
 def test_a_cup_that_says_it_holds_without_its_pressure_contradicts_itself() -> None:
@@ -115,6 +117,25 @@ def test_a_cup_that_says_it_holds_without_its_pressure_contradicts_itself() -> N
     assert told(40.0) == ""
     assert told(20.0) == "the cup says that it holds, at 20 kPa"
     assert told(float("nan")).startswith("the cup says that it holds")
+
+
+def test_a_magnet_holds_flat_steel_alone_and_only_where_its_device_tells() -> None:
+    magnet, steel = load_gripper("magnet"), PLATE.model_copy(update={"magnetic": True})
+    assert magnet.grips(steel, LEAST_M) == (Grip.TOP,)
+    assert magnet.why_not(PLATE, LEAST_M) == "is not magnetic"
+    ball = Solid(solid="ball", size_m=(0.1, 0.1, 0.1), centre_m=(0, 0, 0.05))
+    dome = PartType.model_validate({**steel.model_dump(), "size_m": (0.1, 0.1, 0.1), "shape": [ball.model_dump()]})
+    assert magnet.why_not(dome, LEAST_M) == "has no flat face of 20 mm on top"
+    silent = Gripper.model_validate(text_of("magnet", magnet={"diameter_m": 0.02, "most_n": 60, "tells": False}))
+    assert silent.grips(steel, LEAST_M) == ()
+    assert "does not tell whether it holds" in silent.why_not(steel, LEAST_M)
+
+
+def test_nothing_on_the_flange_holds_nothing_and_is_in_no_way() -> None:
+    nothing = load_gripper("none")
+    assert nothing.grips(PLATE, LEAST_M) == nothing.known == ()
+    assert nothing.why_not(PLATE, LEAST_M) == "the arm has no gripper"
+    assert nothing.moving(0.0) == {}
 
 
 def test_a_file_that_is_dumped_is_read_again() -> None:

@@ -46,7 +46,7 @@ def bench_problems(configuration: Configuration, product: Product) -> tuple[list
                 what = f"an obstacle stands between the overhead camera and {name}: nobody sees what is in that hole"
                 doubtful.append((("bench", "obstacles"), what))
     unheld = _unheld(configuration, product)
-    nothing_held = len(unheld) == len(+product.most)
+    nothing_held = len(unheld) == len(+product.most) and not configuration.robot.gripper.nothing
     return [*stuck, *unheld * nothing_held], [*doubtful, *unheld * (not nothing_held)]
 
 
@@ -54,6 +54,8 @@ def _unheld(configuration: Configuration, product: Product) -> list[Wrong]:
     """Types of parts that the gripper cannot hold however they stand: the person places them."""
     gripper, clearance_m = configuration.robot.gripper, configuration.motion.least_finger_clearance_m
     where: Location = ("robot",) if configuration.gripper is None else ("gripper",)
+    if gripper.nothing:
+        return [(where, "the arm has no gripper: the cell watches, and the person places every part")]
     reasons = {name: gripper.why_not(product.parts[name], clearance_m) for name in +product.most}
     return [(where, f"{gripper.name} cannot hold {name}, which {why}") for name, why in reasons.items() if why]
 

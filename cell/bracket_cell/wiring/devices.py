@@ -11,10 +11,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from bracket_cell.configuration import Configuration
-from bracket_cell.device_settings import KINDS, NoPanel, OwnDevice, PagePanel, SimulatedDevice
+from bracket_cell.device_settings import KINDS, NoGripper, NoPanel, OwnDevice, PagePanel, SimulatedDevice
 from bracket_cell.plugins import asked, attribute, found_by, lacking, offered_by_packages, settings_of
 from bracket_cell.skills.drivers.settings import CALIBRATIONS, DRIVERS, EXAMINERS, EXTRAS, READERS, RecordedSettings
 from bracket_ground.errors import CellError, DeviceFault, SettingError
+from bracket_ground.interfaces import devices
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.devices import (
     ROLES,
@@ -43,7 +44,7 @@ AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are 
 
 VIRTUAL = "virtual"  # a CAN bus within a process: a simulated node is at its other end
 PANELS = (NoPanel, PagePanel)  # the page is opened by who runs: it shows more than a panel
-TIMELESS = (*PANELS, RecordedSettings)
+TIMELESS = (*PANELS, NoGripper, RecordedSettings)
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,8 @@ def _our_driver(role: str, device: Any) -> type:
     """
     if isinstance(device, PANELS):
         return EmptyPanel
+    if isinstance(device, NoGripper):
+        return devices.NoGripper
     name = RECORDED[role] if isinstance(device, RecordedSettings) else DRIVERS[type(device)]
     try:
         found: type = attribute(name)

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import Display, GripperCommand, JointTrajectory
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.observation import ArmState, GripperState, JointSamples
+from bracket_ground.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import BenchView, PartsView
 
@@ -136,6 +136,32 @@ class Gripper(Protocol):
     def close(self) -> None:
         """Let go of the bus."""
         ...
+
+
+class NoGripper:
+    """Implements `Gripper` where the arm has none: it is where it was told to be, and holds nothing."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._opening_m = clock, 0.0
+
+    def state(self) -> GripperState:
+        """Of now."""
+        at = ObjectStatus.AT_POSITION
+        return GripperState(self._clock.now_s(), True, at, self._opening_m, 0.0, 0, "operational")
+
+    def activate(self) -> None:
+        """It is."""
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        """Nothing moves."""
+        self._opening_m = command.opening_m
+        return command
+
+    def hold(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Nothing is there."""
 
 
 class Panel(Protocol):

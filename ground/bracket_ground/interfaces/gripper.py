@@ -89,36 +89,77 @@ class Fingers(Model):
         return {name: ((offset, 0.0, middle_m), size) for name, offset in offsets.items()}
 
 
-class Cup(Model):
-    """A vacuum cup at the end of a tube, which is switched on and off: an opening of 0 is on, any other is off.
+class Switched(Model):
+    """What holds a part by its top, and is switched on and off: an opening of 0 is on, any other is off.
 
     Attributes:
-        diameter_m: of the lip.
-        lip_m: width of its ring, which must lie on one flat face all around.
-        depth_m: what stands out inside of the lip may be so high.
+        diameter_m: of what touches the part.
         travel_m: how far it gives way before it is stiff.
         stiffness_n_m: with which it does.
-        vacuum_kpa: below the air's pressure that its source reaches on a face that seals.
-        held_kpa: from so much on something is held.
-        builds_s: within this time it is reached, or nothing is there.
+        builds_s: within this time it holds, or nothing is there.
     """
 
     diameter_m: Length
-    lip_m: Length = 0.003
-    depth_m: float = Field(default=0.002, ge=0, le=1)
     travel_m: Length = 0.002
     stiffness_n_m: Positive = 2000.0
-    vacuum_kpa: float = Field(gt=0, le=101)
-    held_kpa: float = Field(gt=0, le=101)
     builds_s: float = Field(default=0.4, gt=0, le=2)
 
     grips: ClassVar[tuple[Grip, ...]] = (Grip.TOP,)
     stroke_m: ClassVar[float] = SWITCH_M
-    force_n: ClassVar[tuple[float, float]] = (
-        1.0,
-        235.0,
-    )  # it knows neither: whatever is commanded, is taken
+    force_n: ClassVar[tuple[float, float]] = (1.0, 235.0)  # it knows neither: whatever is commanded, is taken
     speed_m_s: ClassVar[tuple[float, float]] = (0.02, 0.15)
+
+    @property
+    def ring_m(self) -> tuple[float, float]:
+        """Width of what must lie on one flat face all around, and how high something inside of it may stand out."""
+        return self.diameter_m / 2, 0.0
+
+    def why_not(self, kind: PartType, clearance_m: float) -> str:  # noqa: ARG002 - of fingers
+        """Why a body cannot be held; empty where it can."""
+        wide = f"{1e3 * self.diameter_m:.0f}"
+        return "" if self._face(kind) else Message("has no flat face of {wide} mm on top", wide=wide)
+
+    def possible(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
+        """From above, where there is a flat face."""
+        return () if self.why_not(kind, clearance_m) else self.grips
+
+    def tips_m(self, kind: PartType, grip: Grip, depth_m: float, least_m: float) -> float:  # noqa: ARG002 - of fingers
+        """Height of its end above a body's bottom, pressed on by half of its travel."""
+        face = self._face(kind)
+        return (kind.size_m[2] if face is None else face[1]) - self.travel_m / 2
+
+    def holds(self, kind: PartType, grip: Grip, tips_m: float) -> tuple[Hold, ...]:  # noqa: ARG002 - of fingers
+        """On the flat face that is nearest to the middle."""
+        face = self._face(kind)
+        return () if face is None else (Hold(grip, face[0]),)
+
+    def opening_for(self, kind: PartType, grip: Grip, clearance_m: float) -> float:  # noqa: ARG002 - of fingers
+        """That stands for off."""
+        return self.stroke_m
+
+    def shapes(self, opening_m: float, palm_end_m: float, tip_m: float) -> dict[str, Shape]:  # noqa: ARG002
+        """The tube with its end."""
+        centre = (0.0, 0.0, round((palm_end_m + tip_m) / 2, ROUND))
+        return {"cup": (centre, (self.diameter_m, self.diameter_m, round(tip_m - palm_end_m, ROUND)))}
+
+    def _face(self, kind: PartType) -> tuple[float, float] | None:
+        return _face(kind, self.diameter_m, *self.ring_m)
+
+
+class Cup(Switched):
+    """A vacuum cup at the end of a tube.
+
+    Attributes:
+        lip_m: width of its ring, which must lie on one flat face all around.
+        depth_m: what stands out inside of the lip may be so high.
+        vacuum_kpa: below the air's pressure that its source reaches on a face that seals.
+        held_kpa: from so much on something is held.
+    """
+
+    lip_m: Length = 0.003
+    depth_m: float = Field(default=0.002, ge=0, le=1)
+    vacuum_kpa: float = Field(gt=0, le=101)
+    held_kpa: float = Field(gt=0, le=101)
 
     @model_validator(mode="after")
     def _is_reached(self) -> Cup:
@@ -127,70 +168,85 @@ class Cup(Model):
         return self
 
     @property
-    def force_most_n(self) -> float:
+    def ring_m(self) -> tuple[float, float]:
+        """Of the lip."""
+        return self.lip_m, self.depth_m
+
+    @property
+    def most_n(self) -> float:
         """With which the air presses on a part that seals."""
         return 1e3 * self.vacuum_kpa * math.pi * (self.diameter_m / 2) ** 2
 
-    def why_not(self, kind: PartType, clearance_m: float) -> str:  # noqa: ARG002 - of fingers
+
+class Magnet(Switched):
+    """A magnet that is switched, as an electromagnet: it holds parts of a type that is `magnetic`.
+
+    Attributes:
+        most_n: with which it holds on thick steel without a gap.
+        tells: its device tells whether something is held; otherwise nothing is taken, as a lost part would not be seen.
+    """
+
+    most_n: Positive
+    tells: bool
+
+    def why_not(self, kind: PartType, clearance_m: float) -> str:
         """Why a body cannot be held; empty where it can."""
-        wide = f"{1e3 * self.diameter_m:.0f}"
-        return "" if _face(kind, self) else Message("has no flat face of {wide} mm on top", wide=wide)
+        if not self.tells:
+            return "would be held by a magnet that does not tell whether it holds"
+        return super().why_not(kind, clearance_m) if kind.magnetic else "is not magnetic"
 
-    def possible(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
-        """From above, where there is a flat face."""
-        return () if self.why_not(kind, clearance_m) else self.grips
 
-    def tips_m(self, kind: PartType, grip: Grip, depth_m: float, least_m: float) -> float:  # noqa: ARG002 - of fingers
-        """Height of the lip above a body's bottom, pressed on by half of its travel."""
-        face = _face(kind, self)
-        return (kind.size_m[2] if face is None else face[1]) - self.travel_m / 2
+class Nothing(Switched):
+    """The flange is bare, or holds a camera alone."""
 
-    def holds(self, kind: PartType, grip: Grip, tips_m: float) -> tuple[Hold, ...]:  # noqa: ARG002 - of fingers
-        """On the flat face that is nearest to the middle."""
-        face = _face(kind, self)
-        return () if face is None else (Hold(grip, face[0]),)
+    diameter_m: Length = 0.001
 
-    def opening_for(self, kind: PartType, grip: Grip, clearance_m: float) -> float:  # noqa: ARG002 - of fingers
-        """That stands for off."""
-        return self.stroke_m
+    grips: ClassVar[tuple[Grip, ...]] = ()
+
+    def why_not(self, kind: PartType, clearance_m: float) -> str:  # noqa: ARG002 - of grippers
+        """Nothing is held."""
+        return "the arm has no gripper"
 
     def shapes(self, opening_m: float, palm_end_m: float, tip_m: float) -> dict[str, Shape]:  # noqa: ARG002
-        """The tube with the cup."""
-        centre = (0.0, 0.0, round((palm_end_m + tip_m) / 2, ROUND))
-        return {"cup": (centre, (self.diameter_m, self.diameter_m, round(tip_m - palm_end_m, ROUND)))}
+        """None."""
+        return {}
 
 
 class Gripper(Model):
-    """What hangs on the flange: two fingers, or a vacuum cup.
+    """What hangs on the flange: two fingers, a vacuum cup, a magnet, or nothing that holds.
 
     Attributes:
         name: for messages.
         mass_kg: of all of it.
         with_part_kg: of all that hangs on the flange, with the heaviest part in use; with the payload by default.
-        payload_kg: the heaviest part that it may hold, by its data sheet.
+        payload_kg: the heaviest part that it may hold, by its data sheet; 0 where nothing holds.
         tcp_from_flange_m: distance of the tool frame (TCP) from the flange, along the flange's z.
         fingertip_beyond_tcp_m: fingertips, or the lip, reach this far below the TCP.
         coupling_m: diameter and length of what it is screwed on with.
         palm_m: its body: extent along the opening, across it, and where it ends, from the flange.
         fingers: of a gripper that has two.
         cup: of one that sucks.
+        magnet: of one that is switched on.
+        nothing: the cell watches, and the person places everything.
     """
 
     name: str
     mass_kg: Positive
     with_part_kg: Positive | None = None
-    payload_kg: Positive
+    payload_kg: float = Field(ge=0, le=10_000)
     tcp_from_flange_m: Length
     fingertip_beyond_tcp_m: float = Field(default=0.0, ge=0, le=1)
     coupling_m: tuple[Length, Length]
     palm_m: tuple[Length, Length, Length]
     fingers: Fingers | None = None
     cup: Cup | None = None
+    magnet: Magnet | None = None
+    nothing: bool = False
 
     @model_validator(mode="after")
     def _does_one_thing(self) -> Gripper:
-        if (self.fingers is None) == (self.cup is None):
-            raise ValueError("give either fingers or a cup")
+        if sum(map(bool, (self.fingers, self.cup, self.magnet, self.nothing))) != 1:
+            raise ValueError("give one of fingers, cup, magnet, or nothing: true")
         if self.coupling_m[1] >= self.palm_m[2]:
             raise ValueError(f"palm_m ends at {self.palm_m[2]:g}, within the coupling: {self.coupling_m[1]:g}")
         if self.palm_m[2] >= self.tip_m:
@@ -198,11 +254,14 @@ class Gripper(Model):
         return self
 
     @property
-    def does(self) -> Fingers | Cup:
+    def does(self) -> Fingers | Switched:
         """What holds."""
-        found = self.fingers or self.cup
-        assert found is not None
-        return found
+        return self.fingers or self.switched or Nothing()
+
+    @property
+    def switched(self) -> Cup | Magnet | None:
+        """What holds by a part's top."""
+        return self.cup or self.magnet
 
     @property
     def loaded_kg(self) -> float:
@@ -235,7 +294,7 @@ class Gripper(Model):
 
     def why_not(self, kind: PartType, clearance_m: float) -> str:
         """Why a part cannot be held, in words with what is legal; empty where it can."""
-        if kind.mass_kg > self.payload_kg:
+        if kind.mass_kg > self.payload_kg and not self.nothing:
             kilograms, most = f"{kind.mass_kg:g}", f"{self.payload_kg:g}"
             return Message("weighs {kilograms} kg; it takes at most {most} kg", kilograms=kilograms, most=most)
         return self.does.why_not(kind, clearance_m)
@@ -245,7 +304,7 @@ class Gripper(Model):
         return () if self.why_not(kind, clearance_m) else self.does.possible(kind, clearance_m)
 
     def tips_m(self, kind: PartType, grip: Grip, depth_m: float, least_m: float) -> float:
-        """Height of its end above a body's bottom; see `Fingers` and `Cup`."""
+        """Height of its end above a body's bottom; see `Fingers` and `Switched`."""
         return self.does.tips_m(kind, grip, depth_m, least_m)
 
     def holds(self, kind: PartType, grip: Grip, tips_m: float) -> tuple[Hold, ...]:
@@ -275,14 +334,14 @@ class Gripper(Model):
 
 
 @cache
-def _face(kind: PartType, cup: Cup) -> tuple[float, float] | None:
+def _face(kind: PartType, diameter_m: float, lip_m: float, depth_m: float) -> tuple[float, float] | None:
     """Place along a body's length that a cup seals on, and how high it is; the nearest to the middle."""
     steps = np.arange(0.0, kind.size_m[0] / 2, STEP_M)
     for place in sorted({*steps.tolist(), *(-steps).tolist()}, key=lambda at: (abs(at), at)):
-        rim = [_top(kind, place, cup.diameter_m / 2 - back) for back in (0.0, cup.lip_m / 2, cup.lip_m)]
-        inside = [_top(kind, place, share * (cup.diameter_m / 2 - cup.lip_m)) for share in (0.0, 0.5, 0.9)]
+        rim = [_top(kind, place, diameter_m / 2 - back) for back in (0.0, lip_m / 2, lip_m)]
+        inside = [_top(kind, place, share * (diameter_m / 2 - lip_m)) for share in (0.0, 0.5, 0.9)]
         low, high = np.min(rim), np.max(rim)
-        if high - low <= FLAT_M and np.max(inside) <= high + cup.depth_m:
+        if high - low <= FLAT_M and np.max(inside) <= high + depth_m:
             return place, float(high)
     return None
 

@@ -56,6 +56,7 @@ class PartType(Model):
         colour_rgb: of its paint or metal; the classical detector finds parts by it.
         mass_kg: mass of the whole part.
         finish: what its surface is; bare steel shines.
+        magnetic: a magnet holds it.
         shape: the solids that the body is made of, which together fill size_m; `box` is a plain box.
         mesh: file (.stl or .obj, in metres) in place of a shape: the hulls of its shells, in the part's frame.
             `cell new part` makes it.
@@ -74,6 +75,7 @@ class PartType(Model):
     colour_rgb: Rgb
     mass_kg: float = Field(gt=0, le=10)  # what large arms of such cells carry
     finish: Literal["paint", "steel"] = "paint"
+    magnetic: bool = False
     shape: tuple[Solid, ...] = ()
     mesh: Path | None = None
     made_of: tuple[str, ...] = ()

@@ -97,13 +97,34 @@ class Jaw:
         return IDLE_CURRENT_A + (FULL_CURRENT_A - IDLE_CURRENT_A) * min(1.0, self.force_n / self._most_n)
 
 
+class Nothing:
+    """No gripper: it is at once where it was told to be."""
+
+    opening_m, status, current_a = 0.0, ObjectStatus.AT_POSITION, 0.0
+
+    def go(self, opening_m: float, speed_m_s: float, force_n: float) -> None:  # noqa: ARG002 - of fingers
+        """Be there."""
+        self.opening_m = opening_m
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+    def update(self, dt_s: float) -> None:
+        """Nothing moves."""
+
+
 class Suction:
-    """A cup on its ejector: pressure falls towards what the source reaches where the lip seals, else hardly."""
+    """A cup on its ejector, or a magnet: its pull builds up where the lip seals or steel lies on the pole, else hardly.
+
+    Attributes:
+        share: of the most pull.
+    """
 
     def __init__(self, world: World) -> None:
-        self._world, cup = world, world.robot.gripper.cup
-        assert cup is not None
-        self._cup, self._stroke_m, self.vacuum_kpa = cup, cup.stroke_m, 0.0
+        self._world, does, cup = world, world.robot.gripper.switched, world.robot.gripper.cup
+        assert does is not None
+        self._does, self._stroke_m, self.share = does, does.stroke_m, 0.0
+        self._held_share = MAGNET_SHARE if cup is None else cup.held_kpa / cup.vacuum_kpa
         self._on, self._since_s = False, math.inf
 
     def go(self, opening_m: float, speed_m_s: float, force_n: float) -> None:  # noqa: ARG002 - of fingers
@@ -117,10 +138,10 @@ class Suction:
 
     def update(self, dt_s: float) -> None:
         """Let one control period pass."""
-        most_kpa = self._cup.vacuum_kpa * (1.0 if self._world.sealed else LEAKS_SHARE) if self._on else 0.0
-        self.vacuum_kpa += (most_kpa - self.vacuum_kpa) * min(1.0, dt_s / BUILDS_S)
+        most = (1.0 if self._world.sealed else LEAKS_SHARE) if self._on else 0.0
+        self.share += (most - self.share) * min(1.0, dt_s / BUILDS_S)
         self._since_s += dt_s
-        self._world.suck(max(self.vacuum_kpa / self._cup.vacuum_kpa, LEAST_SUCTION) if self._on else 0.0)
+        self._world.suck(max(self.share, LEAST_SUCTION) if self._on else 0.0)
 
     @property
     def opening_m(self) -> float:
@@ -129,21 +150,22 @@ class Suction:
 
     @property
     def status(self) -> ObjectStatus:
-        """Register gOBJ: by the pressure, and by the time that it takes."""
+        """Register gOBJ: by the pull, and by the time that it takes."""
         if not self._on:
-            return ObjectStatus.AT_POSITION if self.vacuum_kpa < OFF_KPA else ObjectStatus.MOVING
-        if self.vacuum_kpa >= self._cup.held_kpa:
+            return ObjectStatus.AT_POSITION if self.share < OFF_SHARE else ObjectStatus.MOVING
+        if self.share >= self._held_share:
             return ObjectStatus.CONTACT_CLOSING
-        return ObjectStatus.MOVING if self._since_s < self._cup.builds_s else ObjectStatus.AT_POSITION
+        return ObjectStatus.MOVING if self._since_s < self._does.builds_s else ObjectStatus.AT_POSITION
 
     @property
     def current_a(self) -> float:
-        """Of the ejector's valve."""
+        """Of the valve."""
         return IDLE_CURRENT_A
 
 
-BUILDS_S, OFF_KPA = 0.06, 5.0  # time constant of a small cup's volume [s]; below it nothing is held any more [kPa]
-LEAKS_SHARE, LEAST_SUCTION = 0.15, 0.02  # of the source's pressure: with an open lip, and before it has built up
+BUILDS_S, OFF_SHARE = 0.06, 0.08  # time constant of a small cup's volume [s]; below it nothing is held any more
+LEAKS_SHARE, LEAST_SUCTION = 0.15, 0.02  # of the most pull: with an open lip, and before it has built up
+MAGNET_SHARE = 0.6  # of a magnet's most pull, from which on its device tells that it holds
 DATABASE = shipped("bracket_cell.config", "gripper.dbc")
 STATUS_PERIOD_S = 0.020
 HEARTBEAT_PERIOD_S = 0.100
@@ -198,7 +220,7 @@ class GripperNode:
         self._command_id = database.get_message_by_name("GripperCommand").frame_id
         self._bus = open_bus(interface, channel)
         self.gripper, self._stroke_m = gripper, gripper.stroke_m
-        self._jaw = Jaw(world) if gripper.cup is None else Suction(world)
+        self._jaw = Jaw(world) if gripper.fingers else Suction(world) if gripper.switched else Nothing()
         self._request: Mapping[str, float] = _request(gripper)
         self._driven: Mapping[str, float] | None = None  # the request that the fingers follow
         self._activation = Activation.RESET
@@ -241,7 +263,8 @@ class GripperNode:
     @property
     def vacuum_kpa(self) -> float | None:
         """Of a cup, how far the pressure is below the air's."""
-        return self._jaw.vacuum_kpa if isinstance(self._jaw, Suction) else None
+        share, cup = getattr(self._jaw, "share", 0.0), self.gripper.cup
+        return None if cup is None else share * cup.vacuum_kpa
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Read commands, drive the fingers, send what is due."""

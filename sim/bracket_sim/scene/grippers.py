@@ -1,4 +1,4 @@
-"""Grippers for MuJoCo, made of primitives by their files: a parallel jaw, or a cup that sucks at what it lies on."""
+"""Grippers for MuJoCo, made of primitives by their files: a jaw, or a cup or magnet that pulls at what it lies on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from bracket_ground.interfaces.bench import CameraSetup
-from bracket_ground.interfaces.gripper import Cup, Fingers, Gripper
+from bracket_ground.interfaces.gripper import Cup, Fingers, Gripper, Magnet
 from bracket_sim.scene import palette
 from bracket_sim.scene.palette import add_box, add_cylinder
 
@@ -33,8 +33,8 @@ def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup, mounted: Gripper) -> No
         for name, side in (("left", 1.0), ("right", -1.0)):
             _add_finger(hand, name, side, mounted, mounted.fingers)
         _couple_fingers(spec, mounted.fingers)
-    if mounted.cup is not None:
-        _add_cup(spec, hand, mounted, mounted.cup)
+    if mounted.switched is not None:
+        _add_cup(spec, hand, mounted, mounted.switched)
     tool = tool0.add_body(name="tool", pos=[0.0, 0.0, mounted.tcp_from_flange_m])
     x, y, z = wrist.mount.position_m
     add_box(tool, (x, y, z - 0.02), (0.05, 0.03, 0.03), palette.GRIPPER, palette.HAND_ONLY_TOUCH)
@@ -92,8 +92,8 @@ def _couple_fingers(spec: mujoco.MjSpec, fingers: Fingers) -> None:
     actuator.set_to_position(kp=GRIP_STIFFNESS_N_M, kv=GRIP_DAMPING_NS_M)
 
 
-def _add_cup(spec: mujoco.MjSpec, hand: mujoco.MjsBody, mounted: Gripper, cup: Cup) -> None:
-    """A tube that gives way a little, with a ring of points as its lip; the air's pressure acts where these touch."""
+def _add_cup(spec: mujoco.MjSpec, hand: mujoco.MjsBody, mounted: Gripper, cup: Cup | Magnet) -> None:
+    """A tube that gives way a little, with a ring of points as its end; pressure or magnet act where these touch."""
     body = hand.add_body(name="finger_cup", gravcomp=1.0)
     body.mass, body.inertia, body.ipos = CUP_KG, [1e-5, 1e-5, 1e-5], [0.0, 0.0, mounted.tip_m - 0.02]
     body.explicitinertial = True
@@ -115,4 +115,4 @@ def _add_cup(spec: mujoco.MjSpec, hand: mujoco.MjsBody, mounted: Gripper, cup: C
     force = spec.add_actuator(
         name="suction", trntype=mujoco.mjtTrn.mjTRN_BODY, target="finger_cup", ctrlrange=[0.0, 1.0]
     )
-    force.set_to_adhesion(gain=cup.force_most_n)
+    force.set_to_adhesion(gain=cup.most_n)

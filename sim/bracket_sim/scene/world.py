@@ -94,10 +94,10 @@ class World:
         fingers = [f"finger_{side}" for side in ("left", "right")] if robot.gripper.fingers else []
         self._fingers = [int(self.model.joint(name).qposadr[0]) for name in fingers]
         self._grip: tuple[WorldPart, Array] | None = None  # what is held, and where in the tool's frame
-        self.holding = [self.model.body(name).id for name in fingers or ["finger_cup"] * bool(robot.gripper.cup)]
+        self.holding = [self.model.body(name).id for name in fingers or ["finger_cup"] * bool(robot.gripper.switched)]
         self._steps_per_sample = physics.steps_per_sample
         self._opening_ctrl = self.model.actuator("opening").id if fingers else None
-        self._suction = self.model.actuator("suction").id if robot.gripper.cup else None
+        self._suction = self.model.actuator("suction").id if robot.gripper.switched else None
         self._tool = self.model.body("tool").id
         self._hand = Fingers(self.model)
         self.set_arm(bench.arm_park_rad)
@@ -124,16 +124,20 @@ class World:
 
     @property
     def sealed(self) -> bool:
-        """Whether a cup's lip lies on one part all around."""
+        """Whether a cup's lip, or a magnet's pole, lies on something all around that it can pull."""
         geoms = self.data.contact.geom
         cup = self.holding[0]
-        touching = (self.model.geom_bodyid[geoms] == cup).any(axis=1)
-        others = geoms[touching]
-        lips = others[self.model.geom_bodyid[others] == cup]
-        return len(set(lips.tolist())) >= LIP_POINTS
+        touching = geoms[(self.model.geom_bodyid[geoms] == cup).any(axis=1)]
+        touched = self.model.geom_bodyid[touching]
+        pulled = self.robot.gripper.magnet is None or self._magnetic(set(touched[touched != cup].tolist()))
+        return pulled and len(set(touching[touched == cup].tolist())) >= LIP_POINTS
+
+    def _magnetic(self, touched: set[int]) -> bool:
+        kinds = self.product.parts
+        return touched <= {body.body for body in self.bodies if body.part in kinds and kinds[body.part].magnetic}
 
     def suck(self, share: float) -> None:
-        """Let a share of the cup's most pressure act."""
+        """Let a share of the most pull act."""
         self.data.ctrl[self._suction] = share
 
     def step_period(self) -> None:

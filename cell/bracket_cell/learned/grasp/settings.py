@@ -58,7 +58,7 @@ def outline_of(gripper: Gripper, *, margins: bool = False) -> GripperOutline:
         WITH_MARGINS if margins else GripperOutline(),
         gripper.palm[1] if margins else gripper.palm_m,
     )
-    cup, above_m = gripper.cup, round(gripper.tip_m - gripper.palm_m[2], ROUND)
+    cup, above_m = gripper.switched, round(gripper.tip_m - gripper.palm_m[2], ROUND)
     own: dict[str, object] = {"palm_size_m": (wide, deep), "palm_above_tip_m": above_m, "stroke_m": gripper.stroke_m}
     if gripper.fingers is not None:
         own |= {"pad_size_m": gripper.fingers.pads_m}

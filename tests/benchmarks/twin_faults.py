@@ -59,7 +59,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.faults import HOLDING_STATES, TRIAL, hangs
 from bracket_sim.cell import SimCell
 from bracket_sim.faults.injection import Injection, attended
-from bracket_sim.faults.named_faults import EITHER, RECOVERS, STOPS
+from bracket_sim.faults.named_faults import RECOVERS, STOPS
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of
 from bracket_sim.scene.world import World
@@ -93,22 +93,22 @@ CASES = {
     "moved_by_hand": Case(("paused", "moved_by_hand", "played"), RECOVERS),
     "slider": Case(("slider",), RECOVERS, ("slider_full",)),
     "fieldbus": Case(("fieldbus",), RECOVERS, ("fieldbus_gone",)),
-    "rtde_late": Case(("rtde_late",), EITHER),  # as long as the table waits for it
+    "rtde_late": Case(("rtde_late",), RECOVERS),
     "rtde_silent": Case(("rtde_silent",), RECOVERS),
     "rtde_cut": Case(("rtde_cut",), RECOVERS),
     "controller_restarted": Case(("controller_restarted",), RECOVERS),
     "payload_wrong": Case(("payload_wrong",), RECOVERS, ("payload_right",)),
     "turned": Case(("turned",), STOPS),
     "reduced": Case(("reduced",), RECOVERS, ("reduced_over",)),
-    "gripper_answers_lost": Case(("gripper_answers_lost",), EITHER),
-    "gripper_crc": Case(("gripper_crc",), EITHER),
+    "gripper_answers_lost": Case(("gripper_answers_lost",), RECOVERS),
+    "gripper_crc": Case(("gripper_crc",), RECOVERS),
     "gripper_replugged": Case(("gripper_replugged",), RECOVERS),
     "gripper_unpowered": Case(("gripper_power_off",), STOPS),
     "gripper_power": Case(("gripper_power_off", "gripper_power_on"), RECOVERS, holding_ends=STOPS),
 }
 ANY_WIRE = ("protective_stop", "safeguard", "emergency_stop", "slider", "controller_restarted", "payload_wrong")
 ROS_CASES = {name: CASES[name] for name in ANY_WIRE} | {
-    "joints_late": Case(("joints_late",), EITHER),  # as long as the table waits for it
+    "joints_late": Case(("joints_late",), RECOVERS),
     "joints_silent": Case(("joints_silent",), RECOVERS),
     "joints_cut": Case(("joints_cut",), RECOVERS),  # its driver is started again
     "gripper_silent": Case(("gripper_silent",), RECOVERS, ("gripper_silent",)),
@@ -299,7 +299,6 @@ def tried(name: str, state: str, wire: str, slower: float) -> Row:
             )
             kept = told[0] == "finished" or not fault.holding or state not in HOLDING_STATES or hangs(twin.sim)
     ends = case.holding_ends if case.holding_ends and fault.holding else case.ends
-    ends = EITHER if case.holding_ends and state == "release" else ends  # fingers that have just begun to open
     reached = fault.began_s is not None
     promised = reached and told[0] in ends and kept and (placed or told[0] != "finished")
     return Row(name, state, reached, fault.holding, told[0], ends, promised, told[1], told[2], round(told[3], 1))

@@ -12,6 +12,7 @@ import re
 import select
 import socket
 import threading
+import time
 import tty
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -30,6 +31,7 @@ OPEN_COUNT, CLOSED_COUNT = 3, 228  # where the fingers end in the position regis
 SPEEDS_MM_S, FORCES_N = (20.0, 150.0), (20.0, 235.0)  # of registers 0 and 255
 COMMAND_REGISTER, STATUS_REGISTER = 0x03E8, 0x07D0
 CONTACT_CLOSING, AT_POSITION = 2, 3  # gOBJ
+LOST_S, ANSWER_S = 0.4, 0.05  # in which answers are lost; that a driver waits for each [s of the wall]
 LISTEN_S = 0.1  # between looks whether the twin ends
 LONGEST = 256
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # requests to other nodes are no errors
@@ -185,7 +187,7 @@ class UrcapTwin(Port):
 
     Attributes:
         told: where it listens.
-        mute: it answers nothing.
+        mute_until_s: it answers nothing before, by `now_s`.
     """
 
     FIELDS: Mapping[str, Callable[[bytes], int]] = {
@@ -200,8 +202,8 @@ class UrcapTwin(Port):
     }
     PLACES: Mapping[str, int] = {"POS": 3, "SPE": 4, "FOR": 5}
 
-    def __init__(self, registers: Registers, host: str, port: int) -> None:
-        self._registers, self.mute = registers, False
+    def __init__(self, registers: Registers, host: str, port: int, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._registers, self._now_s, self.mute_until_s = registers, now_s, 0.0
         super().__init__(host, port)
         self.told = f"gripper: URCap socket at {host}:{self.port}"
 
@@ -209,7 +211,7 @@ class UrcapTwin(Port):
         """Answer until the client is gone."""
         with client.makefile("r", encoding="ascii", errors="replace") as lines:
             for line in lines:
-                if self._registers.powered and not self.mute:
+                if self._registers.powered and self._now_s() >= self.mute_until_s:
                     client.sendall(self._answer(line.strip()).encode())
 
     def _answer(self, line: str) -> str:
@@ -235,14 +237,13 @@ def serve_modbus(cell: TwinCell, role: str) -> ModbusTwin:
     settings, registers = cell.settings[role], _registers(cell)
     twin = ModbusTwin(registers, Path(settings["port"]), settings["node_id"])
 
-    def lose() -> None:
-        twin.lose = 20
+    count = round(LOST_S * cell.slower / ANSWER_S)
 
-    def damage() -> None:
-        twin.damage = 20
+    def spoil(what: str) -> Callable[[], None]:
+        return lambda: setattr(twin, what, count)
 
-    cell.offer("gripper_answers_lost", "20 answers of the gripper are lost", lose)
-    cell.offer("gripper_crc", "20 answers of the gripper have a wrong check sum", damage)
+    cell.offer("gripper_answers_lost", f"the gripper's answers are lost for {LOST_S:g} s", spoil("lose"))
+    cell.offer("gripper_crc", f"for {LOST_S:g} s the gripper's answers have a wrong check sum", spoil("damage"))
     cell.offer("gripper_replugged", "the gripper's adapter comes back under another number", twin.replug)
     return twin
 
@@ -272,12 +273,12 @@ def serve_can(cell: TwinCell, role: str) -> CanTwin:
 def serve_urcap(cell: TwinCell, role: str) -> UrcapTwin:
     """The gripper of the twin behind the URCap's socket, with its faults."""
     settings = cell.settings[role]
-    twin = UrcapTwin(_registers(cell), settings["host"], settings["port"])
+    twin = UrcapTwin(_registers(cell), settings["host"], settings["port"], cell.now_s)
 
     def mute() -> None:
-        twin.mute = not twin.mute
+        twin.mute_until_s = cell.now_s() + LOST_S
 
-    cell.offer("gripper_answers_lost", "the URCap stops answering, or begins again", mute)
+    cell.offer("gripper_answers_lost", f"the URCap answers nothing for {LOST_S:g} s", mute)
     return twin
 
 

@@ -11,7 +11,7 @@ from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import Controller
 
 BY_HAND_RAD = 0.3
-LATE_S, SILENT_S = 0.2, 2.0
+LATE_S, SILENT_S = 0.15, 2.0
 SLOW_SHARE, HEAVY_KG = 0.3, 2.0
 
 

@@ -13,6 +13,7 @@ from bracket_cell.runs.calibrating import DOWN
 from bracket_cell.runs.hand_rest import rest_advice
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.resting import with_resting_poses
+from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
@@ -85,11 +86,26 @@ class BenchView:
     @property
     def rest_advice(self) -> str:
         """Where the person's hand would better rest; empty where it is out of the way."""
+        return rest_advice(self._motion, self._bench, self._ways_rad)
+
+    @cached_property
+    def _ways_rad(self) -> list[Array]:
+        """From the tray's middle to each hole that is reached, (2, n)."""
         pose, middle = self._bench.bracket.pose, self._joints_rad(np.array(self._bench.tray.centre_m))
         holes = (pose.transform(np.array([*at, 0.0])) for at in self._product.bracket.holes_m.values())
         ends = [self._joints_rad(hole) for hole in holes]
-        ways = [np.array([middle, end]) for end in ends if middle is not None and end is not None]
-        return rest_advice(self._motion, self._bench, ways)
+        return [np.array([middle, end]) for end in ends if middle is not None and end is not None]
+
+    @property
+    def _cost(self) -> str:
+        """What the layout costs: mean times of a part's ways, each from rest to rest; empty where none is reached."""
+        stops = [(self._look, *way, self._look) for way in self._ways_rad]
+        if not stops:
+            return ""
+        times = [[joint_move(*leg, self._motion.settings).duration_s for leg in pairwise(part)] for part in stops]
+        to_s, on_s, back_s = np.mean(times, axis=0)
+        ways = f"{to_s:.1f} s to the tray, {on_s:.1f} s to the holes, {back_s:.1f} s back"
+        return f"a part costs {to_s + on_s + back_s:.1f} s of ways: {ways}"
 
     def _joints_rad(self, place_m: Array) -> Array | None:
         """Joints (n,) with the fingers over a place; None out of reach."""
@@ -140,6 +156,7 @@ class BenchView:
         usual_s = float(np.median(times_s[reached])) if reached.any() else np.inf
         late = [*_late(corners, usual_s), *_late(holes, float(np.median([*holes.values()] or [np.inf])))]
         self.told.append(f"slow: {', '.join(late)}" if late else "no corner and no hole is much slower than others")
+        self.told += [self._cost] * bool(self._cost)
 
     def _cut_off(self, seen: Marks) -> None:
         grid = seen.reshape(STEPS, STEPS)

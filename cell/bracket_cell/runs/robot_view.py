@@ -21,7 +21,7 @@ from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel, complete, load_robot
 from bracket_ground.interfaces.urdf import element, likely_flange
 
-URDF = ".urdf"
+URDF, XACRO = ".urdf", ".xacro"
 SIZE_PX, EDGE_PX = 700, 40
 FROM = np.array([[-0.6, 0.8, 0.0], [-0.4, -0.3, 0.866], [0.69, 0.52, 0.5]])  # right, up and towards who looks
 SOLID = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])  # sides of a box
@@ -31,7 +31,7 @@ def is_robot(file: Path) -> bool:
     """Whether a file describes an arm: a URDF, or YAML that names one."""
     from bracket_ground.files.yaml_file import has_key
 
-    return file.suffix == URDF or (file.suffix in (".yaml", ".yml") and has_key(file, "urdf"))
+    return file.suffix in (URDF, XACRO) or (file.suffix in (".yaml", ".yml") and has_key(file, "urdf"))
 
 
 @dataclass
@@ -67,7 +67,7 @@ class RobotView:
             raise InputError(Problem(Place(self.file), words)) from None
 
     def _robot(self) -> RobotModel:
-        if self.file.suffix != URDF:
+        if self.file.suffix not in (URDF, XACRO):
             return load_robot(self.file.name, self.file.parent)
         flange = likely_flange(element(read_text(self.file), self.file))
         self.told.append(f"the flange is taken to be {flange!r}: `flange` of a robot's file names another")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
+XACRO = "xacro}"  # end of the namespace, of which there are several
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
@@ -48,6 +49,8 @@ def element(text: str, path: Path) -> ElementTree.Element:
         raise ValueError(f"{path}: not a URDF: {error}") from None
     if root.tag != "robot":
         raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
+    if any(XACRO in entry.tag for entry in root.iter()):
+        raise ValueError(f"{path}: holds macros: let `xacro` make a URDF of it")
     return root
 
 

@@ -17,6 +17,7 @@ BOX = '<collision><geometry><box size=".1 .1 {}"/></geometry></collision></link>
 BROKEN = {
     "no XML": ("<robot", "not a URDF"),
     "another root": ("<sdf/>", "its root is <sdf>"),
+    "macros": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:arm/></robot>", "let `xacro` make a URDF"),
     "nothing in it": ("<robot name='a'/>", "must have one base"),
     "words for numbers": (SEVEN.replace('lower="-2.09"', 'lower="left"', 1), "must be finite numbers"),
     "no finite number": (SEVEN.replace('xyz="0 0 0.2155"', 'xyz="0 0 nan"', 1), "must be finite numbers"),
@@ -57,6 +58,12 @@ def test_what_is_wrong_with_a_description_is_said(name: str, folder: Path, capsy
     assert words in told
     assert told.count("a.urdf") == 1
     assert not (folder / "checked_a.png").exists()
+
+
+def test_a_file_of_macros_is_no_tree(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "a.urdf.xacro").write_text(BROKEN["macros"][0])
+    assert main(["check", "a.urdf.xacro"]) == 2
+    assert BROKEN["macros"][1] in said(capsys)
 
 
 def test_an_arm_is_drawn_with_words_on_what_it_reaches(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,7 +22,7 @@ from bracket_ground.interfaces.robot import load_robot
 from bracket_sim.twin.controller import Controller, UrWires
 from bracket_sim.twin.gripper import ModbusTwin, Registers
 from bracket_sim.twin.ur_model import MODELS
-from tests.sim.twin.rig import light_cell, own_host
+from tests.sim.twin.rig import corrected, light_cell, own_host
 from tests.skills.ideal_fingers import AnsweredClock, IdealFingers
 from tests.skills.test_cameras import Shooting, small_bench
 
@@ -65,7 +65,7 @@ CASES: dict[str, tuple[Change, Change, str]] = {
     "payload": ({"payload_kg": 2.0}, {}, "weigh gripper, coupling and camera"),
     "tcp": ({"tcp": np.array([0, 0, 0.149, 0, 0, 0.0])}, {}, "(0, 0, 156.0) mm without rotation"),
     "model": ({"model": MODELS["ur10e"]}, {}, "write robot: ur10e"),
-    "calibration": ({"model": MODELS["ur10"].corrected(7)}, {}, "this arm's own calibration"),
+    "calibration": ({"model": corrected(MODELS["ur10"], 7)}, {}, "this arm's own calibration"),
     "registers": ({"fieldbus": True}, {"registers": "lower"}, "write registers: upper"),
     "turns": ({"turned_rad": np.array([0, 0, 0, 0, 0, 2 * np.pi])}, {}, "turn it back by hand"),
 }
@@ -89,19 +89,33 @@ def test_a_tool_elsewhere_is_not_taken_for_another_calibration(
 def test_a_robot_file_with_the_arm_s_own_calibration_is_well(
     controller: Controller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(7))
+    monkeypatch.setattr(controller, "model", corrected(MODELS["ur10"], 7))
     settings = UrSettings(host=HOST)
     robot = CONFIGURATION.robot.model_copy(update={"calibration": ur_examined.calibration(settings)})
     forward = Kinematics(CONFIGURATION.motion.of(robot)).forward
     assert [check for check in ur_examined.examine(settings, CONFIGURATION.bench, robot, forward) if check.remedy] == []
     assert robot.calibration is not None
     ur_examined.refuse_another(settings, robot.calibration)
-    monkeypatch.setattr(controller, "model", MODELS["ur10"].corrected(8))
+    monkeypatch.setattr(controller, "model", corrected(MODELS["ur10"], 8))
     found = list(ur_examined.examine(settings, CONFIGURATION.bench, robot, forward))
     assert "has another arm's" in " ".join(check.remedy for check in found)
     with pytest.raises(DeviceFault, match="calibration of another arm"):
         ur_examined.refuse_another(settings, robot.calibration)
     ur_examined.refuse_another(UrSettings(host=own_host(72)), robot.calibration)
+
+
+@pytest.mark.parametrize(("name", "told", "right"), [
+    ("ur20", "ur20", ""), ("ur16e", "ur16e", ""), ("ur5e", "ur20", "ur20"), ("ur20", "ur5e", "ur5e"),
+    ("ur5", "ur5e", "ur5e"),
+])  # fmt: skip
+def test_models_of_one_series_alone_are_known(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch, name: str, told: str, right: str
+) -> None:
+    monkeypatch.setattr(controller, "model", MODELS[told])
+    robot = CONFIGURATION.robot.model_copy(update={"name": name})
+    found = ur_examined.examine(UrSettings(host=HOST), CONFIGURATION.bench, robot, Kinematics().forward)
+    named = [check.remedy.rpartition("write robot: ")[2] for check in found if "write robot" in check.remedy]
+    assert named == [right] * bool(right)
 
 
 def test_another_model_is_told_by_its_kinematics_where_it_does_not_tell(controller: Controller) -> None:

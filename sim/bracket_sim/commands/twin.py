@@ -29,9 +29,9 @@ from bracket_sim.scene.world import World
 from bracket_sim.twin.arm import TwinArm
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.control import ADDRESS, ControlDoor, ask
+from bracket_sim.twin.ur_model import MODELS
 
-FAST_CYCLE_S, CYCLE_S = 0.002, 0.008  # of an e-series controller, and of one before it
-FAST_ROBOTS = ("ur10e",)
+CYCLE_S = 0.008  # of a controller of which nothing is known
 DOMAINS = 232
 CAMERA = {
     "topic": "color/image_raw/compressed",
@@ -132,7 +132,7 @@ def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, sl
     """
     product, name = load_product(configuration, path), configuration.robot.name
     devices, simulation = configuration.devices, settings_of(configuration.devices.simulation)
-    period_s = FAST_CYCLE_S if name in FAST_ROBOTS else CYCLE_S
+    period_s = 1.0 / MODELS[name].rate_hz if name in MODELS else CYCLE_S
     physics = simulation.physics.model_copy(update={"control_period_s": period_s})
     devices = devices.model_copy(update={"simulation": simulation.model_copy(update={"physics": physics})})
     arms: list[TwinArm] = []

@@ -11,7 +11,7 @@ import numpy as np
 
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.twin.cell import TwinCell
-from bracket_sim.twin.ur_model import MODELS, Model
+from bracket_sim.twin.ur_model import Model, model_of
 
 OFFSET = re.compile(r"reg_offset_int\s*=\s*(?:#[^\n]*\n)?\s*(\d+)")  # ur-rtde writes it behind a comment
 REDUCED_S = 0.5  # within which an arm that is faster must keep to the limits of reduced mode (user manual)
@@ -82,7 +82,7 @@ class Controller:
 
     def __init__(self, cell: TwinCell) -> None:
         self.cell, self.arm = cell, cell.arm
-        self.model: Model = MODELS[cell.robot]
+        self.model: Model = model_of(cell.robot)
         self.limits = cell.sim.world.robot.safety
         self.registers = Registers()
         self.payload_kg, self.payload_cog_m, self.extra_kg = ACTUAL_TOOL_KG, (0.0, 0.0, 0.05), 0.0
@@ -217,7 +217,7 @@ class Controller:
     def mend(self) -> None:
         """Everything that may be wrong is mended."""
         self.stop_program()
-        self.safety, self.robot_mode, self.model = Safety.NORMAL, RobotMode.RUNNING, MODELS[self.cell.robot]
+        self.safety, self.robot_mode, self.model = Safety.NORMAL, RobotMode.RUNNING, model_of(self.cell.robot)
         self.fieldbus, self.remote, self.slider, self.extra_kg = False, True, 1.0, 0.0
         self.turned_rad, self.arm.held_back, self._reduced_s = np.zeros(6), "", None
 

@@ -31,7 +31,7 @@ from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import UrWires
 from bracket_sim.twin.gripper import ModbusTwin, Registers
 from tests.cell.conftest import changed_configuration
-from tests.sim.twin.rig import light_cell, own_host
+from tests.sim.twin.rig import corrected, light_cell, own_host
 
 HOST = own_host(74)
 CONFIGURATION = load_configuration()
@@ -142,7 +142,7 @@ def test_the_arm_s_own_calibration_is_read_and_used(
     wires: UrWires, real: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as another:
-        another.setattr(wires.controller, "model", wires.controller.model.corrected(7))
+        another.setattr(wires.controller, "model", corrected(wires.controller.model, 7))
         assert main(["setup", "teach", "robot", "--config", str(real)]) == 0
         assert "mm elsewhere in the pose look" in capsys.readouterr().err
         robot = load_configuration(real).robot

@@ -8,10 +8,14 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_ground.interfaces.robot import Calibration
 from bracket_sim.cell import SimCell
 from bracket_sim.scene.settings import SimSettings
 from bracket_sim.scene.world import World
@@ -19,6 +23,7 @@ from bracket_sim.twin import controller
 from bracket_sim.twin.arm import TwinArm
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.control import ControlDoor, ask
+from bracket_sim.twin.ur_model import Model
 from tests.processes import started
 
 UNLOCK_S = 0.5  # of a protective stop, in place of the 5 s that a controller refuses for
@@ -86,6 +91,14 @@ def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: fl
         product, bench, simulation, "virtual", "twin", 0, "g0", worker=False, clutter=(), rendered=False, arm=made
     )
     return TwinCell(sim, arms[0], settings, robot, period_s, slower)
+
+
+def corrected(model: Model, seed: int) -> Model:
+    """Another arm of the same make."""
+    spread = {"theta_rad": 1e-3, "a_m": 4e-4, "d_m": 4e-4, "alpha_rad": 5e-4}
+    rng, makers = np.random.default_rng(seed), model.rows.model_dump()
+    rows = {name: tuple((np.array(makers[name]) + rng.normal(0, by, 6)).tolist()) for name, by in spread.items()}
+    return replace(model, rows=Calibration(**rows))
 
 
 def main(host: str, door: str, robot: str, slower: str) -> None:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
@@ -13,11 +14,11 @@ from bracket_cell.skills.drivers import ur_dashboard, ur_examined
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur import UrArm
 from bracket_cell.skills.motion.kinematics import Kinematics
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import WallClock
 from bracket_sim.twin.controller import Controller, RobotMode, UrWires
 from bracket_sim.twin.ur_dashboard import COMMANDS, answered
-from bracket_sim.twin.ur_model import MODELS
+from bracket_sim.twin.ur_model import MODELS, model_of
 from tests.sim.twin.rig import light_cell, own_host
 
 HOST = own_host(63)
@@ -113,3 +114,17 @@ def test_polyscope_x_is_told_at_once_and_by_the_doctor(controller: Controller) -
     assert time.monotonic() - began_s < 5.0
     (check,) = ur_examined.examine(settings, configuration.bench, robot, Kinematics().forward)
     assert "PolyScope X" in check.remedy
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_each_model_stretches_as_far_as_its_lengths(name: str) -> None:
+    rows = MODELS[name].rows
+    pose = MODELS[name].tool_pose(np.zeros(6), np.zeros(6))
+    assert pose[0] == pytest.approx(rows.a_m[1] + rows.a_m[2])
+    assert pose[1] == pytest.approx(-rows.d_m[3] - rows.d_m[5])
+    assert pose[2] == pytest.approx(rows.d_m[0] - rows.d_m[4])
+
+
+def test_an_arm_of_another_maker_has_no_such_controller() -> None:
+    with pytest.raises(InputError, match="a twin of 'gofa': no such controller; legal: ur3, ur5, ur10, ur3e"):
+        model_of("gofa")

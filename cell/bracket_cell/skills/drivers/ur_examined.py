@@ -23,6 +23,7 @@ from bracket_ground.interfaces.robot import WORLD_FROM_BASE, Calibration, RobotM
 
 POSE_OFF_M, MODEL_OFF_M = 0.0005, 0.010  # our tool against the controller's; beyond the latter it is another model
 TCP_OFF_M, PAYLOAD_OFF_KG = 0.0005, 0.2
+TWICE = ("ur3", "ur5", "ur10")  # of which there is one of the e-series, too
 E_SERIES = 5  # major version from which it is one
 RUNNING, NORMAL, REDUCED = 7, 1, 2
 PRIMARY_PORT, ROBOT_STATE, KINEMATICS = 30001, 16, 5  # types of a message, and of a part of it
@@ -162,8 +163,10 @@ def _model(settings: UrSettings, robot: RobotModel, version: Sequence[int]) -> D
     series = version[0] >= E_SERIES
     what = f"arm: {told.upper() or 'an arm'}{' of the e-series' if series else ''}"
     known = name.startswith("ur") and name[2:].removesuffix("e").isdecimal()
-    if known and (series is not name.endswith("e") or (told.startswith("ur") and told != of_series)):
-        right = told.removesuffix("e") + "e" * series if told else "the controller's own"
+    other = name in TWICE if series else name.endswith("e")  # of the other series
+    if known and (other or (told.startswith("ur") and told != of_series)):
+        base = told.removesuffix("e")
+        right = base + "e" * (series and base in TWICE) if told else "the controller's own"
         return DeviceCheck(what, f"the configuration says robot: {robot.name}; write robot: {right}")
     return DeviceCheck(what)
 

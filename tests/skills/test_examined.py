@@ -59,7 +59,7 @@ def test_nobody_at_the_address() -> None:
 
 Change = dict[str, Any]
 CASES: dict[str, tuple[Change, Change, str]] = {
-    "mode": ({"safety": 3}, {}, "clear it there"),
+    "mode": ({"safety": 3}, {}, "the controller is in protective stop: clear it there"),
     "power": ({"robot_mode": 5}, {}, "release the brakes"),
     "local": ({"remote": False, "model": MODELS["ur10e"]}, {}, "switch it to remote control"),
     "payload": ({"payload_kg": 2.0}, {}, "weigh gripper, coupling and camera"),

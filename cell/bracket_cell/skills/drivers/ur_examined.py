@@ -15,6 +15,7 @@ import numpy as np
 from bracket_cell.skills.drivers.rtde import RtdeConnection
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur_dashboard import Dashboard
+from bracket_cell.skills.drivers.ur_safety import safety_of
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
@@ -25,7 +26,7 @@ POSE_OFF_M, MODEL_OFF_M = 0.0005, 0.010  # our tool against the controller's; be
 TCP_OFF_M, PAYLOAD_OFF_KG = 0.0005, 0.2
 TWICE = ("ur3", "ur5", "ur10")  # of which there is one of the e-series, too
 E_SERIES = 5  # major version from which it is one
-RUNNING, NORMAL, REDUCED = 7, 1, 2
+RUNNING = 7
 PRIMARY_PORT, ROBOT_STATE, KINEMATICS = 30001, 16, 5  # types of a message, and of a part of it
 ROWS = struct.Struct(">24d")  # theta, a, d and alpha of the six joints
 CHECKSUMS_BYTES, READS_S = 6 * 4, 2.0
@@ -172,14 +173,14 @@ def _model(settings: UrSettings, robot: RobotModel, version: Sequence[int]) -> D
 
 
 def _mode(settings: UrSettings, told: Mapping[str, Array]) -> DeviceCheck:
-    robot, safety = int(told["robot_mode"][0]), int(told["safety_mode"][0])
+    robot, stopped = int(told["robot_mode"][0]), safety_of(int(told["safety_mode"][0])).reason
     try:
         with Dashboard(settings.host) as dashboard:
             local = dashboard.local
     except DeviceFault as error:
         return DeviceCheck("arm: its dashboard", f"{error.reason}: switch it on under Security, Services")
-    if safety not in (NORMAL, REDUCED):
-        return DeviceCheck("arm: its safety mode", f"the controller is stopped (safety mode {safety}): clear it there")
+    if stopped:
+        return DeviceCheck("arm: its safety mode", f"{stopped}: clear it there")
     if robot != RUNNING:
         return DeviceCheck("arm: power and brakes", f"robot mode {robot}: power it on and release the brakes")
     if local:

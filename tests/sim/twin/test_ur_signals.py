@@ -57,6 +57,14 @@ def test_terminals_registers_and_facts_are_read(wires: tuple[UrWires, str, float
     of.mend()
 
 
+def test_reduced_mode_is_a_fact(wires: tuple[UrWires, str, float], signals: UrSignals) -> None:
+    of, clock = wires[0].controller, WallClock(wires[2])
+    of.reduce(on=True)
+    assert wait_for(lambda: signals.read()["reduced"], clock)
+    of.reduce(on=False)
+    assert wait_for(lambda: not signals.read()["reduced"], clock)
+
+
 def test_outputs_are_set_and_others_left_alone(wires: tuple[UrWires, str, float], signals: UrSignals) -> None:
     of, clock = wires[0].controller, WallClock(wires[2])
     of.outputs |= 1 << 5

@@ -35,12 +35,14 @@ def main() -> None:
     parser.add_argument("--person", default="careful", help="who stands at the bench")
     parser.add_argument("--out", type=Path, default=Path("runs/twin"), help="a folder for each seed, and results.jsonl")
     parser.add_argument("--ros2", type=int, metavar="DOMAIN", help="by topics of ROS 2 in place of the wires")
+    parser.add_argument("--robot", type=Path, help="file of another arm than the shipped one")
     asked = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     asked.out.mkdir(parents=True, exist_ok=True)
     for seed in range(asked.first_seed, asked.first_seed + asked.runs):
         told = assembled(
-            asked.out.resolve() / str(seed), seed, goals[seed % len(goals)], asked.person, asked.slower, asked.ros2
+            *(asked.out.resolve() / str(seed), seed, goals[seed % len(goals)], asked.person, asked.slower),
+            *(asked.ros2, asked.robot),
         )
         with (asked.out / "results.jsonl").open("a") as stream:
             stream.write(json.dumps(told) + "\n")
@@ -51,11 +53,19 @@ def main() -> None:
         Console().print(*summary({name: late}))
 
 
-def assembled(folder: Path, seed: int, goal: str, person: str, slower: float, domain: int | None = None) -> Told:
+def assembled(
+    folder: Path,
+    seed: int,
+    goal: str,
+    person: str,
+    slower: float,
+    domain: int | None = None,
+    robot: Path | None = None,
+) -> Told:
     """One assembly: what the run told, and by the twin's truth what was built."""
     more = ("--seed", str(seed), "--goal", goal, "--person", person)
     began_s = time.monotonic()
-    with wired_cell(folder, own_host(1), slower, more, domain) as cell:
+    with wired_cell(folder, own_host(1), slower, more, domain, robot) as cell:
         with listened(domain) as delays:
             run = cell.run(LONGEST_S)
         told = {"seed": seed, "slower": slower, "wall_s": time.monotonic() - began_s, "run": run}

@@ -65,15 +65,27 @@ def by_ros2(text: str, domain: int) -> str:
     return text
 
 
+def with_robot(text: str, robot: Path) -> str:
+    """A configuration with another arm, which finds its own poses."""
+    text = re.sub(r"(?m)^robot: .*$", f"robot: {robot.resolve()}", text)
+    return re.sub(r"(?m)^  arm_(park|look)_rad: .*\n", "", text)
+
+
 @contextmanager
 def wired_cell(
-    folder: Path, host: str, slower: float, more: Sequence[str] = (), domain: int | None = None
+    folder: Path,
+    host: str,
+    slower: float,
+    more: Sequence[str] = (),
+    domain: int | None = None,
+    robot: Path | None = None,
 ) -> Iterator[WiredCell]:
     """A twin with the wires of config/twin_cell.yaml at another address, or behind ROS 2.
 
     Args:
         more: arguments of `cell twin`.
         domain: of ROS 2.
+        robot: file of another arm.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = shipped("bracket_cell.config", "twin_cell.yaml").read_text().replace("127.0.0.1", host)
@@ -81,6 +93,7 @@ def wired_cell(
     for beside in ("products.yaml", "sim.yaml"):
         text = text.replace(f": {beside}", f": {shipped('config', beside)}")
     text = text if domain is None else by_ros2(text, domain)
+    text = text if robot is None else with_robot(text, robot)
     config = folder / "twin_cell.yaml"
     config.write_text(text.replace("runs/twin_gripper", str(folder / "gripper")))
     sign(config, safety_from(config), "benchmark")

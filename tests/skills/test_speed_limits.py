@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,8 @@ from bracket_cell.skills.drivers.speed_limits import KEPT, STEP_S, SpeedLimits, 
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
-from bracket_ground.interfaces.robot import MotionLimits, RobotModel, SafetyLimits, complete
+from bracket_ground.interfaces.robot import MotionLimits, RobotModel, SafetyLimits, complete, load_robot
+from tests.arms import robot_file
 
 ROBOT = load_configuration().robot
 WAY_RAD = np.array([1.2, 0.5, -0.7, 0.3, 0.2, 2.0])
@@ -70,3 +73,11 @@ def test_a_limit_of_another_count_of_joints_is_refused() -> None:
     robot = RobotModel.model_validate({**dict(ROBOT), "safety": wrong})
     with pytest.raises(ValueError, match=r"safety.reduced.joint_rad_s has 2 values, the arm has 6 joints"):
         complete(robot)
+
+
+def test_a_limit_of_momentum_needs_masses(tmp_path: Path) -> None:
+    robot_file(tmp_path, "seven")  # a drawing without any
+    robot = load_robot("seven.yaml", tmp_path)
+    limits = SafetyLimits(normal=MotionLimits(momentum_kg_m_s=10.0))
+    with pytest.raises(ValueError, match="momentum_kg_m_s, and the URDF has no masses"):
+        complete(robot.model_copy(update={"safety": limits}))

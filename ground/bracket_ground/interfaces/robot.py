@@ -251,6 +251,8 @@ def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
     for joint, low, high in zip(robot.joints, least, most, strict=True):
         if not low < high:
             yield f"{joint}: no value is within its limits, {low:g} to {high:g} rad"
+    if not robot.moving_kg and any(limits.momentum_kg_m_s for _, limits in robot.safety):
+        yield "safety: momentum_kg_m_s, and the URDF has no masses to work it out by"
     for joint, speed in zip(robot.joints, speeds, strict=False):
         if not speed > 0:
             yield f"{joint}: no speed, neither as velocity in the URDF nor as speed_rad_s in the robot's file"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.skills.drivers import stream
+from bracket_cell.skills.drivers.streaming import StreamingArm
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 
@@ -100,3 +101,25 @@ def test_an_arm_that_shall_stand_is_not_moved_on(monkeypatch: pytest.MonkeyPatch
     arm = followed(monkeypatch, {1.5: 0.5}, share_s=0.6)
     assert max(arm.jumps_rad) < 1.1 * PERIOD_S * SPEED_RAD_S
     assert 1.0 < arm.at_rad < 2.0
+
+
+@pytest.mark.parametrize(
+    ("goes_on_s", "moving", "expected"),
+    [(0.25, True, (0.55, 0.60)), (0.0, True, (0.5, 0.5)), (0.25, False, (0.5, 0.5)), (0.07, True, (0.55, 0.57))],
+)
+def test_an_arm_with_a_piece_goes_on_where_no_set_point_is_told(
+    goes_on_s: float, moving: bool, expected: tuple[float, float]
+) -> None:
+    """Otherwise its place would stand and then jump, as if it went farther than anybody had ordered."""
+    times_s = np.linspace(10.0, 10.5, 63)
+    arm: Any = SimpleNamespace(goes_on_s=goes_on_s)
+    at_s = times_s[-1] + np.array([0.05, 0.10])
+    places_s = (times_s - times_s[-1] + 0.5).tolist()
+    assert StreamingArm._places_s(arm, at_s, times_s, places_s, moving) == pytest.approx(expected)
+
+
+def test_an_arm_that_is_held_does_not_go_on() -> None:
+    arm: Any = SimpleNamespace(goes_on_s=0.25)
+    times_s = np.linspace(10.0, 10.03, 4)
+    places = StreamingArm._places_s(arm, times_s[-1] + np.array([0.05, 0.10]), times_s, [0.3, 0.31, 0.31, 0.31], True)
+    assert places == (0.31, 0.31)

@@ -239,8 +239,10 @@ class Ros2Link:
 
     def _clock(self, limit_s: float) -> None:
         """Learn the controller's time: stamps come late, never early."""
-        if limit_s > 0 and (first := waited(self._joints, limit_s)) is not None:
-            self._note(first)
+        until_s = time.monotonic() + limit_s
+        while not self._offsets_s and (left_s := until_s - time.monotonic()) > 0:
+            if (first := waited(self._joints, left_s)) is not None:
+                self._note(first)  # or of others on the topic, such as the gripper's
         for came in taken(self._joints):
             self._note(came)
         if not self._offsets_s:
@@ -285,6 +287,7 @@ class Ros2Arm(StreamingArm):
     """
 
     Settings = Ros2ArmSettings
+    goes_on_s = PIECE_S
 
     def __init__(self, settings: Ros2ArmSettings, clock: Clock, product: Product, robot: RobotModel) -> None:
         self._settings = settings

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
-from bracket_cell.plant.ros_arm import Ros2Arm, examine
+from bracket_cell.plant.dds import SENSOR, Node
+from bracket_cell.plant.ros_arm import JOINTS, Ros2Arm, Ros2Link, examine
+from bracket_cell.plant.ros_types import empty
 from bracket_cell.skills.drivers.settings import Ros2ArmSettings
 from bracket_ground.contracts.arm import CHECKS, OFF_PATH_RAD, Bench, off_rad
 from bracket_ground.errors import DeviceFault
@@ -126,3 +130,23 @@ def test_a_look_says_rate_mode_and_controller(served: tuple[float, RosArm]) -> N
     assert [check.remedy for check in found] == ["", "", ""]
     other = SETTINGS.model_copy(update={"controller": "joint_trajectory_controller"})
     assert "no node has it" in list(examine(other, robot, WallClock(served[0])))[-1].remedy
+
+
+def test_the_controllers_time_is_told_by_the_arms_own_joints_alone() -> None:
+    """Others tell theirs on the same topic, and may be heard first."""
+    node, link = Node(SETTINGS), Ros2Link.__new__(Ros2Link)
+    link._joints, link._names, link._slower, link._ur = node.subscription("/both", JOINTS, SENSOR), ["a"], 1.0, None
+    link._offsets_s = deque()
+    writer = node.publisher("/both", JOINTS)
+
+    def told(name: str) -> None:
+        said = empty(JOINTS)
+        said.name = [name]
+        writer.write(said)
+
+    later = threading.Timer(0.3, told, ["a"])
+    told("finger")
+    later.start()
+    link._clock(10.0)
+    assert len(link._offsets_s) == 1
+    later.join()

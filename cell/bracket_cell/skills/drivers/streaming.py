@@ -120,6 +120,9 @@ class Stream:
 class StreamingArm(ABC):
     """Implements `Arm`; a driver's class adds `connect`, `link`, and what its arm needs to be brought back.
 
+    Attributes:
+        goes_on_s: for so long it goes on along its path without further set points, as one that has pieces of it.
+
     Args:
         at: where the controller is, for messages.
         lag_s: by how much the joints trail their set points.
@@ -127,6 +130,8 @@ class StreamingArm(ABC):
     Raises:
         DeviceFault: the controller does not answer, or somebody must do something at the arm first.
     """
+
+    goes_on_s = 0.0
 
     def __init__(self, clock: Clock, robot: RobotModel, at: str, lag_s: float) -> None:
         self.slower: float = getattr(clock, "slower", 1.0)
@@ -367,16 +372,28 @@ class StreamingArm(ABC):
         newest = stream.sent[-1]
         ended = newest.path_s is None
         places_s = [sent.path_s for sent in stream.sent if sent.path_s is not None]
-        at_s = float(np.interp(sample.time_s - lag_s, times_s[: len(places_s)], places_s)) if places_s else 0.0
+        about_s, farthest_s = self._places_s(sample.time_s - np.array([lag_s, 0.0]), times_s, places_s, newest.moving)
         done_s = next((t for t, sent in zip(times_s, stream.sent, strict=True) if not sent.moving), np.inf)
         settled = float(np.abs(sample.velocities_rad_s).max()) < SETTLED_RAD_S and sample.time_s > done_s + lag_s
         moving = newest.moving or not (settled or sample.time_s > done_s + SETTLES_S)
         if ended and not moving:
             self._path = self._path_s = None
             return False, None
-        farthest_s = path.duration_s if ended else max(places_s)
-        self._path_s = nearest_s(path, (self._path_s or 0.0, farthest_s), at_s, sample)
+        farthest_s = min(path.duration_s, path.duration_s if ended else max(*places_s, farthest_s))
+        self._path_s = nearest_s(path, (self._path_s or 0.0, farthest_s), about_s, sample)
         return moving, self._path_s
+
+    def _places_s(self, at_s: Array, times_s: Array, places_s: list[float], moving: bool) -> tuple[float, float]:
+        """Places on the path at two times, by set points; an arm that goes on by itself does so at their last pace."""
+        if not places_s:
+            return 0.0, 0.0
+        times_s, places = times_s[: len(places_s)], np.array(places_s)
+        if moving and self.goes_on_s and len(places) > 1 and times_s[-1] > times_s[-2]:
+            rate = min(max((places[-1] - places[-2]) / (times_s[-1] - times_s[-2]), 0.0), 1.0)
+            times_s = np.append(times_s, times_s[-1] + self.goes_on_s)
+            places = np.append(places, places[-1] + rate * self.goes_on_s)
+        first, last = np.interp(at_s, times_s, places).tolist()
+        return first, last
 
 
 def _folder(driver: type) -> str:

@@ -126,11 +126,22 @@ def test_a_hand_goes_on_as_its_last_frames_have_it(start_m_s: float, haste: floa
     assert float(slows.coming_m_s(ways, takes_s, window_s)[0]) == pytest.approx(start_m_s)
 
 
+def test_a_hand_that_turns_in_its_place_needs_no_more_room_than_one_that_goes_so_fast() -> None:
+    """A screwdriver's handle goes to and fro by 8 cm twice a second; its tip stays."""
+    step_s, tips = 1 / BENCH.overhead.rate_hz, (0.75, 0.34)
+    palms = [(0.87, 0.34 + 0.04 * float(np.sin(4 * np.pi * number * step_s))) for number in range(30)]
+    for first in range(26):
+        velocity, acceleration = motion_of([(k * step_s, np.array([palms[k], tips])) for k in range(first, first + 4)])
+        turning = replace(hand(*tips, velocity), palm_m=palms[first + 3], acceleration_m_s2=acceleration)
+        found = judge(PARK, turning, 0.16, False)
+        assert found.distance_m - found.least_m > S.hysteresis_m
+
+
 def test_a_hand_that_begins_to_come_counts_more_than_its_mean_speed_says() -> None:
     """It stood for two frames and went 2 cm in the third."""
     step_s, moved_m = 1 / BENCH.overhead.rate_hz, 0.02
-    still = [(number * step_s, np.array([0.9, -0.5])) for number in range(3)]
-    velocity, acceleration = motion_of([*still, (3 * step_s, np.array([0.9 - moved_m, -0.5]))])
+    still = [(number * step_s, np.array([[0.9, -0.5], [0.8, -0.5]])) for number in range(3)]
+    velocity, acceleration = motion_of([*still, (3 * step_s, np.array([[0.9, -0.5], [0.8, -0.5]]) - [moved_m, 0.0])])
     begins = replace(hand(0.9, -0.5, velocity), acceleration_m_s2=acceleration)
     steady = replace(begins, acceleration_m_s2=(0.0, 0.0))
     least_m = {

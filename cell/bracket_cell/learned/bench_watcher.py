@@ -34,8 +34,6 @@ from bracket_ground.interfaces.perception import (
 )
 from bracket_ground.interfaces.product import Product
 
-NOWHERE = (0, 0, 0, 0)
-
 
 class DetectorChain:
     """Runs a tracker, a hole reader and an action detector on each frame."""
@@ -75,7 +73,7 @@ class DetectorChain:
         hand = self._tracker.track(frame)
         hands = [other for other in (hand, *self._tracker.others) if other is not None]
         health = self._health.judge(frame, hands)
-        unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
+        unknown = self._track.unknown(frame.time_s, hand)
         velocity, acceleration = self._track.motion
         hand = hand and replace(hand, velocity_m_s=velocity, acceleration_m_s2=acceleration)
         holes = self._reader.read(frame, hand)

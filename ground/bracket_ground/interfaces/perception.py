@@ -31,7 +31,7 @@ class HandSample:
         palm_m: (x, y) of the palm.
         held_part: type of the part seen between the fingers, or None.
         velocity_m_s: (x, y) of the palm, a mean over its last frames; None where the track is too short to tell.
-        acceleration_m_s2: (x, y) of the palm, over its last three frames.
+        acceleration_m_s2: (x, y) that palm and fingertips share, over their last three frames.
         height_m, fingertips_height_m: of palm and fingertips over the table.
         side: whether it is a left or a right hand.
         thumb_m, index_m: (x, y) of the tips of thumb and index finger.

@@ -285,7 +285,11 @@ def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:
 def test_velocity_is_a_mean_and_acceleration_follows_from_the_last_three_places() -> None:
     """Of 4 m/s2 from 0.5 m/s, also where frames are lost; with one stamp twice nothing is known."""
     times_s = (0.0, 0.1, 0.3, 0.4)
-    places = [(time_s, np.array([0.5 * time_s + 2.0 * time_s**2, 0.1])) for time_s in times_s]
+    goes_m = [(0.5 * time_s + 2.0 * time_s**2, 0.1) for time_s in times_s]
+    places = [
+        (time_s, np.array([palm_m, np.add(palm_m, (-0.12, 0.0))]))
+        for time_s, palm_m in zip(times_s, goes_m, strict=True)
+    ]
     velocity, acceleration = motion_of(places)
     assert velocity == pytest.approx((0.5 + 2.0 * 0.4, 0.0))
     assert acceleration == pytest.approx((4.0, 0.0))
@@ -294,11 +298,26 @@ def test_velocity_is_a_mean_and_acceleration_follows_from_the_last_three_places(
     assert motion_of([*places, places[-1]]) == (None, None)
 
 
+@pytest.mark.parametrize("fixed", [0, 1])
+def test_a_hand_that_turns_about_a_point_of_its_own_gains_no_speed(fixed: int) -> None:
+    """As with a screwdriver: fingertips or palm stay where they are; of both together all counts."""
+    turning = [
+        (0.1 * n, np.array([0.8, 0.3]) + (np.arange(2) != fixed)[:, None] * [0.03 * n**2, 0.0]) for n in range(3)
+    ]
+    assert motion_of(turning)[1] == (0.0, 0.0)
+    going = [(time_s, np.array([at[1 - fixed]] * 2)) for time_s, at in turning]
+    assert motion_of(going)[1] == pytest.approx((6.0, 0.0))
+
+
+def hand(x_m: float, box_px: tuple[int, int, int, int]) -> HandSample:
+    return HandSample(0.0, box_px, (x_m - 0.12, 0.1), (x_m, 0.1))
+
+
 def track(*boxes: tuple[int, int, int, int] | None) -> list[str]:
     """What is said of a hand seen in these boxes, 15 a second."""
     health = TrackHealth(BENCH)
     return [
-        health.unknown(number / 15, None if box is None else (0.7 + 0.01 * number, 0.1), box or (0, 0, 0, 0))
+        health.unknown(number / 15, None if box is None else hand(0.7 + 0.01 * number, box))
         for number, box in enumerate(boxes)
     ]
 
@@ -325,19 +344,19 @@ def test_a_hand_that_was_all_in_view_cannot_leave_between_two_frames() -> None:
 
 def test_before_the_first_hand_there_may_be_one_beyond_the_person_s_edge() -> None:
     health = TrackHealth(BENCH)
-    assert health.unknown(0.0, None, (0, 0, 0, 0)) == ""
+    assert health.unknown(0.0, None) == ""
     assert health.left_by == ("bottom",)
 
 
 def test_it_is_told_by_which_edge_a_hand_left() -> None:
     health = TrackHealth(BENCH)
     for number, box in enumerate([(60, 100, 120, 160), (30, 100, 90, 160), (2, 100, 60, 160)]):
-        health.unknown(number / 15, (0.7, 0.1), box)
+        health.unknown(number / 15, hand(0.7, box))
         assert health.left_by == ()
     for number in (3, 4, 60):
-        assert health.unknown(number / 15, None, (0, 0, 0, 0)) == ""
+        assert health.unknown(number / 15, None) == ""
         assert health.left_by == ("left",)
-    health.unknown(61 / 15, (0.7, 0.1), (2, 100, 60, 160))
+    health.unknown(61 / 15, hand(0.7, (2, 100, 60, 160)))
     assert health.left_by == ()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bracket_cell.learned.classical.bench_evidence import person_edge
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.perception import Edge
+from bracket_ground.interfaces.perception import Edge, HandSample
 from bracket_ground.interfaces.pose import Array
 
 
@@ -52,14 +52,14 @@ class TrackHealth:
         camera = bench.overhead.model
         self._size = (camera.width_px, camera.height_px)
         self._fastest_px_s = TRACK.hand_m_s * camera.focal_px / (bench.overhead.mount.position_m[2] - TRACK.hand_m)
-        self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
+        self._seen: deque[tuple[float, HandSample]] = deque(maxlen=4)
         self._unknown = ""
         self.left_by: tuple[Edge, ...] = (person_edge(bench),)
 
-    def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
+    def unknown(self, time_s: float, hand: HandSample | None) -> str:
         """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
-        if palm_m is not None:
-            self._seen.append((time_s, palm_m, box_px))
+        if hand is not None:
+            self._seen.append((time_s, hand))
             self._unknown, self.left_by = "", ()
         elif self._seen:
             self.left_by = self._edges(time_s)
@@ -69,13 +69,13 @@ class TrackHealth:
 
     @property
     def motion(self) -> tuple[Point | None, Point | None]:
-        """Velocity and acceleration of the palm; see `motion_of`."""
-        return motion_of([(time_s, np.array(palm_m)) for time_s, palm_m, _ in self._seen])
+        """Velocity and acceleration of the hand; see `motion_of`."""
+        return motion_of([(time_s, np.array([hand.palm_m, hand.fingertips_m])) for time_s, hand in self._seen])
 
     def _edges(self, time_s: float) -> tuple[Edge, ...]:
         """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
-        last_s, _, box = self._seen[-1]
-        gone_s = time_s - last_s
+        last_s, hand = self._seen[-1]
+        box, gone_s = hand.box_px, time_s - last_s
         ahead_s = min(gone_s, TRACK.leaves_s)
         speeds = self._box_speeds()
         left, top, right, bottom = (value + speed * ahead_s for value, speed in zip(box, speeds, strict=True))
@@ -86,27 +86,30 @@ class TrackHealth:
         return tuple(edge for edge in outer if outer[edge] <= TRACK.edge_px and inner[edge] <= most_px)
 
     def _box_speeds(self) -> tuple[float, ...]:
-        (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]
+        (from_s, start), (to_s, end) = self._seen[0], self._seen[-1]
         if to_s <= from_s:
             return (0.0, 0.0, 0.0, 0.0)
-        return tuple((b - a) / (to_s - from_s) for a, b in zip(start, end, strict=True))
+        return tuple((b - a) / (to_s - from_s) for a, b in zip(start.box_px, end.box_px, strict=True))
 
 
 def motion_of(places: Sequence[tuple[float, Array]]) -> tuple[Point | None, Point | None]:
-    """Mean velocity over all places (2,), and acceleration over the last three.
+    """Mean velocity of the palm over all places, and what palm and fingertips share of their last acceleration.
 
-    None where they are too few, or where their times do not increase.
+    A hand that turns about its fingertips, as with a screwdriver, or bends its fingers, speeds up to go nowhere. None
+    where the places are too few, or where their times do not increase.
 
     Args:
-        places: each with its time.
+        places: palm and fingertips (2, 2), each with its time.
     """
     if len(places) < 2 or any(after[0] <= before[0] for before, after in pairwise(places)):
         return None, None
-    velocity = _speed(places[0], places[-1])
+    velocity = _speed(places[0], places[-1])[0]
     if len(places) < 3:
         return _xy(velocity), None
     gained = _speed(places[-2], places[-1]) - _speed(places[-3], places[-2])
-    return _xy(velocity), _xy(2 * gained / (places[-1][0] - places[-3][0]))
+    least = gained[np.linalg.norm(gained, axis=1).argmin()]
+    shared = least if (gained @ least >= 0).all() else np.zeros(2)
+    return _xy(velocity), _xy(2 * shared / (places[-1][0] - places[-3][0]))
 
 
 def _speed(before: tuple[float, Array], after: tuple[float, Array]) -> Array:

@@ -72,7 +72,7 @@ class _Track:
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
-    palms: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=MOTION_FRAMES))
+    places: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=MOTION_FRAMES))
     holds: deque[str | None] = field(default_factory=lambda: deque(maxlen=HELD_FRAMES))
 
     @classmethod
@@ -108,10 +108,10 @@ class _Track:
         self.holds.append(reading.held_part)
         self.reading, self.seen_s = reading, time_s
 
-    def motion(self, palm_m: Array, time_s: float) -> tuple[Point | None, Point | None]:
-        """Velocity and acceleration of the palm (2,), this frame among those that count."""
-        self.palms.append((time_s, palm_m))
-        return motion_of(self.palms)
+    def motion(self, palm_and_tips_m: Array, time_s: float) -> tuple[Point | None, Point | None]:
+        """Velocity and acceleration of the hand, from palm and fingertips (2, 2), this frame among those that count."""
+        self.places.append((time_s, palm_and_tips_m))
+        return motion_of(self.places)
 
 
 class HandTracks:
@@ -258,7 +258,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         world |= {name: np.array([*point, height_m]) for name, point in zip(names, flat, strict=True)}
     smooth = _smoothed(track, world, frame.time_s)
     back = smooth["wrist"][:2] - smooth["palm"][:2]
-    velocity, acceleration = track.motion(smooth["palm"][:2].copy(), frame.time_s)
+    velocity, acceleration = track.motion(np.array([smooth["palm"][:2], smooth["pinch"][:2]]), frame.time_s)
     height, width = frame.image.shape[:2]
     return HandSample(
         time_s=frame.time_s,
